@@ -180,15 +180,16 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
         quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
-        ends = [shown_value(option, quantity, end) for end in (first, last)]
+        low = shown_value(option, quantity, first)
+        high = shown_value(option, quantity, last)
         require(name not in grid, "--by", "name another parameter than --over", name)
         need = f"have values above zero where --log names {name}"
-        require(name not in log or min(ends) > 0, option, need, shown=f"{min(ends):g}")
-        quantity.check(quantity.from_shown(np.array(ends)))
+        require(name not in log or min(low, high) > 0, option, need, shown=f"{min(low, high):g}")
+        quantity.check(quantity.from_shown(np.array([low, high])))
         cases = count * math.prod(map(len, grid.values()))
         Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before they take the memory
         spread = np.geomspace if name in log else np.linspace
-        grid[name] = quantity.from_shown(spread(*ends, count))
+        grid[name] = quantity.from_shown(spread(low, high, count))
     for name in log:
         require(name in grid, "--log", "name a parameter of --over or --by", name)
     return grid

@@ -66,7 +66,7 @@ def over_rails(
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
         places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - [1, 0]
-        ends = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
+        ends = np.take(np.sort(numbers, axis=0), np.clip(places, 0, len(numbers) - 1), axis=0)
         low, high = np.where(np.isfinite(ends), ends, np.nan)
         stderr = (high - low) / 4
     unit = values.attrs.get("units", "")

@@ -204,7 +204,8 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet 
     """
     plan = sampled_plan(grid, start, call, records)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
-    cases, steps = plan.cases, plan.steps
+    cases = plan.cases
+    steps = plan.steps
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)
         steps, _ = _steps_and_saves(cases, call)
@@ -337,7 +338,8 @@ def run_chunk(
         for _ in range(calls.count):
             on_progress(0)
             passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options_of(calls, kept))
-            states, carry = passed.state, passed.carried
+            states = passed.state
+            carry = passed.carried
             status = first_problem(status, passed.status)
             # a program serves several numbers of periods: samples of periods beyond its use are cut off
             samples.add(kept, jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples))

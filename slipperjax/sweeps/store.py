@@ -536,7 +536,9 @@ class _StoredSweep:
 
     def stored(self, estimate: Any, *, chunk: int | None, workers: int | None, progress: bool | None) -> xr.Dataset:
         """Compute what is missing, and open the store."""
-        store, grid, call = self.store, self.grid, self.call
+        store = self.store
+        grid = self.grid
+        call = self.call
         grid.check_steps(call.steps_per_period)
         workers = None if workers is None else whole("workers", workers, 1)
         exists = store.path.exists() and not store.fresh
@@ -615,7 +617,8 @@ class _StoredSweep:
 
 def _warn_of_versions(archive: Archive) -> None:
     """Warn where a store was begun with other versions of packages, whose last digits may differ."""
-    before, now = archive.versions, versions()
+    before = archive.versions
+    now = versions()
     other = [f"{name} {before.get(name)} and not {now[name]}" for name in now if before.get(name) != now[name]]
     if other:
         warn(

@@ -102,19 +102,8 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    call = Call(
-        transient,
-        periods,
-        steps_per_period,
-        saves_per_period,
-        solver,
-        refine,
-        begin,
-        record,
-        loads,
-        probe,
-        product,
-    )
+    lengths = transient, periods, steps_per_period, saves_per_period, solver, refine, begin
+    call = Call(*lengths, record, loads, probe, product)
     how = dict(chunk=chunk, workers=workers, progress=progress)
     return sweep_of(call, scene, grid, start, store=store, executor=executor, **how)
 
@@ -132,10 +121,10 @@ def _computed(call: Call, scene: Scene, grid: Mapping[str, Any], start: Motion |
     cases = Grid(scene, grid, product=call.product)
     lengths, records = _spans(call)
     plan = make_plan(cases, start, lengths, records)
-    transient, recorded = plan.transient.periods, plan.recorded.periods
     if call.probe is None:
-        # it takes as long as three periods, or six that are recorded inside: a tenth of the time at most
-        probed = transient > 0 and transient + (2 if records.inside else 1) * recorded >= 30
+        # it takes as long as three periods without a record, and a record inside doubles a period's time
+        lasts = plan.transient.periods + (2 if records.inside else 1) * plan.recorded.periods
+        probed = plan.transient.periods > 0 and lasts >= 30
     else:
         probed = yes_or_no("probe", call.probe)
     plan = replace(plan, probed=probed)
