@@ -243,7 +243,7 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         window.ready()
         window.shoot("7_store")
         # from where the case before ends
-        window.page.locator("select").nth(1).select_option("end")
+        window.page.locator("select").nth(1).select_option(label="from the end of the case before")
         window.look(1600, 1.0)
         assert "the end of the case before" in window.model("case", "text")
         window.close()
