@@ -65,8 +65,9 @@ def over_rails(
         high = value + 2 * stderr
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
-        places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - [1, 0]
-        ends = np.take(np.sort(numbers, axis=0), np.clip(places, 0, len(numbers) - 1), axis=0)
+        below = np.asarray(scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile), int)
+        places = below - np.array([1, 0])
+        ends = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
         low, high = np.where(np.isfinite(ends), ends, np.nan)
         stderr = (high - low) / 4
     unit = values.attrs.get("units", "")
