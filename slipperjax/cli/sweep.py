@@ -111,7 +111,11 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     multiple=True,
 )
 @transient
-@option("--periods", COUNT, "Forcing periods to record; default 10, motion 64, exponents 500, orbits 1.")
+@option(
+    "--periods",
+    COUNT,
+    "Forcing periods to record or measure; of orbits, their period. Default 10, motion 200, exponents 500, orbits 1.",
+)
 @begin
 @option("--store", FILE, "A zarr store to write, NAME.zarr; the same command goes on where the last one ended.")
 @option("--tile", COUNT, "Cases that are computed and written as one.")
