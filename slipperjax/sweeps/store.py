@@ -556,7 +556,8 @@ class _StoredSweep:
         with _writing(store):
             # a share waits until another one has made the store
             with _held(_lock_path(store.path), 60.0) if store.share else nullcontext():
-                if exists or (store.share and store.path.exists()):
+                # looked at again, for another process may have made it
+                if store.path.exists() and not store.fresh:
                     archive = _open_archive(store.path, asked)
                 else:
                     shared = self.executor is not None or store.share is not None
