@@ -33,7 +33,7 @@ print("ROW " + json.dumps({
     "ms per case": f"{1e3 * seconds / side**2:.2f}",
     "memory [MB]": f"{memory / 1e6:.0f}",
     "disk [MB]": f"{store_status(store).bytes / 1e6:.2f}",
-    "said ": f"{said.per_case_stored * side**2 / 1e6:.2f}",
+    "said ": f"{said.stored / 1e6:.2f}",
     "bad": int((ds["status"] != 0).sum()),
 }))
 """
