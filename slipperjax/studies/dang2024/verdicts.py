@@ -52,10 +52,10 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
 
 
 def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
-    """Return the number of points of each case on a section, -1 where it is flagged."""
-    good = good_cases(ds)
-    values = np.where(good[:, None], ds[section].values, np.nan)
-    return np.where(good, section_points(values), -1)
+    """Return the number of points of each case on a section, 0 where it is flagged."""
+    # flagged cases do not count towards the diagram's extent
+    good = good_cases(ds)[:, None]
+    return section_points(np.where(good, ds[section].values, np.nan))
 
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
