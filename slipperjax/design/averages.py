@@ -18,8 +18,8 @@ from ..flow.record import RecordSet
 from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
-from ..sweeps.grid import Grid
 from ..sweeps.call import Call
+from ..sweeps.grid import Grid
 from ..sweeps.run import ChunkInputs, make_plan, run_cases, run_chunk
 from .ensembles import Plane, box_corners
 from .gradients import PeriodValues, totals
