@@ -192,7 +192,7 @@ class SampledTrack(AbstractRail):
     """Displacement of the rail's axis along y at the samples [m]."""
     vertical: Float[Array, " samples"] = field("m", finite, plausible=(-1.0, 1.0))
     """Displacement along z [m]."""
-    roll: Float[Array, " samples"] | None = field("rad", finite, plausible=(-0.5, 0.5), default=None)
+    roll: Float[Array, " samples"] | None = field("rad", finite, plausible=(-0.5, 0.5), optional=True)
     """Roll angle [rad]. None: the track does not roll."""
     ends: str = eqx.field(static=True)
     """One of `ENDS`."""
@@ -394,13 +394,16 @@ class TrackSet(AbstractRail):
         alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
         if not is_traced(self.number):
-            self.check_of("number")(self.number)
+            self._whole("number")(self.number)
         if not is_traced(self.tracks):
             lengths = {float(track.wavelength) for track in self.tracks}
             require(len(lengths) == 1, "tracks", "have one reference length", shown=f"{sorted(lengths)} m")
 
     def check_of(self, name: str) -> Check | None:
-        return whole_number(name, most=len(self.tracks) - 1) if name == "number" else super().check_of(name)
+        return self._whole(name) if name == "number" else super().check_of(name)
+
+    def _whole(self, name: str) -> Check:
+        return whole_number(name, most=len(self.tracks) - 1)
 
     def __repr__(self) -> str:
         return f"TrackSet({len(self.tracks)} rails, number={shown_number(self.number)})"

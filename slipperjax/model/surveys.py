@@ -38,11 +38,11 @@ class SurveyedTrack(SampledTrack):
     Descriptions of scenes hold the file's name and digest, and not the samples.
     """
 
-    file: str = eqx.field(static=True)
+    file: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
     """The file's path."""
-    sha256: str = eqx.field(static=True)
+    sha256: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
     """Digest of the file's content, its first 16 digits."""
-    chord: float | None = eqx.field(static=True, metadata={"unit": "m"})
+    chord: float | None = eqx.field(static=True, metadata={"unit": "m"})  # pyright: ignore[reportGeneralTypeIssues]
     """Length of the chord by whose middle the rail was measured [m]; None for displacements from a line."""
 
     def __init__(

@@ -25,6 +25,7 @@ def field(
     check: Callable[[str, str], Check],
     *,
     plausible: tuple[float, float] | None = None,
+    optional: bool = False,
     text: str = "",
     symbol: str = "",
     shown_unit: str = "",
@@ -33,12 +34,13 @@ def field(
     """Return a field of a `ShapeChecked` module: a number or an array of numbers [`unit`], or None if its default is.
 
     **Arguments:** `unit`: SI unit, "" or "1" for pure numbers; `check`: `positive`, `finite`, ... of
-    `slipperjax.tools.checks`; `plausible`: values outside this range [unit] give an `ImplausibleWarning`; `text`:
-    description in a few words, by default the names that lead to the field; `symbol`: in LaTeX; `shown_unit`: unit in
-    pictures and on the command line, by default `unit`; `more`: as for `equinox.field`.
+    `slipperjax.tools.checks`; `plausible`: values outside this range [unit] give an `ImplausibleWarning`;
+    `optional`: whether None is allowed, as it is where it is the default; `text`: description in a few words, by
+    default the names that lead to the field; `symbol`: in LaTeX; `shown_unit`: unit in pictures and on the command
+    line, by default `unit`; `more`: as for `equinox.field`.
     """
-    is_optional = "default" in more and more["default"] is None
-    converter = dataclasses.replace(check("", unit), plausible=plausible, optional=is_optional)
+    optional = optional or more.get("default", 0) is None
+    converter = dataclasses.replace(check("", unit), plausible=plausible, optional=optional)
     labels = {"text": text, "symbol": symbol, "shown_unit": shown_unit}
     return eqx.field(converter=converter, metadata={"labels": labels}, **more)
 
