@@ -3,12 +3,10 @@
 import abc
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, not_negative, positive, require
-from ..tools.compile import is_traced
-from ..tools.fields import ShapeChecked, field
+from ..tools.checks import finite, not_negative, positive
+from ..tools.fields import ShapeChecked, check_table, field
 
 Vector = Float[Array, "3"]
 
@@ -18,7 +16,7 @@ class AbstractLoad(ShapeChecked):
 
     @abc.abstractmethod
     def wrench(self, speed: Float[Array, ""]) -> tuple[Vector, Vector]:
-        """Returns the force along the track's x, y and z [N], and the moment about the slipper's axes [N m].
+        """Return the force along the track's x, y and z [N], and the moment about the slipper's axes [N m].
 
         **Arguments:** `speed` [m/s]. The force along x acts on what drives the slipper.
         """
@@ -57,13 +55,7 @@ class TabulatedLoad(AbstractLoad):
     """Moments about the slipper's x, y and z [N m]."""
 
     def __check_init__(self):
-        for name in ("force", "moment"):
-            array, rows = getattr(self, name), (*self.speed.shape, 3)
-            good = self.speed.ndim == 1 and array.shape == rows != (0, 3)
-            need = f"have one row per speed, and one at least, {rows}"
-            require(good, name, need, shown=f"shape {array.shape}")
-        if not is_traced(self.speed):
-            require(np.all(np.diff(np.asarray(self.speed)) > 0), "speed", "increase", np.asarray(self.speed))
+        check_table(self, "speed", "force", "moment")
 
     def wrench(self, speed):
         row = lambda table: jnp.stack([jnp.interp(speed, self.speed, table[:, k]) for k in range(3)])
@@ -79,7 +71,7 @@ class AbstractFriction(ShapeChecked):
 
     @abc.abstractmethod
     def coefficient_at(self, force: Array, sliding: Array) -> Array:
-        """Returns the coefficient of friction [1] from normal force [N] and sliding speed [m/s] of each point."""
+        """Return the coefficient of friction [1] from normal force [N] and sliding speed [m/s] of each point."""
 
 
 class Coulomb(AbstractFriction):

@@ -8,7 +8,6 @@ import abc
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,7 +15,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import converted, fraction, instance, not_negative, one_of, positive, require, warn, whole_number
 from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal
-from ..tools.fields import ShapeChecked, field
+from ..tools.fields import ShapeChecked, check_table, field
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps
 from .tracks import Irregularity, chosen
 
@@ -75,18 +74,13 @@ class TableSpectrum(AbstractSpectrum):
     """One-sided densities there [m^2 per cycle/m]."""
 
     def __check_init__(self):
-        good = self.wavenumber.shape == self.values.shape
-        need = f"have one value per wavenumber, {self.wavenumber.shape}"
-        require(good, "values", need, shown=f"shape {self.values.shape}")
-        if not isinstance(self.wavenumber, jax.core.Tracer):
-            rises = bool(np.all(np.diff(np.asarray(self.wavenumber)) > 0))
-            require(rises and len(self.wavenumber) > 1, "wavenumber", "be two or more that rise", self.wavenumber)
+        check_table(self, "wavenumber", "values", least=2)
 
     def density(self, wavenumber):
         k = jnp.where(wavenumber > 0, wavenumber, self.wavenumber[0])
-        rows = jnp.log(self.wavenumber), jnp.log(self.values)
+        value = jnp.exp(jnp.interp(jnp.log(k), jnp.log(self.wavenumber), jnp.log(self.values)))
         inside = (wavenumber >= self.wavenumber[0]) & (wavenumber <= self.wavenumber[-1])
-        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(k), *rows)), 0.0)
+        return jnp.where(inside, value, 0.0)
 
 
 SLED_BAND = 0.4, 100.0

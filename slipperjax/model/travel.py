@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, in_unit, instance, number, positive, require
 from ..tools.compile import at_once, is_traced
-from ..tools.fields import ShapeChecked, field
+from ..tools.fields import ShapeChecked, check_table, field
 
 LEAST_SPEED = 1.0
 """Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
@@ -77,16 +77,17 @@ class SpeedProgramme(ShapeChecked):
 
     @classmethod
     def over_distance(cls, distance: Any, speed: Any) -> "SpeedProgramme":
-        """Makes a programme from speeds [m/s] at some distances [m]."""
+        """Return a programme from speeds [m/s] at some distances [m]."""
         return cls(distance, speed)
 
     @classmethod
     def over_time(cls, time: Any, speed: Any, *, begin: float = 0.0) -> "SpeedProgramme":
-        """Makes a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
+        """Return a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
         time. At the first one the sled is at `begin` [m] along the rail."""
         finite("time", "s")(time)
         positive("speed", "m/s")(speed)
-        time, speed = np.asarray(in_unit(time, "s"), float), np.asarray(in_unit(speed, "m/s"), float)
+        time = np.asarray(in_unit(time, "s"), float)
+        speed = np.asarray(in_unit(speed, "m/s"), float)
         need = f"have one value per time, {time.shape}"
         require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
         require(np.all(np.diff(time) > 0), "time", "increase", time)
@@ -95,7 +96,7 @@ class SpeedProgramme(ShapeChecked):
 
     @classmethod
     def stages(cls, stages: Sequence[Stage], *, start: float, begin: float = 0.0) -> "SpeedProgramme":
-        """Makes a programme of stages with one acceleration each.
+        """Return a programme of stages with one acceleration each.
 
         **Arguments:** `start`: speed at the beginning [m/s]; `begin`: where that is along the rail [m].
 
@@ -111,18 +112,15 @@ class SpeedProgramme(ShapeChecked):
         return cls(distance, speed)
 
     def __check_init__(self):
-        good = self.distance.ndim == 1 and self.distance.shape == self.speed.shape and len(self.distance) > 1
-        need = f"have one value per distance, and two at least, {self.distance.shape}"
-        require(good, "speed", need, shown=f"shape {self.speed.shape}")
-        if not is_traced(self.distance):
-            require(np.all(np.diff(np.asarray(self.distance)) > 0), "distance", "increase", np.asarray(self.distance))
+        check_table(self, "distance", "speed", least=2)
         if not is_traced((self.speed, self.scale)):
-            least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale), initial=np.inf)))
+            scale = np.min(np.asarray(self.scale), initial=np.inf)
+            least = float(np.min(np.asarray(self.speed)) * scale)
             require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
 
     @at_once
     def at(self, distance: Any) -> Float[Array, "*places"]:
-        """Returns the speed [m/s] at some distances from the start [m], of shape (*places,)."""
+        """Return the speed [m/s] at some distances from the start [m], of shape (*places,)."""
         distance = jnp.asarray(distance, float)
         k, share = self._place(distance)
         square = self.speed**2
@@ -130,23 +128,24 @@ class SpeedProgramme(ShapeChecked):
 
     @at_once
     def least(self, begin: Any, end: Any) -> Float[Array, ""]:
-        """Returns the least speed [m/s] between two distances from the start [m]."""
+        """Return the least speed [m/s] between two distances from the start [m]."""
         between = (self.distance > begin) & (self.distance < end)
         inside = self.scale * jnp.min(jnp.where(between, self.speed, jnp.inf))
         return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
 
     @at_once
     def acceleration(self, distance: Any) -> Float[Array, "*places"]:
-        """Returns the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
+        """Return the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
         distance = jnp.asarray(distance, float)
         k, _ = self._place(distance)
-        square, inside = self.speed**2, (distance >= self.distance[0]) & (distance < self.distance[-1])
+        square = self.speed**2
+        inside = (distance >= self.distance[0]) & (distance < self.distance[-1])
         slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
     @at_once
     def seconds(self, distance: Any) -> Float[Array, "*places"]:
-        """Returns the time [s] in which some distances [m] are reached from distance zero."""
+        """Return the time [s] in which some distances [m] are reached from distance zero."""
         return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))
 
     def _since_first(self, distance: Array) -> Array:
@@ -155,13 +154,14 @@ class SpeedProgramme(ShapeChecked):
         square = self.speed**2
         here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
         lengths = jnp.diff(self.distance)
-        before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(2 * lengths / (self.speed[1:] + self.speed[:-1]))])
+        durations = 2 * lengths / (self.speed[1:] + self.speed[:-1])
+        before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(durations)])
         beyond = jnp.minimum(distance - self.distance[0], 0.0) + jnp.maximum(distance - self.distance[-1], 0.0)
         time = before[k] + 2 * share * lengths[k] / (self.speed[k] + here) + beyond / here
         return time / self.scale
 
     def _place(self, distance: Array) -> tuple[Array, Array]:
-        """Returns the number of the stretch between places, and the share of it that is behind [1]."""
+        """Return the number of the stretch between places, and the share of it that is behind [1]."""
         last = len(self.distance) - 2
         k = jnp.clip(jnp.searchsorted(self.distance, distance, side="right") - 1, 0, last)
         share = (distance - self.distance[k]) / (self.distance[k + 1] - self.distance[k])

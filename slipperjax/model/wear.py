@@ -4,12 +4,10 @@ import abc
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import not_negative, require
-from ..tools.compile import is_traced
-from ..tools.fields import ShapeChecked, field
+from ..tools.checks import not_negative
+from ..tools.fields import ShapeChecked, check_table, field
 from .section import Section
 
 
@@ -23,7 +21,7 @@ class AbstractWear(ShapeChecked):
     def added(
         self, section: Section, length: Any, distance: Any, work: Float[Array, " faces"]
     ) -> Float[Array, " faces"]:
-        """Returns the play that has been added to each face [m].
+        """Return the play that has been added to each face [m].
 
         **Arguments:** `length`: of the slipper [m]; `distance`: travelled [m]; `work`: heat of friction at each face,
         front and rear together, since the start [J].
@@ -54,12 +52,7 @@ class WearTable(AbstractWear):
     """Play added to each face there [m]; half of the clearance that is added."""
 
     def __check_init__(self):
-        good = self.distance.ndim == 1 and self.distance.shape == self.play.shape != (0,)
-        need = f"have one value per distance, and one at least, {self.distance.shape}"
-        require(good, "play", need, shown=f"shape {self.play.shape}")
-        if not is_traced(self.distance):
-            rises = bool(np.all(np.diff(np.asarray(self.distance)) > 0))
-            require(rises, "distance", "increase", np.asarray(self.distance))
+        check_table(self, "distance", "play")
 
     def added(self, section, length, distance, work):
         return jnp.broadcast_to(jnp.interp(distance, self.distance, self.play), work.shape)

@@ -16,8 +16,10 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
-from .checks import Check, shown_number
+from .checks import Check, require, shown_number
+from .compile import is_traced
 
 
 def field(
@@ -105,6 +107,19 @@ def axes_of(kind: type, name: str, default: int) -> int:
     """Return the number of axes in the annotation of a module's field, or `default` where it has none."""
     shapes = [shape for part in dataclasses.fields(kind) if part.name == name for shape in _shapes(part)]
     return len(shapes[0].dim_str.split()) if shapes else default
+
+
+def check_table(table: ShapeChecked, rows: str, *columns: str, least: int = 1) -> None:
+    """Raise `ValueError` unless a field has so many numbers or more that rise, and others a value for each."""
+    places = getattr(table, rows)
+    listed = places.ndim == 1 and len(places) >= least
+    require(listed, rows, f"be {least} or more numbers", shown=f"of shape {places.shape}")
+    for name in columns:
+        shape = jnp.shape(getattr(table, name))
+        need = f"have one value per {rows}, {len(places)}"
+        require(shape[:1] == places.shape, name, need, shown=f"shape {shape}")
+    if not is_traced(places):
+        require(np.all(np.diff(np.asarray(places, float)) > 0), rows, "increase", np.asarray(places))
 
 
 def _metadata(kind: type, name: str) -> Mapping[str, Any]:

@@ -78,7 +78,7 @@ def test_tables_are_linear_between_their_rows():
     np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
     np.testing.assert_allclose(moment, 0.0)
     np.testing.assert_allclose(table.wrench(jnp.asarray(900.0))[0], [-4.0, 0.0, 30.0])
-    with pytest.raises(ValueError, match="Argument `force` must have one row per speed"):
+    with pytest.raises(ValueError, match="Argument `force` must have one value per speed"):
         sj.TabulatedLoad([1.0, 2.0], [[0.0, 0.0, 0.0]], zero)
     with pytest.raises(ValueError, match="Argument `speed` must increase"):
         sj.TabulatedLoad([2.0, 1.0], zero, zero)
@@ -153,10 +153,10 @@ def test_parts_survive_files(part, tmp_path):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: sj.TabulatedLoad(5.0, [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]), "`force` must have one row per speed"),
-        (lambda: sj.TabulatedLoad([], np.zeros((0, 3)), np.zeros((0, 3))), "`force` must have one row per speed"),
-        (lambda: sj.WearTable(5.0, 1e-3), "`play` must have one value per distance"),
-        (lambda: sj.WearTable([], []), "`play` must have one value per distance, and one at least"),
+        (lambda: sj.TabulatedLoad(5.0, [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]), "`speed` must be"),
+        (lambda: sj.TabulatedLoad([], np.zeros((0, 3)), np.zeros((0, 3))), "`speed` must be 1 or more numbers"),
+        (lambda: sj.WearTable(5.0, 1e-3), "`distance` must be"),
+        (lambda: sj.WearTable([], []), "`distance` must be 1 or more numbers"),
     ],
 )
 def test_tables_have_rows(make, words):
