@@ -150,11 +150,6 @@ def whole_number(name: str, unit: str = "", *, most: int = 2**53 - 1) -> Check:
     return Check(name, unit, need, lambda x: ~((x >= 0) & (x <= most) & (x == x.round())), whole=True)
 
 
-def optional(check: Check) -> Check:
-    """Return a converter that also accepts `None`, unchecked."""
-    return dataclasses.replace(check, optional=True)
-
-
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
     """Return a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     array = check(name, unit)(known(name, value))
