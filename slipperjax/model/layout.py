@@ -70,9 +70,13 @@ class StateLayout:
         """Return states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
         kind = Motion if count == len(MOTION_NUMBERS) else SledMotion
-        # by the structure and not by the class, whose fields convert what they get
-        motion = jax.tree.unflatten(jax.tree.structure(kind()), [rows[..., k] for k in range(count)])
-        return State(motion, None if self.memory is None else rows[..., count:])
+        parts = [rows[..., k] for k in range(count)]
+        memory = None
+        if self.memory is not None:
+            parts.append(rows[..., count:])
+            memory = jnp.asarray(np.zeros(len(self.memory)))
+        # by the structure and not by the classes, whose fields convert and check what they get
+        return jax.tree.unflatten(jax.tree.structure(State(kind(), memory)), parts)
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

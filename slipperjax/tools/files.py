@@ -142,8 +142,7 @@ def said(done: Mapping[Path, bool]) -> str:
 
 def listed(names: list[str]) -> str:
     """Return names joined: "a, b and c"."""
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
