@@ -40,8 +40,8 @@ class Section(ShapeChecked):
         return f"Section(points={names}, faces={faces}, play={play} m)"
 
     def __check_init__(self):
-        words = [isinstance(name, str) and re.fullmatch(r"[\w-]+", name) for name in self.names]
-        plain = isinstance(self.names, tuple) and all(words)
+        is_word = lambda name: isinstance(name, str) and re.fullmatch(r"[\w-]+", name)
+        plain = isinstance(self.names, tuple) and all(map(is_word, self.names))
         require(plain, "names", "be a tuple of names of letters, digits, _ and -", self.names)
         require(len(set(self.names)) == len(self.names), "names", "be a tuple of different names", self.names)
         pairs = isinstance(self.faces, tuple) and all(isinstance(f, tuple) and len(f) == 2 for f in self.faces)
@@ -54,10 +54,10 @@ class Section(ShapeChecked):
         count = len(self.faces)
         need = f"have one value per face, {count}"
         require(self.play.shape[-1:] == (count,), "play", need, shown=f"shape {self.play.shape}")
-        good = len(self.points) == len(self.names) == 2 * count
+        good = self.points.shape[:1] == (len(self.names),) == (2 * count,)
         shown = f"shape {self.points.shape} with {count} faces and {len(self.names)} names"
         require(good, "points", "have two points per face and one per name", shown=shown)
-        if not is_traced(self.points):
+        if not is_traced(self.points) and self.points.shape[1:] == (2,):
             self._check_points()
 
     def _check_points(self):

@@ -366,7 +366,6 @@ def test_standard_error_of_little_and_of_constant_histories():
         (dict(align=1.5), "Argument `align` must be a whole number of 0 or more, but is 1.5."),
         (dict(period=0.0), "Argument `period` must be positive, but is 0 s."),
         (dict(periods=-1.0), "Argument `periods` must be positive, but is -1."),
-        (dict(distance=0.0), "Argument `distance` must be positive, but is 0."),
     ],
 )
 def test_wrong_arguments(changes, message):

@@ -155,7 +155,7 @@ ERRORS = [
     refused("`faces` must ", section, faces=5),
     refused("`faces` must ", section, faces=(("J", "A", "B"), *FACES[1:])),
     refused("`faces` must ", section, faces=(FACES[0], FACES[0], *FACES[2:])),
-    refused("`faces` must name points, but .* has 'Z'", section, faces=(("Z", "A"), *FACES[1:])),
+    refused("`faces` must name points, but is [(]'Z'", section, faces=(("Z", "A"), *FACES[1:])),
     refused("`stiffness` must be positive, but is inf", sj.HuntCrossley, stiffness=INF, restitution=0.9),
     refused("`restitution` must be above 0", sj.LankaraniNikravesh, stiffness=1e8, restitution=0.0),
     refused("`hysteresis` must be zero or positive, but is -1", sj.ConstantDamping, stiffness=1e8, hysteresis=-1.0),

@@ -113,10 +113,10 @@ def test_wrong_options_are_named(stored, folder, capsys):
         ([*MAP, *new, "--processes", 2, "--cluster", "tcp://a"], "--cluster must not be given with --processes"),
         ([*TEN, *new], "Missing option '--over'"),
         (
-            ["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *TEN],
+            ["--over", "speed", 10, 20, 3, "--by", "clearance", 1, *TEN],
             "--by: `clearance` must be a number with a unit",
         ),
-        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *TEN], "speed"),
+        (["--over", "speed", 10, 20, 3, "--by", "speed", 1, 2, 3, *TEN], "speed"),
     ):
         assert words in error_of(["sweep", *more], capsys)
     _, error = call(["sweep", *MAP, "--restitution", 0.5, "--store", stored], capsys, 2)

@@ -55,7 +55,7 @@ swept = lambda grid, **options: sj.sweep(SCENE, grid, **options)
         (lambda: run(stepsize_controller=sj.AdaptiveSteps()), "`solver` must be one with an error estimate for"),
         (lambda: sj.AdaptiveSteps(0.0), "`tolerance` must be positive, but is 0"),
         (lambda: sj.TwoStep(rho_inf=1.5), "`rho_inf` must be from 0 to 1, but is 1.5"),
-        (lambda: swept({"speed": []}), "`speed` must be a list of one or more values"),
+        (lambda: swept({"speed": []}), "`speed` must have a list of one or more values"),
         (lambda: swept({}), "`grid` must name one or more parameters"),
         (lambda: swept({"speed": [1000.0, -1.0]}), "`speed` must be positive, but is -1 m/s"),
         (lambda: swept({"sped": [1.0]}), "`sped` is no parameter; the names are speed"),

@@ -463,7 +463,7 @@ WRONG = [
     (lambda ds: plots.contact_forces(ds, last=()), "`last` must be one number"),
     (lambda ds: plots.instant(ds, at="end"), "`at` must be finite"),
     (lambda ds: plots.instant(ds, last="all"), "`last` must be positive"),
-    (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be numbers"),
+    (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be real numbers"),
     (lambda ds: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
     (lambda ds: plots.spectrum([1.0], [1.0], unit=b"m"), "`unit` must be a text"),
     (lambda ds: plots.axis_label(ds), "`name` must be the name of a quantity"),

@@ -14,6 +14,8 @@ from slipperjax.flow.stepping import ConstantSteps
 from ..common import QUICK
 from ..systems.fields import Ball, Smooth, rebound, rebound_slope
 
+pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # a stiffness of one
+
 compiled = functools.partial(jax.jit, compiler_options=QUICK)
 DOPRI = sj.Latching(diffrax.Dopri5())
 SOLVERS = (sj.RK4(), sj.Tsit5(), DOPRI, sj.TwoStep(), sj.Rodas4(), sj.ROS34PW2())

@@ -15,7 +15,10 @@ from slipperjax.tools.batching import Batched
     ("make", "words"),
     [
         (lambda: sj.paper_scene(speed=[900.0, 1000.0]), r"`speed` must be of shape \(\), but has shape \(2,\)"),
-        (lambda: sj.HarmonicTrack((8.0,), np.ones(3)), r"`amplitude` must be of shape \(\), but has shape \(3,\)"),
+        (
+            lambda: sj.HarmonicTrack((8.0,), np.full(3, 1e-3)),
+            r"`amplitude` must be of shape \(\), but has shape \(3,\)",
+        ),
         (lambda: sj.Slipper(14.0, (1.0, 2.0), 0.2), r"`inertia` must be of shape \(3\), but has shape \(2,\)"),
         (lambda: sj.Section(np.ones((10, 3)), np.ones(5)), r"`points` must be of shape \(points, 2\), but has shape"),
         (lambda: sj.SmoothSwitch(width=np.full(2, 1e-5)), r"`width` must be of shape \(\), but has shape \(2,\)"),
