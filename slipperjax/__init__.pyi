@@ -89,7 +89,6 @@ from .solvers.twostep import TwoStep as TwoStep
 from .sweeps.explain import explain as explain
 from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box
-from .sweeps.repeat import repeat as repeat
 from .sweeps.runs import run as run
 from .sweeps.store import Store as Store
 from .sweeps.store import open_store as open_store

@@ -337,14 +337,16 @@ def status(path: Path) -> None:
 
 @store.command()
 @path
-@flag("--repair", "Make damaged tiles absent, so that the next run computes them.")
-def check(path: Path, repair: bool) -> int:
-    """Read all of the store PATH, and say what is damaged; exit code 1 where something is."""
+def check(path: Path) -> int:
+    """Read all of the store PATH; damaged tiles become absent, so that the next run computes them.
+
+    Exit code 1 where there were any.
+    """
     from ..sweeps.store import check_store, store_status
 
-    lines = check_store(path, repair=repair)
-    print("\n".join(lines) if lines else f"nothing is damaged: {store_status(path)}")
-    return 1 if lines else 0
+    damaged = check_store(path)
+    print(f"damaged tiles: {damaged or 'none'}; {store_status(path)}")
+    return 1 if damaged else 0
 
 
 @store.command()

@@ -1,11 +1,10 @@
 """Time, memory and disk of a sweep: impossible ones are refused before anything is compiled."""
 
 import math
-import warnings
 from dataclasses import dataclass, field
 
 from ..tools.checks import warn
-from ..tools.limits import LONGEST, available_memory, cores, refuse_impossible, shown_bytes, shown_time
+from ..tools.limits import cores, refuse_impossible, shown_bytes, shown_time
 from .grid import Tiling
 
 
@@ -23,9 +22,7 @@ class Estimate:
     workers: int = field(default_factory=cores)
     """Cores."""
     tiles: Tiling | None = None
-    """Those of a store; without one, all results are in memory at the end."""
-    at_once: int = 1
-    """Tiles that are in the memory of a machine together."""
+    """Those of a store, each worker computes one at a time; without one, all results are in memory at the end."""
     free: float = math.inf
     """Bytes that are free on the disk of the store."""
     shared: bool = False
@@ -53,7 +50,8 @@ class Estimate:
             # results are there twice while they are put together; scene, start and labels take a kilobyte
             return self.cases * (2 * self.bytes_per_case + 1000)
         # thrice while a tile is written
-        return 3 * self.at_once * self.tiles.size * self.bytes_per_case
+        at_once = 1 if self.shared else self.workers
+        return 3 * at_once * self.tiles.size * self.bytes_per_case
 
     @property
     def stored(self) -> float:
@@ -62,47 +60,19 @@ class Estimate:
         return self.cases * per_case
 
     def check(self) -> None:
-        """Refuse a sweep that needs more memory than there is or more than a year; warn where it takes long.
+        """Refuse a sweep that needs more memory than there is or, in this process, more than a year.
 
-        Where several processes compute a store there is a warning of the year, too, and one where the store may not
-        fit on its disk.
+        Warn where it takes long, or may not fit on the disk of its store.
 
-        **Raises:** `ValueError` that names memory and time, or the store.
+        **Raises:** `ValueError` that names memory and time.
         """
-        if self.tiles is None:
-            refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, self.seconds)
-            return
-        if self.seconds > LONGEST:
-            week = 7 * 86400.0
-            weeks = math.ceil(self.workers * self.seconds / week)
-            takes = f"{self.cases} cases{self.periods} take {shown_time(self.seconds)} on {self.workers} cores"
-            advice = f"{weeks:.3g} cores would be done in a week, see `executor` and shares."
-            if not self.shared:
-                raise ValueError(f"Argument `store` must be done in a year, but {takes}: {advice}")
-            warn(f"{takes}: {advice}")
-        memory = available_memory()
-        if memory is not None and self.memory > memory:
-            raise ValueError(
-                f"Argument `store` must have tiles that fit into memory, but {self.at_once} at once of "
-                f"{self.tiles.size} cases need {shown_bytes(self.memory)}, of which {shown_bytes(float(memory))} are "
-                "available: take smaller tiles, slipperjax.Store(path, tile=...), or keep less of each case."
-            )
-        if self.stored > self.free:
+        seconds = 0.0 if self.shared else self.seconds
+        refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, seconds)
+        if self.tiles is not None and self.stored > self.free:
             warn(
                 f"The store needs about {shown_bytes(self.stored)}, and its disk has {shown_bytes(self.free)}: keep "
                 "less of each case, such as record=['peak_force'], or take another disk."
             )
-
-    @property
-    def problems(self) -> list[str]:
-        """The refusal of `check`, or its warnings; nothing where there are none."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                self.check()
-            except ValueError as error:
-                return [f"impossible: {error}"]
-        return [f"warning: {one.message}" for one in caught]
 
     def __str__(self) -> str:
         tiles = ""
@@ -118,4 +88,4 @@ class Estimate:
             f"memory: {shown_bytes(self.memory)} of results at once",
             *disk,
         ]
-        return "\n".join([*lines, self.facts, *self.problems])
+        return "\n".join([*lines, self.facts])

@@ -68,8 +68,6 @@ def explain(
         of_store["tiles"] = Tiling.of(cases.shape, target.tile)
         of_store["free"] = target.free_bytes
         of_store["shared"] = workers > cores()
-        # a call in this process computes a tile on each of its threads
-        of_store["at_once"] = 1 if workers > cores() else workers
     compiling = shown_time(max(seconds[0] - seconds[1], 0.0))
     return Estimate(
         cases=cases.count,

@@ -59,13 +59,6 @@ def follow(
     """
     lengths = transient, periods, steps_per_period, saves_per_period, solver
     call = Call(*lengths, begin=begin, record=record, function="follow")
-    return follow_of(call, scene, path, start, progress=progress)
-
-
-def follow_of(
-    call: Call, scene: Scene, path: Mapping[str, Any], start: Any, *, progress: bool | None = None
-) -> xr.Dataset:
-    """Return the results of `follow`."""
     start = first_of(start)
     grid, _, values = path_grid(check_steady(scene), path)
     records = resolved_record(call.record)

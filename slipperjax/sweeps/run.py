@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -557,23 +557,3 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> 
                 bar.update(min(work, total - bar.n))
 
         yield add
-
-
-def concurrently(*calls: Callable[[], Any], patience: float = 5.0) -> list[Any]:
-    """Call functions on threads of their own, and return their results in order.
-
-    Where one of them fails, the runs of the others end as by Ctrl-C, and are waited for `patience` [s].
-    """
-    pool = ThreadPoolExecutor(len(calls))
-    stop = Stop(Stop.here())
-    futures = [stop.submit(pool, call) for call in calls]
-    try:
-        for future in as_completed(futures):
-            future.result()
-        return [future.result() for future in futures]
-    except BaseException:
-        stop.set()
-        wait(futures, patience)
-        raise
-    finally:
-        pool.shutdown(wait=False)

@@ -1,7 +1,7 @@
 """Sweeps on disk: a zarr store whose tiles any executor computes, each complete or absent.
 
-A tile is a block of the grid: one task, and one chunk of every array. Its mark, which is written last, says of which
-call it is. The same call goes on where the last one ended, whatever ended it.
+A tile is a block of the grid: one task, and one chunk of every array. Its mark, a file beside the chunks of `status`
+that is written last, says of which call it is. The same call goes on where the last one ended, whatever ended it.
 """
 
 import errno
@@ -11,11 +11,9 @@ import json
 import math
 import multiprocessing
 import os
-import re
 import shutil
 import signal
 import threading
-import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext
@@ -48,13 +46,9 @@ from .grid import Grid, Tiling
 from .run import LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
 
 MARK = "slipperjax_store"
-"""Attribute by which a store of ours is known: its call as JSON, its tiles, and its identity."""
-MARK_OF_TILE = "mark_of_tile"
-"""Array that is written last: of which call and place a tile is, and with which versions it was computed, as JSON."""
+"""Attribute by which a store of ours is known: its call as JSON, and its tiles."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
 _ALONE = threading.Lock()
-_TOLD: set[str] = set()
-"""Kinds of warnings that tiles of this process have given."""
 
 
 class StoreInUse(OSError):
@@ -110,7 +104,7 @@ class Store:
 # --- the call that a store is of ------------------------------------------------------------------------------------
 
 
-def _fingerprint(call: Any, grid: Grid, start: Motion | State, tiles: Tiling) -> dict[str, Any]:
+def _fingerprint(call: Any, grid: Grid, start: Motion | State) -> dict[str, Any]:
     """Return as JSON all that determines the numbers of a store."""
     code = {"slipperjax": IMPORTED}
     code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, vars(call)])}
@@ -118,7 +112,6 @@ def _fingerprint(call: Any, grid: Grid, start: Motion | State, tiles: Tiling) ->
         "scene": json.loads(scene_to_json(grid.scene)),
         "start": describe(start),
         "grid": {name: _summary(values) for name, values in grid.axes.items()},
-        "tile": tiles.tile,
         "call": {name: _described(value) for name, value in vars(call).items()},
         "code": code,
     }
@@ -156,7 +149,6 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
-    identity: str
     call: dict[str, Any]
     versions: dict[str, str]
     dims: list[str]
@@ -171,65 +163,51 @@ class Archive(NamedTuple):
         """Its tiles."""
         return Tiling(tuple(self.shape), tuple(self.tile))
 
-    def place(self, number: int) -> dict[str, slice]:
-        """Return slices of the dimensions of `MARK_OF_TILE` that make up a tile."""
-        at = self.tiles.indices(number)
-        return {f"tile_{d}": slice(k, k + 1) for d, k in zip(self.dims, at, strict=True)}
-
     def region(self, number: int) -> dict[str, slice]:
         """Return slices of the dimensions that make up a tile."""
         return dict(zip(self.dims, self.tiles.region(number), strict=True))
 
-    def files(self, number: int) -> dict[str, Path]:
-        """Return the files of a tile by variable, its mark last."""
+    def files(self, number: int) -> list[Path]:
+        """Return the files of a tile, one of each variable."""
         at = dict(zip(self.dims, map(str, self.tiles.indices(number)), strict=True))
-        variables = self.variables | {MARK_OF_TILE: self.dims}
-        return {
-            name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims)) for name, dims in variables.items()
-        }
+        files = []
+        for name, dims in self.variables.items():
+            chunk = [at.get(d, "0") for d in dims]
+            files.append(self.path.joinpath(name, "c", *chunk))
+        return files
+
+    def mark(self, number: int) -> Path:
+        """Return the file that says that a tile is complete. Readers of zarr do not look at it."""
+        return self.path / "status" / "marks" / str(number)
+
+    def mark_of(self, number: int) -> str:
+        """Return what tells a tile from those of other calls and places."""
+        return _digest(json.dumps([self.call, number], sort_keys=True).encode())
+
+    def is_complete(self, number: int) -> bool:
+        """Return whether all files of a tile are there, with the mark of this store."""
+        mark = self.mark(number)
+        there = all(file.is_file() for file in (mark, *self.files(number)))
+        return there and mark.read_text().startswith(self.mark_of(number))
 
     def complete_tiles(self) -> np.ndarray:
-        """Return whether each tile is complete: all of its files are there."""
-        complete = lambda number: all(file.is_file() for file in reversed(self.files(number).values()))
-        return np.fromiter(map(complete, range(self.tiles.count)), bool, self.tiles.count)
+        """Return whether each tile is complete."""
+        return np.array([self.is_complete(k) for k in range(self.tiles.count)])
 
     def complete_cases(self) -> int:
         """Return how many cases are in complete tiles."""
         return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles()))
 
     def open(self) -> xr.Dataset:
-        """Return all of it, marks and texts as they are stored.
+        """Return all of it, texts as they are stored.
 
         **Raises:** `ValueError` where it cannot be read, or lacks a variable.
         """
         with readable(self.path, "zarr store"):
             ds = xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
-        lost = sorted({*self.variables, *self.coords, MARK_OF_TILE} - set(ds.variables))
-        require(not lost, "store", "be whole", shown=f"without {listed(lost)}: start over with fresh=True")
+        lost = sorted({*self.variables, *self.coords} - set(ds.variables))
+        require(not lost, "store", "be whole", shown=f"without {', '.join(lost)}: start over with fresh=True")
         return ds
-
-    def mark_of(self, number: int) -> str:
-        """Return what tells a tile from those of other calls and places."""
-        return _digest(json.dumps([self.call, number], sort_keys=True).encode())
-
-    def damage(self, number: int, ds: xr.Dataset) -> str | None:
-        """Return what is wrong with a complete tile, as far as zarr's checksums tell; None where nothing is."""
-        part = ds.isel(self.region(number) | self.place(number))
-        for name, file in self.files(number).items():
-            try:
-                part[name].load()
-            except Exception as error:  # codecs raise many kinds of errors
-                return f"{file} cannot be read: {error}"
-        mark = json.loads(part[MARK_OF_TILE].values.item())
-        return None if mark["tile"] == self.mark_of(number) else "it is of another store or place"
-
-    def check_same(self) -> None:
-        """Check that no other store was put in this one's place, into which a worker of this one must not write.
-
-        **Raises:** `OSError`.
-        """
-        if not self.path.exists() or _open_archive(self.path).identity != self.identity:
-            raise OSError(errno.ESTALE, "another store was put in its place")
 
     def write(self, number: int, ds: xr.Dataset) -> None:
         """Write the results of a tile, its mark last.
@@ -237,14 +215,11 @@ class Archive(NamedTuple):
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
         """
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
-        self.check_same()
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
-        self.check_same()
-        text = json.dumps({"tile": self.mark_of(number), "versions": versions()})
-        place = self.place(number)
-        mark = xr.Dataset({MARK_OF_TILE: (tuple(place), np.full((1,) * len(place), text, object))})
-        mark.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
+        mark = self.mark(number)
+        mark.parent.mkdir(exist_ok=True)
+        mark.write_text(f"{self.mark_of(number)} {json.dumps(versions())}")
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
@@ -294,7 +269,6 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
             compressors = (ZstdCodec(level=3, checksum=True),)
             encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
     mark = {
-        "identity": uuid.uuid4().hex,
         "call": call,
         "versions": versions(),
         "dims": dims,
@@ -303,10 +277,6 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
         "coords": list(like.coords),
         "variables": {name: data[name].dims for name in sorted(shapes)},
     }
-    ones = (1,) * len(dims)
-    data[MARK_OF_TILE] = xr.Variable([f"tile_{d}" for d in dims], np.full(ones, "", object))
-    encoding[MARK_OF_TILE] = {"chunks": ones, "fill_value": ""}
-    shapes[MARK_OF_TILE] = tiles.counts
     for of_variable in encoding.values():
         of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
@@ -321,25 +291,16 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
     """Make an empty store, whole or not at all, in place of one of ours that may be there.
 
     **Arguments:** `contents`: as for `_create`.
+
+    **Raises:** `ValueError` where something else is there.
     """
-    _check_replaceable(path)
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
         if path.exists():
+            _open_archive(path)
             os.rename(path, Path(part, "old"))
         os.rename(Path(part, "new"), path)
     return _open_archive(path)
-
-
-def _check_replaceable(path: Path) -> None:
-    """Raise `ValueError` where something is there but a store of ours, with nothing else in it."""
-    if not path.exists():
-        return
-    _open_archive(path)
-    own = re.compile(r"([^/]+/)?(zarr\.json|c(/\d+)*)(\..+\.partial)?")
-    for file in path.rglob("*"):
-        good = file.is_dir() or own.fullmatch(file.relative_to(path).as_posix())
-        require(good, "store", "have no other files where it is made anew", shown=str(file))
 
 
 def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
@@ -380,7 +341,7 @@ def open_store(path: Any) -> xr.Dataset:
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
     archive = _open_archive(user_path(path))
-    ds = archive.open().drop_vars(MARK_OF_TILE)
+    ds = archive.open()
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
@@ -415,23 +376,23 @@ def store_status(path: Any) -> StoreStatus:
     return StoreStatus(archive.tiles.count, done, math.prod(archive.shape), archive.complete_cases(), size)
 
 
-def check_store(path: Any, *, repair: bool = False) -> list[str]:
-    """Read all of a store, and return a line for each complete tile that is damaged or of another store.
+def check_store(path: Any) -> list[int]:
+    """Read all of a store, and make damaged tiles absent, so that the same call computes them again.
 
-    **Arguments:** `repair`: make these tiles absent, so that the same call as before computes them again.
+    **Returns:** the numbers of these tiles.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
     archive = _open_archive(user_path(path))
     ds = archive.open()
-    lines = []
+    damaged = []
     for number in np.flatnonzero(archive.complete_tiles()).tolist():
-        problem = archive.damage(number, ds)
-        if problem is not None:
-            lines.append(f"tile {number}: {problem}")
-            if repair:
-                archive.files(number)[MARK_OF_TILE].unlink()
-    return lines
+        try:
+            ds.isel(archive.region(number)).load()
+        except Exception:  # checksums and codecs raise many kinds of errors
+            archive.mark(number).unlink()
+            damaged.append(number)
+    return damaged
 
 
 # --- locks ----------------------------------------------------------------------------------------------------------
@@ -449,8 +410,6 @@ def _writing(store: Store) -> Iterator[None]:
     **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
     """
     with _held(_lock_path(store.path, store.share)):
-        if store.path.exists() and not os.access(store.path, os.W_OK):
-            raise PermissionError(f"{store.path} is protected against writing")
         shares = [] if store.share else store.path.resolve().parent.glob(f"{store.path.name}.*-of-*.lock")
         for other in shares:
             with _held(other):
@@ -511,109 +470,88 @@ def run_or_store(
         return compute(call, scene, grid, start, **how)
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
-    # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
-    context = getattr(executor, "_mp_context", None)
-    forked = context is not None and context.get_start_method() == "fork"
-    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
-    require(not forked, "executor", need, shown="one that forks this one, in whose copies JAX hangs")
     cases = Grid(scene, grid, product=call.product)
     context = copy_context()
     context.run(TOLD.set, set())  # each kind of warning once
-    sweep = _StoredSweep(compute, call, cases, start, Store.of(store), executor)
-    return context.run(sweep.stored, estimate, **how)
+    return context.run(_stored, compute, estimate, call, cases, start, Store.of(store), executor, **how)
 
 
-@dataclass(frozen=True)
-class _StoredSweep:
-    """A sweep into a store. Arguments as for `run_or_store`."""
+def _stored(
+    compute: Callable[..., xr.Dataset],
+    estimate: Callable[[Any, Grid, Motion | State], Estimate],
+    call: Any,
+    grid: Grid,
+    start: Motion | State,
+    store: Store,
+    executor: Any,
+    *,
+    chunk: int | None,
+    workers: int | None,
+    progress: bool | None,
+) -> xr.Dataset:
+    """Compute what is missing in a store, and open it. Arguments as for `run_or_store`."""
+    steps = call.steps_per_period
+    grid.check_steps(steps)
+    workers = None if workers is None else whole("workers", workers, 1)
+    asked = _fingerprint(call, grid, start)
+    is_made = lambda: store.path.exists() and not store.fresh
+    if is_made() and _open_archive(store.path, asked).complete_tiles().all():
+        return open_store(store.path)  # on a disk, perhaps, that is protected against writing
+    # threads of this process compute a tile each; other processes may have several cores
+    alone = executor is None
+    threads = workers or cores() if alone else 1
+    how = dict(
+        chunk=chunk or LARGEST_CHUNK,  # of one size, so that a worker compiles its programs once
+        workers=1 if alone else workers or 1,
+        progress=False,
+    )
 
-    compute: Callable[..., xr.Dataset]
-    call: Any
-    grid: Grid
-    start: Motion | State
-    store: Store
-    executor: Any
+    def work_on(index: tuple[slice, ...]) -> Callable[[], xr.Dataset]:
+        """Return the function that computes a part of the grid."""
+        of_part = replace(call, steps_per_period=np.asarray(steps)[index]) if np.ndim(steps) else call
+        return functools.partial(compute, of_part, grid.scene, grid.part(index), start, **how)
 
-    def stored(self, estimate: Any, *, chunk: int | None, workers: int | None, progress: bool | None) -> xr.Dataset:
-        """Compute what is missing, and open the store."""
-        store = self.store
-        grid = self.grid
-        call = self.call
-        grid.check_steps(call.steps_per_period)
-        workers = None if workers is None else whole("workers", workers, 1)
-        exists = store.path.exists() and not store.fresh
-        tiles = Tiling.of(grid.shape, store.tile)
-        if store.tile is None and exists:
-            there = _open_archive(store.path).tiles
-            tiles = there if there.shape == grid.shape else tiles
-        asked = _fingerprint(call, grid, self.start, tiles)
-        if exists and _open_archive(store.path, asked).complete_tiles().all():
-            return open_store(store.path)  # on a disk, perhaps, that is protected against writing
-        # threads of this process compute a tile each; other processes may have several cores
-        threads, inside = (workers or cores(), 1) if self.executor is None else (1, workers or 1)
-        # chunks of one size, so that a worker compiles its programs once
-        how = dict(chunk=chunk or LARGEST_CHUNK, workers=inside, progress=False)
-        with _writing(store):
-            # a share waits until another one has made the store
-            with _held(_lock_path(store.path), 60.0) if store.share else nullcontext():
-                # looked at again, for another process may have made it
-                if store.path.exists() and not store.fresh:
-                    archive = _open_archive(store.path, asked)
-                else:
-                    shared = self.executor is not None or store.share is not None
-                    of_store = dict(tiles=tiles, at_once=threads, shared=shared, free=store.free_bytes)
-                    replace(estimate(call, grid, self.start), **of_store).check()
-                    archive = self._made(tiles, asked, how)
-            archive.open()
-            archive = archive._replace(path=store.path.absolute())
-            if store.share is None:
-                for part in archive.path.rglob("*.partial"):  # of a process that was killed
-                    part.unlink()
-            _warn_of_versions(archive)
-            self._compute_missing(archive, how, threads, progress)
-        return open_store(store.path)
-
-    def _part(self, region: tuple[slice, ...]) -> tuple[Any, dict[str, np.ndarray]]:
-        """Return the call and the values by name of a part of the grid."""
-        steps = self.call.steps_per_period
-        if np.ndim(steps):
-            return replace(self.call, steps_per_period=np.asarray(steps)[region]), self.grid.part(region)
-        return self.call, self.grid.part(region)
-
-    def _made(self, tiles: Tiling, asked: Mapping[str, Any], how: Mapping[str, Any]) -> Archive:
-        """Make an empty store, after one case, so that a wrong argument deletes nothing."""
-        _check_replaceable(self.store.path)
-        call, values = self._part(tuple(slice(1) for _ in self.grid.shape))
-        try:
-            like = self.compute(call, self.grid.scene, values, self.start, **how)
-        except Interrupted:
-            raise Interrupted(None, 0, self.grid.count) from None
-        return _make_archive(self.store.path, self.grid, tiles, asked, like)
-
-    def _compute_missing(self, archive: Archive, how: Mapping[str, Any], threads: int, progress: bool | None) -> None:
-        """Compute the tiles that are not complete, or those of a share."""
-        tiles = archive.tiles
-        done = archive.complete_tiles()
-        share, shares = self.store.share or (1, 1)
-        todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
+    with _writing(store):
+        # a share waits until another one has made the store
+        with _held(_lock_path(store.path), 60.0) if store.share else nullcontext():
+            # looked at again, for another process may have made it
+            if is_made():
+                archive = _open_archive(store.path, asked)
+            else:
+                tiles = Tiling.of(grid.shape, store.tile)
+                shared = not alone or store.share is not None
+                of_store = dict(tiles=tiles, workers=threads, shared=shared, free=store.free_bytes)
+                replace(estimate(call, grid, start), **of_store).check()
+                # one case first, so that a wrong argument deletes nothing
+                try:
+                    like = work_on(tuple(slice(1) for _ in grid.shape))()
+                except Interrupted:
+                    raise Interrupted(None, 0, grid.count) from None
+                archive = _make_archive(store.path, grid, tiles, asked, like)
+        archive.open()
+        archive = archive._replace(path=store.path.absolute())
+        if store.share is None:
+            for part in archive.path.rglob("*.partial"):  # of a process that was killed
+                part.unlink()
+        _warn_of_versions(archive)
         # LAPACK must not be called from two threads, and a device computes one batch at a time
-        solver = resolve_solver(self.grid.scene, self.call.solver)
-        alone = calls_lapack(solver, True) or jax.default_backend() != "cpu"
-        compute = functools.partial(self.compute, **how)
+        solver = resolve_solver(grid.scene, call.solver)
+        one_by_one = calls_lapack(solver, True) or jax.default_backend() != "cpu"
+        share, shares = store.share or (1, 1)
         tasks = []
-        for number in todo:
-            call, values = self._part(tiles.region(number))
-            task = functools.partial(
-                _compute_tile, archive, number, compute, alone, call, self.grid.scene, values, self.start
-            )
-            tasks.append((tiles.cases(number), task))
+        for number in np.flatnonzero(~archive.complete_tiles()).tolist():
+            if number % shares == share - 1:
+                work = work_on(archive.tiles.region(number))
+                task = functools.partial(_compute_tile, archive, number, work, one_by_one)
+                tasks.append((archive.tiles.cases(number), task))
         try:
-            _run_tasks(tasks, self.executor, threads, progress)
+            _run_tasks(tasks, executor, threads, progress)
         except KeyboardInterrupt:
-            raise Interrupted(open_store(archive.path), archive.complete_cases(), self.grid.count) from None
+            raise Interrupted(open_store(archive.path), archive.complete_cases(), grid.count) from None
         except BrokenExecutor as error:
             stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
             raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
+    return open_store(store.path)
 
 
 def _warn_of_versions(archive: Archive) -> None:
@@ -624,24 +562,24 @@ def _warn_of_versions(archive: Archive) -> None:
     if other:
         warn(
             f"The store {archive.path} was begun with {listed(other)}: tiles may differ by rounding, chaotic cases "
-            f"altogether. Its array `{MARK_OF_TILE}` says which tile is of which; fresh=True starts over."
+            f"altogether. The mark of each tile has its versions; fresh=True starts over."
         )
 
 
 # --- workers --------------------------------------------------------------------------------------------------------
 
 
-def _compute_tile(archive: Archive, number: int, compute: Callable[..., xr.Dataset], alone: bool, *part: Any) -> None:
+def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset], one_by_one: bool) -> None:
     """Compute a tile of a store and write it. Calling it again is harmless: it writes the same bytes.
 
-    **Arguments:** `alone`: whether a process may compute one tile at a time only; `part`: of `compute`.
+    **Arguments:** `one_by_one`: whether a process may compute one tile at a time only.
     """
     if archive.call["code"]["slipperjax"] != IMPORTED:
         raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
-    if TOLD.get() is None:  # in another process, or on threads of others
-        TOLD.set(_TOLD)
-    with _ALONE if alone else nullcontext():
-        ds = compute(*part)
+    if TOLD.get() is None:  # in another process
+        TOLD.set(set())
+    with _ALONE if one_by_one else nullcontext():
+        ds = work()
     try:
         archive.write(number, ds)
     except OSError as error:

@@ -104,15 +104,13 @@ def sweep(
     """
     lengths = transient, periods, steps_per_period, saves_per_period, solver, refine, begin
     call = Call(*lengths, record, loads, probe, product)
-    how = dict(chunk=chunk, workers=workers, progress=progress)
-    return sweep_of(call, scene, grid, start, store=store, executor=executor, **how)
-
-
-def sweep_of(call: Call, scene: Scene, grid: Mapping[str, Any], start: Any, **how: Any) -> xr.Dataset:
-    """Return the results of a sweep, or open its store.
-
-    **Arguments:** `how`: those of `sweep` that change no number.
-    """
+    how: dict[str, Any] = dict(
+        chunk=chunk,
+        workers=workers,
+        progress=progress,
+        store=store,
+        executor=executor,
+    )
     return run_or_store(_computed, _estimated, call, scene, grid, first_of(start), **how)
 
 

@@ -1,7 +1,6 @@
 """Estimates of sweeps, and points spread over a box."""
 
 import dataclasses
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +23,6 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     # a tenth of a second for the 128 cases of the probe
     assert 0.1 / 128 <= found.per_case < 0.5 / 128
     assert found.seconds == pytest.approx(120 * found.per_case / 4)
-    assert found.problems == []
     for words in ("120 cases in 12 tiles of 10 (1 x 10)", "steps per period: 100 to 100", "on 4 cores", " free"):
         assert words in str(found)
     assert not store.path.exists()
@@ -33,20 +31,6 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     made_up(sj.paper_scene(), a_grid(), store=store, steps_per_period=100)
     size = sum(file.stat().st_size for file in store.path.rglob("c/**/*") if file.is_file())
     assert found.stored < size < 8 * found.stored
-
-
-def test_what_cannot_fit_is_refused_with_advice(tmp_path, monkeypatch):
-    grid = {"speed": np.linspace(100, 2500, 1_000_000), "clearance": np.linspace(1e-4, 1e-3, 1_000_000)}
-    monkeypatch.setenv("PAUSE", "0.1")
-    found = sj.explain(made_up, sj.paper_scene(), grid, store=tmp_path / "map.zarr", steps_per_period=50)
-    text = str(found)
-    assert "1000000000000 cases in" in text
-    assert "impossible: Argument `store` must be done in a year" in text
-    assert "cores would be done in a week" in text
-    shared = dataclasses.replace(found, shared=True, free=1e6)
-    assert ["The store needs about" in text for text in shared.problems] == [False, True]
-    monkeypatch.setattr(sys.modules["slipperjax.sweeps.estimate"], "available_memory", lambda: 1000)
-    assert any("take smaller" in problem for problem in shared.problems)
 
 
 MILLION = {"speed": np.linspace(1e3, 2e3, 10**4), "clearance": np.linspace(1e-3, 2e-3, 10**4)}
@@ -58,9 +42,9 @@ TWO = {"speed": [1e3, 2e3]}
     [
         (
             lambda s, at: sj.sweep(s, MILLION, periods=10**6, record="peak_force", store=at),
-            "`store` must be done in a y",
+            "cases of .* need about",
         ),
-        (lambda s, at: sj.lyapunov_sweep(s, MILLION, periods=10**6, store=at), "`store` must be done in a year"),
+        (lambda s, at: sj.lyapunov_sweep(s, MILLION, periods=10**6, store=at), "cases of .* need about"),
         (lambda s, at: sj.sample_box({"speed": (1e3, 2e3)}, 10**12), "1000000000000 points need about 8 TB"),
         (lambda s, at: sj.simulate(s, 60, steps_per_period=10**9), "`steps_per_period` must be at most"),
         (lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9), "`steps_per_period` must be at most"),
@@ -89,12 +73,11 @@ def test_what_would_take_years_is_refused_before_it_is_begun(tmp_path, call, wor
     assert not list(tmp_path.iterdir())
 
 
-def test_a_store_that_others_compute_too_is_warned_of():
+def test_a_store_that_others_compute_too_may_take_years():
     options = dict(cases=10**8, per_case=20.0, bytes_per_case=8.0, tiles=Tiling.of((10**8,)), workers=2)
-    with pytest.raises(ValueError, match=r"must be done in a year, but 100000000 cases take .+ years on 2 cores"):
+    with pytest.raises(ValueError, match=r"100000000 cases need about .+ years, which is more than a year"):
         Estimate(**options).check()
-    with pytest.warns(sj.ImplausibleWarning, match="cores would be done in a week"):
-        Estimate(shared=True, **options).check()
+    Estimate(shared=True, **options).check()
 
 
 def test_points_are_spread_over_a_box():

@@ -15,7 +15,7 @@ from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.plots.maps import bifurcations
 from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.run import Chunk, concurrently, heed_interrupts, run_chunks
+from slipperjax.sweeps.run import Chunk, run_chunks
 
 
 class Found(NamedTuple):
@@ -113,29 +113,6 @@ def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interr
         done.checked(lambda: done.results)
     assert stop.value.result is None
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
-
-
-def test_functions_on_threads_are_told_of_the_end():
-    begun, ended = threading.Event(), threading.Event()
-
-    def waits():
-        begun.set()
-        try:
-            while True:
-                time.sleep(0.01)
-                heed_interrupts()
-        finally:
-            ended.set()
-
-    def fails():
-        begun.wait(5.0)
-        raise ValueError("seen")
-
-    with pytest.raises(ValueError, match="seen"):
-        concurrently(waits, fails)
-    assert ended.wait(5.0)
-    assert not ASKED.is_set()
-    assert concurrently(lambda: 1, lambda: 2) == [1, 2]
 
 
 def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):

@@ -57,11 +57,6 @@ def test_cases_without_a_stable_orbit_are_marked(found):
     assert np.isnan(few["orbit_exponent"]).all()
 
 
-def test_a_result_is_computed_again_to_the_same_bits(found):
-    again = sj.repeat(found)
-    np.testing.assert_array_equal(again["orbit_state"], found["orbit_state"])
-
-
 def test_wrong_arguments_are_named():
     with pytest.raises(ValueError, match="`period` must be a whole number of 1 or more, but is 0"):
         sj.orbit_sweep(SCENE, GRID, period=0)

@@ -18,7 +18,6 @@ from slipperjax.sweeps.attractors import Motions, attractors
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import LargestExponent, MotionKind, resolved_record
-from slipperjax.sweeps.repeat import repeat
 from slipperjax.sweeps.run import make_plan
 from slipperjax.sweeps.sweep import lyapunov_sweep
 
@@ -185,16 +184,13 @@ def test_the_exponent_is_that_of_a_measurement_from_there():
     assert "uncertified" in reduced["exponent"].attrs["long_name"]
 
 
-def test_everything_is_labelled_and_can_be_run_again(reduced, tmp_path):
+def test_everything_is_labelled(reduced):
     assert reduced.attrs["record"].startswith("peak_force, peak_period, impulse")
     for name, variable in reduced.data_vars.items():
         assert variable.attrs["long_name"], name
         assert "units" in variable.attrs or name in ("kind", "status", "strobe"), name
         assert variable.dims[0] == "case"
     assert load_call(reduced)["record"] == tuple(RECORD)
-    reduced.to_netcdf(tmp_path / "reduced.nc", engine="h5netcdf")
-    again = repeat(tmp_path / "reduced.nc", chunk=8)
-    xr.testing.assert_identical(again.drop_attrs(), reduced.drop_attrs())
 
 
 def equal_bits(one, other):

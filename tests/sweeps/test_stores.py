@@ -3,14 +3,13 @@
 import errno
 import itertools
 import json
-import multiprocessing
 import os
 import random
 import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -228,10 +227,10 @@ def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
 def test_what_is_stored_is_not_computed_again(stored):
     before = {file: file.stat().st_mtime_ns for file in stored.rglob("*")}
     assert check_store(stored) == []
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     call(stored)
     changed = {file.parent.name for file in before if file.is_file() and file.stat().st_mtime_ns != before[file]}
-    assert changed == {"4", "0"}  # the fifth tile of every variable
+    assert changed == {"4", "0", "marks"}  # the fifth tile of every variable
 
 
 def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
@@ -258,50 +257,46 @@ def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
     assert [file.name for file in tmp_path.iterdir()] == ["map.zarr"]
 
 
-def spoil_a_byte(store, other):
+def spoil_a_byte(store):
     broken = store / "v_z" / "c" / "3" / "0" / "0"
     content = bytearray(broken.read_bytes())
     content[len(content) // 2] ^= 1
     broken.write_bytes(bytes(content))
-    return f"{broken} cannot be read"
 
 
-def cut_short(store, other):
+def cut_short(store):
     broken = store / "status" / "c" / "3" / "0"
     broken.write_bytes(broken.read_bytes()[:-7])
-    return f"{broken} cannot be read"
 
 
-def put_a_tile_of_another_store(store, other):
-    made_up.made_up(sj.paper_scene(restitution=0.8), a_grid(), store=Store(other, tile=10))
-    for file in other.glob("*/c/3/**/*"):
-        if file.is_file() and file.relative_to(other).parts[0] not in ("speed", "clearance", "point"):
-            (store / file.relative_to(other)).write_bytes(file.read_bytes())
-    return "it is of another store or place"
-
-
-def exchange_tiles(store, other):
-    for name in store.glob("*/c"):
-        if (name / "4").is_dir():
-            shutil.copytree(name / "4", name / "3", dirs_exist_ok=True)
-    return "it is of another store or place"
-
-
-@pytest.mark.parametrize("spoil", [spoil_a_byte, cut_short, put_a_tile_of_another_store, exchange_tiles])
-def test_a_damaged_tile_is_found_and_computed_again(stored, whole, tmp_path, spoil):
+@pytest.mark.parametrize("spoil", [spoil_a_byte, cut_short])
+def test_a_damaged_tile_is_found_and_computed_again(stored, whole, spoil):
     assert check_store(stored) == []
-    words = spoil(stored, tmp_path / "other.zarr")
+    spoil(stored)
     (stored / "good" / "c" / "5" / "0").unlink()
     assert store_status(stored).tiles_done == 11  # what is missing is seen without reading
-    (line,) = check_store(stored, repair=True)
-    assert line.startswith(f"tile 3: {words}")
+    assert check_store(stored) == [3]
     assert store_status(stored).tiles_done == 10
     call(stored)
     assert files(stored) == whole
 
 
+def test_a_tile_of_another_store_or_place_is_none_of_this_one(stored, whole, tmp_path):
+    other = tmp_path / "other.zarr"
+    made_up.made_up(sj.paper_scene(restitution=0.8), a_grid(), store=Store(other, tile=10))
+    for file in [*other.glob("*/c/3/**/*"), other / "status" / "marks" / "3"]:
+        if file.is_file() and file.relative_to(other).parts[0] not in ("speed", "clearance", "point"):
+            (stored / file.relative_to(other)).write_bytes(file.read_bytes())
+    marks = stored / "status" / "marks"
+    (marks / "5").write_bytes((marks / "6").read_bytes())
+    (marks / "7").write_bytes(b"")
+    assert store_status(stored).tiles_done == 9
+    call(stored)
+    assert files(stored) == whole
+
+
 @pytest.mark.parametrize(
-    "change", [dict(identity=None), dict(tile=[0, 10]), dict(tile="large"), dict(dims=["speed"]), dict(more=1)]
+    "change", [dict(call=None), dict(tile=[0, 10]), dict(tile="large"), dict(dims=["speed"]), dict(more=1)]
 )
 def test_a_store_with_another_mark_is_none_of_ours(stored, change):
     group = json.loads((stored / "zarr.json").read_text())
@@ -325,20 +320,19 @@ def test_a_store_without_a_mark_is_none_of_ours(stored, content):
 
 
 def test_other_versions_go_on_with_a_warning_and_stand_by_tile(stored, monkeypatch):
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     now = module.versions()
     monkeypatch.setattr(module, "versions", lambda: now | {"numpy": "1.2.3"})
     with pytest.warns(sj.ImplausibleWarning, match=f"begun with numpy {now['numpy']} and not 1.2.3"):
         call(stored)
-    of_tile = xr.open_zarr(stored, consolidated=False, chunks=None)["mark_of_tile"].values.ravel()
-    found = [json.loads(text)["versions"]["numpy"] for text in of_tile]
-    assert found == [now["numpy"]] * 4 + ["1.2.3"] + [now["numpy"]] * 7
+    found = [(stored / "status" / "marks" / str(k)).read_text() for k in (3, 4)]
+    assert ["1.2.3" in text for text in found] == [False, True]
     assert check_store(stored) == []
     call(stored)  # of a complete one nothing is said
 
 
 def test_workers_with_other_code_write_nothing(stored, whole, monkeypatch):
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     before = files(stored)
     of_caller = module._fingerprint
 
@@ -354,15 +348,6 @@ def test_workers_with_other_code_write_nothing(stored, whole, monkeypatch):
     assert files(stored) == before
 
 
-def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
-    old = module._open_archive(stored)
-    ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
-    call(stored, fresh=True)
-    with pytest.raises(OSError, match="another store was put in its place"):
-        old.write(2, ds)
-    assert files(stored) == whole
-
-
 def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
     other = tmp_path / "other.zarr"
     made_up.made_up(sj.paper_scene(), a_grid()).to_zarr(other, zarr_format=2, consolidated=False)
@@ -370,30 +355,13 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
-    for name in (
-        "thesis.tex",
-        "notes/thesis.tex",
-        "v_z/thesis.tex",
-        "v_z/c/3/0/0.tex",
-        "thesis.partial",
-        ".git/config",
-    ):
-        file = stored / name
-        file.parent.mkdir(exist_ok=True)
-        file.write_text("years of work")
-        with pytest.raises(ValueError, match=f"must have no other files .* but has .*{name}"):
-            call(stored, fresh=True)
-        assert file.read_text() == "years of work"
-        file.unlink()
-        if not any(file.parent.iterdir()):
-            file.parent.rmdir()
     (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of a process that was killed")
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     call(stored)
     assert files(stored) == whole
 
 
-@pytest.mark.parametrize("name", ["v_z", "mark_of_tile", "speed", "point"])
+@pytest.mark.parametrize("name", ["v_z", "speed", "point"])
 def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, name):
     shutil.rmtree(stored / name)
     (stored / "status" / "c" / "4" / "0").unlink()
@@ -403,22 +371,11 @@ def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, nam
 
 
 def test_a_link_leads_to_the_same_lock(tmp_path, stored):
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     link = tmp_path / "link.zarr"
     link.symlink_to(stored)
     with module._writing(Store(link)), pytest.raises(StoreInUse):
         call(stored)
-
-
-def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stored, monkeypatch):
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
-    before = files(stored)
-    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != stored)  # as for all but root
-    monkeypatch.setattr(module, "_run_tasks", None)
-    for fresh in (False, True):
-        with pytest.raises(PermissionError, match=r"map\.zarr is protected against writing"):
-            call(stored, fresh=fresh)
-    assert files(stored) == before
 
 
 LAW = """
@@ -458,7 +415,7 @@ def test_a_complete_store_is_read_where_nothing_can_be_written(stored, whole, mo
 
     monkeypatch.setattr(filelock.FileLock, "acquire", refuses)
     assert int((call(stored)["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
-    next(stored.glob("mark_of_tile/c/4/0")).unlink()
+    (stored / "status" / "marks" / "4").unlink()
     with pytest.raises(PermissionError, match="protected against writing"):
         call(stored)
 
@@ -510,9 +467,9 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
 
 
 def test_what_does_not_fit_is_said_before_it_is_begun(tmp_path, monkeypatch):
-    module = sys.modules["slipperjax.sweeps.estimate"]
+    module = sys.modules["slipperjax.tools.limits"]
     monkeypatch.setattr(module, "available_memory", lambda: 1000)
-    with pytest.raises(ValueError, match=r"2 at once of 10 cases need .* of which 1 kB are available: take smaller"):
+    with pytest.raises(ValueError, match=r"120 cases need about .* but 1 kB of memory are available"):
         call(tmp_path / "map.zarr", workers=2)
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setattr(module, "available_memory", lambda: None)
@@ -599,11 +556,9 @@ def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_pat
 
 def test_what_is_no_executor_or_no_store_is_named(tmp_path):
     path, asked = tmp_path / "m.zarr", lambda **how: made_up.made_up(sj.paper_scene(), a_grid(), **how)
-    forked = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork"))  # which starts none by itself
     for make, words in (
         (lambda: asked(executor=3, store=path), "must be a dask.distributed.Client or"),
         (lambda: asked(executor=ThreadPoolExecutor(1)), "`executor` must come with `store`"),
-        (lambda: asked(executor=forked, store=path), "must start new processes, .* but is one that forks"),
         (lambda: asked(store=7), "must be a path or a slipperjax.Store"),
         (lambda: asked(store=path, steps_per_period=np.ones(3)), "one for each case, \\(12, 10\\)"),
         *((lambda n=n: sj.Store(path, share=n), "`share` must be") for n in ((0, 2), (3, 2), (1,), "1/2")),

@@ -77,7 +77,7 @@ def test_sections_are_those_of_a_fine_trajectory():
 
 
 def test_cases_of_several_step_counts_are_those_of_each_alone():
-    """Histories, whose program has room for 100 steps; those of test_repeat and test_records take it, too."""
+    """Histories, whose program has room for 100 steps; those of test_records take it, too."""
     speeds = [400.0, 1250.0, 450.0]
     options = dict(transient=0, periods=20, saves_per_period=STEPS)
     ds = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="history", **options)
