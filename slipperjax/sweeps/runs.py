@@ -16,7 +16,7 @@ from jaxtyping import Int
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
-from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
+from ..flow.records import RECORDS, AbstractNumber, ContactChecks, judged_by_contacts
 from ..flow.simulate import Trajectory, beginning, warn_beyond
 from ..flow.status import MEANINGS, first_problem, most_stability_number, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
@@ -30,6 +30,7 @@ from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, require, whole
+from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .call import refined
 from .estimate import Estimate
@@ -47,10 +48,8 @@ from .run import (
 from .store import Store, run_or_store
 from .windows import (
     DEFAULT,
-    FRICTION_WORK,
     PEAKS,
     PER_STRETCH,
-    SPRING_FORCE,
     STRETCH,
     WINDOW_RECORDS,
     PerWindow,
@@ -108,7 +107,7 @@ def run(
     store: Store | str | Path | None = None,
     executor: Any = None,
 ) -> xr.Dataset:
-    """Simulates runs over a length of rail, at a speed that may change along it.
+    """Simulate runs over a length of rail, at a speed that may change along it.
 
     ```python
     fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-100.0, speed=100.0)], start=50.0)
@@ -175,86 +174,48 @@ def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
     windows = _windows(scene, call.length, call.begin, call.window)
     records = RecordSet((*_records(scene, call.record), ThirdOctaves()))
     profiles = _step_profiles(cases, call, windows)
-    steps, _ = _keys(profiles, windows)
-    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
-    return Plan(cases, resolve_solver(scene, call.solver), records, steps, Calls(1, 0), Calls(windows, 1)), profiles
+    steps, _ = _keys(profiles)
+    names = (*cases.dims, "status", "state")
+    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, names)
+    solver = resolve_solver(scene, call.solver)
+    return Plan(cases, solver, records, steps, Calls(1, 0), Calls(windows, 1)), profiles
 
 
 def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
     """Return the estimate of runs, before anything is compiled."""
-    return _estimate(_planned(call, grid.sample(start))[0], grid.count)
-
-
-def _estimate(plan: Plan, count: int) -> Estimate:
-    """Return the estimate of `count` runs such as these."""
-    windows = plan.recorded.periods
-    values = plan.records.values(plan.cases.scene, 0, windows)
-    return Estimate.counted(count, float(np.mean(plan.steps)), values, f" of {windows} windows")
+    plan, _ = _planned(call, grid.sample(start))
+    return plan.estimate(grid.count)
 
 
 def _computed(call: RunCall, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
     """Return the results of runs. Arguments as for `run_cases`."""
-    plan, profiles = _planned(call, Cases(scene, grid, start, product=call.product))
-    _estimate(plan, plan.cases.count).check()
-    windows, window = plan.recorded.periods, call.window
-    _, profile_of = _keys(profiles, windows)
-    epoch = call.begin / window
+    cases = Cases(scene, grid, start, product=call.product)
+    plan, profiles = _planned(call, cases)
+    plan.estimate(cases.count).check()
+    _, profile_of = _keys(profiles)
     stretches = profiles.shape[1]
-    probed = np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
-    around = max(1, round(float(np.max(np.asarray(scene.track.wavelength))) / window))
+    probed = np.linspace(0, stretches - 1, min(call.probe, stretches))
+    probed = np.unique(probed.astype(int))
 
     def work(part: ChunkInputs) -> _Results:
-        scenes = _windowed(part.scenes, window)
-        scenes = scenes if call.worn is None else _opened(scenes, call.worn[None])
-        states = initial_states(scenes, part.starts, epoch)
-        probes = _Probes(probed.tolist(), around)
-        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, probes)
+        return _run_windows(plan, call, profile_of[part.steps], part, probed.tolist())
 
-    done = run_cases(plan, work, periods=1.0, **how)
-    frame = _Frame(call.begin, window, windows, call.only, call.begin + probed * STRETCH * window)
-    return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
-
-
-class _Probes(NamedTuple):
-    """Where errors are measured by half the step."""
-
-    stretches: list[int]
-    windows: int  # over which errors grow
+    done = run_cases(plan, work, periods=plan.periods, **how)
+    return done.checked(lambda: _dataset(plan, done.results, profiles, probed, call))
 
 
 class _Results(NamedTuple):
     """A chunk of cases after its run."""
 
-    state: State  # at the end, with a leading axis of lanes
-    status: Int[np.ndarray, " lanes"]
+    status: Int[np.ndarray, " cases"]
     record: tuple[Any, ...]  # arrays of the plan's records, (cases, windows or stretches, ...)
     marks: np.ndarray  # states at the end of each stretch, (cases, stretches, numbers)
     play: np.ndarray | None  # of the faces at the end of each stretch, (cases, stretches, faces) [m]; None unworn
     probe: np.ndarray  # errors, (cases, probes)
 
 
-class _Frame(NamedTuple):
-    """Where a run is."""
-
-    begin: float  # [m]
-    window: float  # [m]
-    windows: int
-    only: bool  # whether it is one run, without a grid
-    probes: np.ndarray  # where errors are measured [m]
-
-    @property
-    def ends(self) -> np.ndarray:
-        """Travel at the end of each window [m]."""
-        return self.begin + self.window * np.arange(1, self.windows + 1)
-
-    @property
-    def stretches(self) -> np.ndarray:
-        """Travel at the end of each stretch [m]."""
-        return self.ends[stretch_ends(self.windows)]
-
-
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
-    """Returns how many windows a run has.
+    """Return how many windows a run has.
 
     **Raises:** `ValueError` where the rail ends before. A warning says where one is known no further.
     """
@@ -267,22 +228,20 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 
 
 def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
-    """Returns the records of a user's choice, of each window and of each stretch."""
-    chosen = [*DEFAULT, *PEAKS] if record is None else record
-    chosen = [chosen] if isinstance(chosen, str) or not isinstance(chosen, Sequence) else chosen
-    records = []
+    """Return the records of a user's choice, of each window and of each stretch."""
+    chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
+    if record is None:
+        chosen = [*DEFAULT, *PEAKS]
+        chosen += ["friction_work"] * (scene.friction is not None)
+        chosen += ["spring_force"] * (scene.sled is not None)
+    records: list[AbstractRecord] = []
+    need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     for one in chosen:
-        known = one if isinstance(one, AbstractNumber) else run_record(one)
-        need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
+        known = run_record(one)
         require(known is not None, "record", f"{need}, or a record of numbers", one)
-        records.append(PerWindow(known))  # type: ignore[arg-type]
-    if record is None and scene.friction is not None:
-        records.append(PerWindow(FRICTION_WORK))
-    if record is None and scene.sled is not None:
-        records.append(PerWindow(SPRING_FORCE))
+        records.append(PerWindow(known))
     names = {one.name for one in records}
-    stretches = [run_record(name) for name in PER_STRETCH if name not in names]
-    return [*records, *(one for one in stretches if one is not None)]
+    return records + [RECORDS[name] for name in PER_STRETCH if name not in names]
 
 
 def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases stretches"]:
@@ -304,7 +263,7 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
 
 @jit
 def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.Array:
-    """Steps per reference length of each stretch, at its least speed, (cases, stretches)."""
+    """Return steps per reference length of each stretch, at its least speed, (cases, stretches)."""
 
     def one(scene: Scene, start: Any) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
@@ -315,28 +274,26 @@ def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.
     return scenes.map(one, starts)
 
 
-def _keys(profiles: np.ndarray, windows: int) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """Returns a number for each case that tells its profile of steps, about those of its run, and the profiles."""
-    lengths = np.full(profiles.shape[1], STRETCH)
-    lengths[-1] = windows - STRETCH * (profiles.shape[1] - 1)
+def _keys(profiles: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Return a number for each case that tells its profile of steps, about their mean, and the profiles by number."""
     different, which = np.unique(profiles, axis=0, return_inverse=True)
-    keys: list[int] = []
+    profile_of: dict[int, np.ndarray] = {}
     for profile in different:
-        key = int(profile @ lengths)
-        while key in keys:
+        key = round(profile.mean())
+        while key in profile_of:
             key += 1
-        keys.append(key)
-    return np.array(keys)[np.ravel(which)], dict(zip(keys, different, strict=True))
+        profile_of[key] = profile
+    return np.array(list(profile_of))[np.ravel(which)], profile_of
 
 
 @jit
 def _windowed(scenes: Batched[Scene], window: Any) -> Batched[Scene]:
-    """The same scenes with windows as their unit of travel."""
+    """Return the same scenes with windows as their unit of travel."""
     return with_tracks(scenes, lambda track: WindowedTrack(track, window))
 
 
 def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
-    """Returns the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
+    """Return the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
         return None
     works = scene.friction is not None or not scene.wear.by_friction
@@ -350,155 +307,167 @@ def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
 
 @jit
 def _opened(scenes: Batched[Scene], play: Any) -> Batched[Scene]:
-    """The same scenes with this play more at each face, (1 or cases, faces) [m]."""
+    """Return the same scenes with this play more at each face, (1 or cases, faces) [m]."""
     plays = scenes.map(lambda scene: scene.section.play) + play
-    at, is_none = lambda scene: scene.section.play, lambda leaf: leaf is None
-    opened = eqx.tree_at(at, scenes.varied, plays, is_leaf=is_none)
-    return Batched(opened, eqx.tree_at(at, scenes.shared, None, is_leaf=is_none))
+    at = lambda scene: scene.section.play
+    opened = eqx.tree_at(at, scenes.varied, plays, is_leaf=lambda leaf: leaf is None)
+    return Batched(opened, eqx.tree_at(at, scenes.shared, None))
 
 
 def _run_windows(
     plan: Plan,
-    scenes: Batched[Scene],
-    states: State,
+    call: RunCall,
     profile: np.ndarray,
-    epoch: float,
     part: ChunkInputs,
-    probes: _Probes,
+    probed: list[int],
 ) -> _Results:
-    """Runs a chunk of cases stretch by stretch."""
-    status, wears = np.zeros(len(states.motion.y), int), plan.cases.scene.wear is not None
-    records, windows = plan.records, plan.recorded.periods
+    """Run a chunk of cases stretch by stretch.
+
+    **Arguments:** `profile`: integration steps in a window of each stretch; `probed`: stretches at whose start errors
+    are measured.
+    """
+    scenes = _windowed(part.scenes, call.window)
+    if call.worn is not None:
+        scenes = _opened(scenes, call.worn[None])
+    epoch = call.begin / call.window
+    states = initial_states(scenes, part.starts, epoch)
+    status = np.zeros(len(states.motion.y), int)
+    wears = plan.cases.scene.wear is not None
+    records = plan.records
+    count = len(records.records)
+    per_window = [isinstance(one, PerWindow) for one in records.records]
     # statuses that follow from loads come with any load
-    judged = any(isinstance(r, PerWindow) and r.record in OF_LOADS for r in records.records)
+    judged = any(one.record in OF_LOADS for one in records.records if isinstance(one, PerWindow))
     whole_run = [*([Wearing()] if wears else []), *([ContactChecks()] if judged else [])]
-    looked_at, count, cases = RecordSet((*records.records, *whole_run)), len(records.records), part.cases
-    empty = initial_carry(looked_at, scenes, states)
-    carry, most = empty, int(profile.max())
-    # filled stretch by stretch, so that nothing but the result grows with the distance
-    arrays: list[np.ndarray] = []
-    marks, plays, errors = [], [], []
-    total = float(profile.sum())
+    looked_at = RecordSet((*records.records, *whole_run))
+    empty = carry = initial_carry(looked_at, scenes, states)
+    # errors grow over a wavelength of the track
+    around = max(1, round(float(np.max(plan.cases.scene.track.wavelength)) / call.window))
+    pieces = []
+    marks = []
+    plays = []
+    errors = []
     for k, steps in enumerate(profile.tolist()):
         part.on_progress(0.0)
-        used = min(STRETCH, windows - k * STRETCH)
-        alike = bool(np.all(profile == steps))
-        varied = ConstantSteps(shared_capacity(most, steps), as_argument(steps))
-        stepping = ConstantSteps(steps) if alike else varied
-        if k in probes.stretches:
+        used = min(STRETCH, plan.periods - k * STRETCH)
+        at = epoch + k * STRETCH
+        if k in probed:
             now = _opened(scenes, carry[count].play) if wears else scenes
-            over = dict(used=as_argument(probes.windows), periods=capacity_for(probes.windows))
-            errors.append(half_step_change(now, states, epoch + k * STRETCH, steps, solver=plan.solver, **over))
-        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
-        passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=as_argument(used), **options)
+            over = dict(used=as_argument(around), periods=capacity_for(around))
+            errors.append(half_step_change(now, states, at, steps, solver=plan.solver, **over)[: part.cases])
+        stepping = ConstantSteps(steps)
+        if np.ptp(profile):
+            stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
+        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at)
+        passed = advance(scenes, states, at, stepping, used=as_argument(used), earlier=carry, **options)
+        states = passed.state
         # records of a stretch begin anew with the next one, and those of the whole run go on
-        states, carry = passed.state, (*empty[:count], *passed.carried[count:])
+        carry = (*empty[:count], *passed.carried[count:])
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[:count])
-        joined = jax.tree.map(lambda a: np.asarray(a)[:cases], passed.carried[:count])
-        made = records.finish(joined, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
-        made = [a if isinstance(r, PerWindow) else a[:, None] for r, a in zip(records.records, made, strict=True)]
-        starts = [k * STRETCH if isinstance(r, PerWindow) else k for r in records.records]
-        if not arrays:
-            rows = [windows if isinstance(r, PerWindow) else len(profile) for r in records.records]
-            arrays = [np.empty((cases, n, *a.shape[2:])) for n, a in zip(rows, made, strict=True)]
-        for array, first, values in zip(arrays, starts, made, strict=True):
-            array[:, first : first + values.shape[1]] = values
-        marks.append(StateLayout.pack(states)[:cases])
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[: part.cases, :n], passed.samples[:count])
+        joined = jax.tree.map(lambda a: np.asarray(a)[: part.cases], passed.carried[:count])
+        made = records.finish(joined, kept, RecordedSpan(used, steps, at, status))
+        pieces.append([a if along else a[:, None] for a, along in zip(made, per_window, strict=True)])
+        marks.append(StateLayout.pack(states)[: part.cases])
         if wears:
-            plays.append(np.asarray(scenes.varied.section.play + carry[count].play)[:cases])
-        part.on_progress(steps / total)
+            plays.append(np.asarray(scenes.varied.section.play + carry[count].play)[: part.cases])
+        part.on_progress(used)
     if judged:
         limit = most_stability_number(plan.solver)
         status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
-    probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
-    if errors:
-        status = with_accuracy(status, probe.max(axis=1))
+    probe = np.stack(errors, axis=1) if errors else np.empty((part.cases, 0))
+    record = tuple(np.concatenate(of_record, axis=1) for of_record in zip(*pieces, strict=True))
     play = np.stack(plays, axis=1) if plays else None
-    return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe[:cases])
+    return _Results(status[: part.cases], record, np.stack(marks, axis=1), play, probe)
 
 
-def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, frame: _Frame, call: RunCall) -> xr.Dataset:
-    """Labels the results of a run."""
+def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.ndarray, call: RunCall) -> xr.Dataset:
+    """Label the results of runs.
+
+    **Arguments:** `profiles`: integration steps in a window of each case and stretch; `probed`: stretches whose
+    errors were measured.
+    """
     cases = plan.cases
-    dims, shape = cases.dims, cases.shape
-    of_grid = lambda a: np.asarray(a).reshape(*shape, *a.shape[1:])
-    record, play = jax.tree.map(of_grid, (results.record, results.play))
-    data, coords = {}, {}
-    for one, values in zip(plan.records.records, record, strict=True):
-        more, along = one.label(cases.scene, (*dims, "distance" if isinstance(one, PerWindow) else "stretch"), values)
-        data, coords = data | more, coords | along
-    words = {"units": "", "long_name": "all numbers of the state at the end of each stretch"}
-    data["state"] = ((*dims, "stretch", "number"), of_grid(results.marks), words)
-    coords["number"] = ("number", [q.name for q in StateLayout.of(cases.scene).numbers])
-    if play is not None:
-        words = {"units": "m", "long_name": "play of each face at the end of each stretch"}
-        data["play"] = ((*dims, "stretch", "face"), play, words)
+    dims = cases.dims
+    along_stretch = (*dims, "stretch")
+    of_grid = lambda a: np.asarray(a).reshape(*cases.shape, *a.shape[1:])
+    travelled = lambda dim, values: column(dim, values, "m", "distance travelled")
+    ends = call.begin + call.window * np.arange(1, plan.periods + 1)
+    coords = {
+        "number": ("number", [q.name for q in StateLayout.of(cases.scene).numbers]),
+        "distance": travelled("distance", ends),
+        "stretch": travelled("stretch", ends[stretch_ends(plan.periods)]),
+    }
+    status = results.status
+    text = "all numbers of the state at the end of each stretch"
+    data = {
+        "state": column((*along_stretch, "number"), of_grid(results.marks), "", text),
+        "steps_per_window": column(along_stretch, of_grid(profiles), "1", "integration steps per window"),
+    }
+    for one, values in zip(plan.records.records, results.record, strict=True):
+        over = (*dims, "distance") if isinstance(one, PerWindow) else along_stretch
+        more, along = one.label(cases.scene, over, of_grid(values))
+        data |= more
+        coords |= along
+    if results.play is not None:
+        text = "play of each face at the end of each stretch"
+        data["play"] = column((*along_stretch, "face"), of_grid(results.play), "m", text)
         coords["face"] = ("face", ["".join(face) for face in cases.scene.section.faces])
-    data["status"] = (dims, results.status.reshape(shape), {"long_name": "status", "meaning": MEANINGS})
-    words = {"units": "1", "long_name": "integration steps per window"}
-    data["steps_per_window"] = ((*dims, "stretch"), profiles.reshape(*shape, -1), words)
-    if len(frame.probes):
-        words = {"units": "1", "long_name": "what half the step changes over a reference length, in scales"}
-        data["probe_error"] = ((*dims, "probe"), of_grid(results.probe), words)
-        coords["probe"] = ("probe", frame.probes, {"units": "m", "long_name": "distance travelled"})
-    coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
-    coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
+    if len(probed):
+        text = "what half the step changes over a reference length, in scales"
+        data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text)
+        coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
+        status = with_accuracy(status, results.probe.max(axis=1))
+    data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    places = jnp.asarray(np.append(frame.begin, frame.ends))
-    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, places, frame.window))
-    speed, seconds = speed[:, 1:], seconds[:, 1:] - seconds[:, :1]
+    speed, seconds = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)
     # by names and not by values, so that each part of a store has the same dimensions
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
-    along = (*dims, "distance") if differ else ("distance",)
-    joined = lambda a: a.reshape(*shape, -1) if differ else a[0]
-    coords["speed_along" if "speed" in cases.axes else "speed"] = (
-        along,
-        joined(speed),
-        {"units": "m/s", "long_name": "travelling speed"},
-    )
-    coords["seconds"] = along, joined(seconds), {"units": "s", "long_name": "time"}
-    attrs = scene_attributes(cases.scene, without=() if frame.only else cases.axes)
+    over = (*dims, "distance") if differ else "distance"
+    joined = lambda a: of_grid(np.asarray(a)[: cases.count]) if differ else np.asarray(a)[0]
+    name = "speed_along" if "speed" in cases.axes else "speed"
+    coords[name] = column(over, joined(speed), "m/s", "travelling speed")
+    coords["seconds"] = column(over, joined(seconds), "s", "time")
+    varied = () if call.only else cases.axes
+    attrs = scene_attributes(cases.scene, without=varied)
     whole_call = vars(replace(call, solver=plan.solver))
-    varied = () if frame.only else map(cases.label, cases.axes)
-    attrs |= run_attributes(cases.scene, cases.start, whole_call, varied)
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name, "window [m]": frame.window}
+    attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, varied))
+    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name, "window [m]": call.window}
     ds = xr.Dataset(data, {**coords, **cases.coordinates()}, attrs)
-    ds = _with_rates(ds, frame)
-    return ds.isel({dims[0]: 0}, drop=True) if frame.only else ds
+    ds = _with_rates(ds)
+    return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 
 @jit
 def _times(scenes: Batched[Scene], starts: Any, ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
-    """Speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows)."""
+    """Return speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows).
+
+    **Arguments:** `ends`: the place where the run begins, and the end of each window [m].
+    """
 
     def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:
         length = scene.track.wavelength
-        speed = jnp.asarray(scene.travel((ends - 0.5 * window) / length).speed)
-        return jnp.broadcast_to(speed, ends.shape), jnp.asarray(scene.seconds(ends / length))
+        speed = jnp.asarray(scene.travel((ends[1:] - 0.5 * window) / length).speed)
+        seconds = jnp.asarray(scene.seconds(ends / length))
+        return jnp.broadcast_to(speed, ends[1:].shape), seconds[1:] - seconds[0]
 
     return scenes.map(one, starts)
 
 
-def _with_rates(ds: xr.Dataset, frame: _Frame) -> xr.Dataset:
-    """Adds what follows from windows, stretch by stretch: rates of impacts, and percentiles of the highest forces."""
-    starts = np.arange(0, frame.windows, STRETCH)
-    added: dict[str, Any] = {}
+def _with_rates(ds: xr.Dataset) -> xr.Dataset:
+    """Add what follows from windows, stretch by stretch: rates of impacts, and percentiles of the highest forces."""
+    which = np.arange(ds.sizes["distance"]) // STRETCH
+    stretch = ds["distance"].copy(data=ds["stretch"].values[which]).rename("stretch")
     if "impacts" in ds:
-        counts = ds["impacts"]
-        axis = counts.dims.index("distance")
-        total = np.add.reduceat(counts.values, starts, axis=axis)
-        ends = ds["seconds"].values[..., np.append(starts[1:] - 1, frame.windows - 1)]
-        seconds = np.diff(ends, axis=-1, prepend=0.0)
-        seconds = seconds.reshape(*seconds.shape, *[1] * (counts.ndim - axis - 1))
-        dims = tuple("stretch" if dim == "distance" else dim for dim in counts.dims)
-        added["impact_rate"] = (dims, total / seconds, {"units": "1/s", "long_name": "rate of touchdowns"})
+        ends = ds["seconds"].groupby(stretch).last(skipna=False)
+        seconds = ends - ends.shift(stretch=1, fill_value=0.0)
+        rate = ds["impacts"].groupby(stretch).sum(skipna=False) / seconds
+        ds["impact_rate"] = rate.assign_attrs(units="1/s", long_name="rate of touchdowns")
     if "peak_force" in ds:
-        highest = ds["peak_force"].max(("end", "point"), skipna=False)
-        axis = highest.dims.index("distance")
-        rows = [np.percentile(part, PERCENTILES, axis=axis) for part in np.split(highest.values, starts[1:], axis)]
-        values = np.moveaxis(np.stack(rows, axis=-1), 0, -1)
+        highest = ds["peak_force"].max(("end", "point"), skipna=False).groupby(stretch)
+        values = highest.quantile(np.array(PERCENTILES) / 100, skipna=False)
+        values = values.rename(quantile="percentile").assign_coords(percentile=list(PERCENTILES))
+        values["percentile"].attrs["units"] = "%"
         words = ds["peak_force"].attrs | {"long_name": "percentile of the windows' highest forces"}
-        added["peak_force_percentile"] = ((*highest.dims[:axis], "stretch", "percentile"), values, words)
-        ds = ds.assign_coords(percentile=("percentile", list(PERCENTILES), {"units": "%"}))
-    return ds.assign(added)
+        ds["peak_force_percentile"] = values.transpose(..., "stretch", "percentile").assign_attrs(words)
+    return ds
