@@ -202,26 +202,31 @@ class CaseExponents(NamedTuple):
 
 
 def exponent_variables(
-    passed: int, measured: CaseExponents, by_orbit: Bool[np.ndarray, " cases"], longer: LongerMotions
+    passed: int,
+    measured: CaseExponents,
+    reached: ReachedOrbits,
+    by_orbit: Bool[np.ndarray, " cases"],
+    longer: LongerMotions,
 ) -> dict[str, np.ndarray]:
     """Return the variables of `LyapunovExponents` by name, with the certificate where checks were made.
 
-    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases with the exponents of their
-    orbit, which all rows of their history repeat; `longer`: finished longer motions of chaotic cases.
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases that take the
+    exponents of the orbit that they have reached, and were not measured; `longer`: finished longer motions of chaotic
+    cases.
     """
     good = measured.status == Status.FINITE
     history = measured.history
     exponent = history.mean(axis=1)
     error = standard_error(history)
     weighted = weighted_mean(history)
-    # an orbit's are exact
-    exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
-    error[by_orbit] = 0.0
     alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
     error[alone] = one_motion_standard_error(history[alone])
     stayed = longer.escapes == 0
     exponent[longer.chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
     error[longer.chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    # an orbit's are exact
+    exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
+    error[by_orbit] = 0.0
     escapes = np.zeros(len(good), int)
     escapes[longer.chosen] = longer.escapes
     stretch = history.shape[1] + BLOCK
@@ -232,7 +237,12 @@ def exponent_variables(
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
-        variables = _checked(measured, measured.checks, by_orbit, longer, exponent[:, 0], error[:, 0])
+        variables = _checked(measured, measured.checks, longer, exponent[:, 0], error[:, 0])
+        half_step = reached.half_step[by_orbit]
+        variables["half_step"][by_orbit] = half_step
+        variables["half_step_stderr"][by_orbit] = 0.0
+        variables["floquet"][by_orbit] = exponent[by_orbit, 0]
+        variables["resolved"][by_orbit] = np.abs(half_step - exponent[by_orbit, 0]) <= STEADY
     return variables | {
         "exponent": exponent,
         "stderr": error,
@@ -251,7 +261,6 @@ def exponent_variables(
 def _checked(
     measured: CaseExponents,
     checks: Checks,
-    by_orbit: np.ndarray,
     longer: LongerMotions,
     exponent: np.ndarray,
     error: np.ndarray,
@@ -265,10 +274,7 @@ def _checked(
     of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
     half = checks.half_step.mean(axis=1)[:, 0]
     half_error = np.maximum(standard_error(checks.half_step)[:, 0], of_one)
-    half[by_orbit] = checks.half_step[by_orbit, 0, 0]
-    half_error[by_orbit] = 0.0
-    close = np.abs(half - exponent) <= np.maximum(3 * np.hypot(error, half_error), AGREE)
-    agree &= close | (by_orbit & (np.abs(half - exponent) <= STEADY))
+    agree &= np.abs(half - exponent) <= np.maximum(3 * np.hypot(error, half_error), AGREE)
     rows = measured.history[..., 0]
     middle = rows.shape[1] // 2
     first = rows[:, :middle].mean(axis=1)
@@ -314,6 +320,7 @@ class LyapunovExponents(ContinuedRecord):
         yes_or_no("orbits", self.orbits)
 
     name = "exponents"
+    continues = True
     least_settled = BLOCK
 
     @property
@@ -355,10 +362,6 @@ class LyapunovExponents(ContinuedRecord):
     @property
     def variables(self):
         return tuple(self.labels)
-
-    @property
-    def continues(self):
-        return True
 
     def last(self, periods):
         return min(LAST, periods)
@@ -404,7 +407,10 @@ class LyapunovExponents(ContinuedRecord):
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
         blocks = counted_blocks(self.periods, plan.recorded.periods)
-        measured = self._of_orbits(after, reached, by_orbit, BLOCK * blocks)
+        measured = self._unmeasured(after, blocks)
+        measured.status[by_orbit] = Status.FINITE
+        measured.kind[by_orbit] = Regime.PERIODIC
+        measured.period[by_orbit] = reached.period[by_orbit]
 
         def work(part: ChunkInputs) -> CaseExponents:
             states = jax.tree.map(lambda a: a[part.index], after)
@@ -431,24 +437,18 @@ class LyapunovExponents(ContinuedRecord):
             longer = LongerMotions(*(array[~unfinished] for array in longer))
         good = measured.status == Status.FINITE
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
-        return exponent_variables(plan.periods, measured, by_orbit, longer), status, interrupted
+        return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
 
-    def _of_orbits(self, state: State, reached: ReachedOrbits, by_orbit: np.ndarray, periods: int) -> CaseExponents:
-        """Return the exponents of the cases that have reached an orbit; the others are not measured yet."""
-
-        def history(exponents: np.ndarray) -> np.ndarray:
-            """Return the same exponents of all periods, NaN without an orbit."""
-            rows = np.where(by_orbit[:, None], exponents.reshape(len(by_orbit), -1), np.nan)
-            return np.repeat(rows[:, None], periods, axis=1)
-
-        status = np.where(by_orbit, int(Status.FINITE), int(Status.NOT_RUN))
-        exponents = history(reached.exponents)
+    def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
+        """Return the exponents of cases before they are measured."""
+        cases = len(states.motion.y)
+        unknown = np.full((cases, BLOCK * blocks, self.count), np.nan)
+        not_run = np.full(cases, int(Status.NOT_RUN))
+        kind = np.full(cases, int(Regime.UNRESOLVED))
         checks = None
         if self.certify:
-            checks = Checks(history(reached.half_step), status.copy(), exponents[:, 0, 0].copy())
-        kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
-        period = np.where(by_orbit, reached.period, 0)
-        return CaseExponents(status, kind, period, exponents, state, checks)
+            checks = Checks(unknown[..., :1].copy(), not_run.copy(), np.full(cases, np.nan))
+        return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
     def _measured(self, run: RecordedChunk, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
         """Measure a chunk of cases, of some `Status` codes, from its states on."""

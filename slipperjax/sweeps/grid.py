@@ -206,20 +206,20 @@ class Cases(Grid):
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
         """Return the forcing period of each case [s]."""
-        return self._of_each(_forcing_periods)
+        return self._of_each()[0]
 
     def wavelengths(self) -> Float[np.ndarray, " cases"]:
         """Return the length of travel that counts as a forcing period of each case [m]."""
-        return self._of_each(_wavelengths)
+        return self._of_each()[1]
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Return the steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
-        return rounded_steps(self._of_each(_steps_needed))
+        return rounded_steps(self._of_each()[2])
 
-    def _of_each(self, compiled: Callable[..., jax.Array]) -> np.ndarray:
-        """Return what a compiled function makes of each case, in batches of few sizes."""
+    def _of_each(self) -> list[np.ndarray]:
+        """Return forcing period, wavelength and steps of each case, in batches of few sizes."""
         index = filled(np.arange(self.count), self.count)
-        return np.asarray(compiled(*self.unprepared(index)))[: self.count]
+        return [np.asarray(facts)[: self.count] for facts in _facts(*self.unprepared(index))]
 
 
 @jit
@@ -237,18 +237,10 @@ def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], Abstra
 
 
 @jit
-def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
-    return scenes.map(lambda scene, start: steps_needed(scene), starts)
-
-
-@jit
-def _wavelengths(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
-    return scenes.map(lambda scene, start: scene.track.wavelength, starts)
-
-
-@jit
-def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
-    return scenes.map(lambda scene, start: scene.period, starts)
+def _facts(scenes: Batched[Scene], starts: Motion | State) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return forcing period [s], wavelength [m] and steps needed of each case."""
+    of_case = lambda scene, start: (scene.period, scene.track.wavelength, steps_needed(scene))
+    return scenes.map(of_case, starts)
 
 
 def batch_size(count: int) -> int:
@@ -317,26 +309,30 @@ def sample_box(
     engine = qmc.Sobol(len(box), rng=np.random.default_rng(whole("seed", seed, 0)))
     # of a power of two Sobol points, fewer are as well spread
     points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
-    shares = zip(box.items(), points.T, strict=True)
-    return {name: _spread(_parameter(scene, name), name, ends, name in log, share) for (name, ends), share in shares}
+    found = {}
+    for (name, ends), share in zip(box.items(), points.T, strict=True):
+        quantity = _parameter(scene, name)
+        if hasattr(ends, "ppf"):
+            values = _drawn(name, ends, share, name in log)
+        else:
+            values = _spread(quantity, name, ends, share, name in log)
+        found[name] = np.asarray(quantity.check(values), float)
+    return found
 
 
-def _spread(quantity: Parameter, name: str, ends: Any, log: bool, share: np.ndarray) -> np.ndarray:
-    """Return the values of a parameter at shares of 0 to 1 of its range or distribution."""
-    if hasattr(ends, "ppf"):
-        require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
-        return np.asarray(quantity.check(_drawn(name, ends, share)), float)
+def _spread(quantity: Parameter, name: str, ends: Any, share: np.ndarray, log: bool) -> np.ndarray:
+    """Return the values of a parameter at shares of 0 to 1 of its range."""
     values = np.asarray(quantity.check(ends), float)
     pair = values.shape == (2,) and values[0] < values[1]
     require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
     low, high = map(float, values)
     require(not log or low > 0, "log", "name parameters above zero", shown=f"{name}, which begins at {low:g}")
-    spread = low * (high / low) ** share if log else low + (high - low) * share
-    return np.asarray(quantity.check(spread), float)
+    return low * (high / low) ** share if log else low + (high - low) * share
 
 
-def _drawn(name: str, distribution: Any, share: np.ndarray) -> np.ndarray:
+def _drawn(name: str, distribution: Any, share: np.ndarray, log: bool) -> np.ndarray:
     """Return the values of a parameter below which a distribution has these shares."""
+    require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
     need = f"have a distribution of {name} with all its parameters"
     # a share may be 0, of which the value may be infinite: take half the spacing of Sobol points
     share = np.maximum(share, 2.0**-31)

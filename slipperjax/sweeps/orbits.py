@@ -111,14 +111,6 @@ class Maps(NamedTuple):
         """
         return self._of_blocks(functools.partial(self._looked, capacity), index, rows)
 
-    def coordinates(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
-        return self._of_blocks(lambda _, states: coordinates(states), index, rows)
-
-    def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return `Status` codes of states."""
-        return self._of_blocks(lambda _, states: np.asarray(_statuses(states)), index, rows)
-
     def _advanced(self, at: float, scenes: Batched[Scene], states: State) -> np.ndarray:
         return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), solver=self.solver, periods=1).state)
 
@@ -289,7 +281,7 @@ class _Search:
         maps = self.maps
         rows = self.rows
         everyone = np.arange(len(rows))
-        status = maps.statuses(everyone, rows)
+        status = np.asarray(_statuses(maps.states(rows)))
         status = np.where((status == Status.FINITE) & ~(self.residual <= tolerance), int(Status.NO_ORBIT), status)
         mu = np.full(rows.shape, np.nan + 0j)
         growth = np.full(len(rows), np.nan)

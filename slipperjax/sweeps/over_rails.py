@@ -127,8 +127,6 @@ def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.D
     need = f"have the dimensions {', '.join(map(str, rows.dims))}"
     require(set(finer.dims) == set(rows.dims), "finer", need, shown=", ".join(map(str, finer.dims)))
     fine = finer.transpose(*rows.dims)
-    known = rows[dim].values.tolist()
-    asked = fine[dim].values.tolist()
-    good = all(known.count(rail) == 1 for rail in asked) and fine.shape[1:] == rows.shape[1:]
+    good = fine.shape[1:] == rows.shape[1:] and fine[dim].isin(rows[dim]).all()
     require(good, "finer", "be of the same cases, on rails that are among those of `values`", shown="of others")
-    return fine, rows.isel({dim: [known.index(rail) for rail in asked]})
+    return fine, rows.sel({dim: fine[dim]})

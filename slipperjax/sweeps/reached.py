@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ..analysis.attractor import recurrence
 from ..flow.status import FASTEST_GROWTH, Status
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import recurs
@@ -144,8 +145,11 @@ def _along(maps: Maps, states: State) -> np.ndarray:
     along = np.zeros((len(maps.periods), max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
         path, _ = maps.path(index, rows)
+        every = np.zeros((len(maps.periods), path.shape[-1]))
+        # all cases at once, so that one program serves whatever their number
         for k in range(path.shape[1]):
-            along[index, k] = maps.coordinates(index, path[:, k])
+            every[index] = path[:, k]
+            along[:, k] = coordinates(maps.states(every))
     return along
 
 

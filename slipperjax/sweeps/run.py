@@ -274,13 +274,8 @@ class ContinuedRecord(AbstractRecord):
     the arrays that are kept of each case.
     """
 
-    @property
-    def inside(self):
-        return False
-
-    @property
-    def tangents(self):
-        return True
+    inside = False
+    tangents = True
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
