@@ -15,6 +15,5 @@ from .records import AbstractNumber as AbstractNumber
 from .records import OnePoint as OnePoint
 from .records import PowerMean as PowerMean
 from .records import Record as Record
-from .records import SpectrumLines as SpectrumLines
 from .simulate import Peak as Peak
 from .simulate import Probe as Probe

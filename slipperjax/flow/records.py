@@ -17,15 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import Args, state_and_penetration
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
-from ..tools.checks import instance, number, numbers, one_of, positive, require
+from ..tools.checks import instance, number, one_of, positive, require
 from ..tools.columns import column
 from ..tools.compile import jit
-from .course import GAUSS_PLACES, Course
+from .course import Course
 from .record import AbstractRecord, Unlabelled, point_labels
 from .status import most_stability_number, with_loads
 
@@ -163,13 +161,6 @@ class Record(AbstractNumber):
     @property
     def join(self):
         return JOINS[self.over]
-
-    def check(self, scene, periods, steps):
-        # of some period the shape alone, so that a wrong function is told before anything is compiled
-        if RECORDS.get(self.name) is not self:
-            state, _ = state_and_penetration(scene, table_2_start())
-            inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
-            jax.eval_shape(lambda: self.of(Course(state, inside, Args(scene), 4)))
 
     def of(self, course):
         value = jnp.asarray(self.function(course))
@@ -326,60 +317,6 @@ class ContactChecks(Unlabelled):
     def after(self, carried, samples, status, run):
         limit = most_stability_number(run.plan.solver)
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
-
-
-@dataclass(frozen=True)
-class SpectrumLines(AbstractNumber):
-    """Complex amplitudes of a coordinate or an acceleration at some multiples of the forcing frequency.
-
-    Of the signal x over the recorded time T, the amplitude at f is A = (2/T) integral of x exp(-2 pi i f t) dt, for
-    f = 0 the mean: x has the part Re(A exp(2 pi i f t)), with t the forcing periods since time zero of the track. The
-    integral is taken by Gauss's formula in each step, without a window. Where f times the number of recorded periods
-    is whole, other such lines add nothing to A; a frequency between them leaks into A, about as the reciprocal of its
-    distance from f in multiples of 1/periods.
-    """
-
-    coordinate: str
-    """One of `slipperjax.model.COORDINATES` or `ACCELERATIONS`."""
-    frequencies: tuple[float, ...]
-    """Multiples of the forcing frequency [1/period]: 1 for the forcing, 0.5 for what recurs after two periods."""
-
-    join = JOINS["mean"]
-
-    def __post_init__(self):
-        one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
-        given = numbers("frequencies", self.frequencies, 1)
-        need = "be numbers of zero or more, each once"
-        require(np.all(given >= 0) and len(set(given)) == given.size > 0, "frequencies", need, self.frequencies)
-        object.__setattr__(self, "frequencies", tuple(given.astype(float).tolist()))
-
-    @property
-    def quantity(self):
-        q = (COORDINATES | ACCELERATIONS)[self.coordinate]
-        text = f"amplitude of the {q.long_name}: its real part is of the cosine, the imaginary one of minus the sine"
-        return Quantity(f"spectrum_{self.coordinate}", q.unit, text)
-
-    @property
-    def dims(self):
-        return ("part", ("real", "imag")), (f"frequency_{self.coordinate}", self.frequencies)
-
-    def check(self, scene, periods, steps):
-        if max(self.frequencies) >= steps / 2:
-            raise ValueError(
-                f"Argument `frequencies` must be below half of the {steps} steps per period, but is "
-                f"{max(self.frequencies):g} [1/period]."
-            )
-
-    def of(self, course):
-        is_acceleration = self.coordinate in ACCELERATIONS
-        curve, names = (course.acceleration, ACCELERATIONS) if is_acceleration else (course.coordinates, COORDINATES)
-        signal = course.counted(curve.samples[:, list(names).index(self.coordinate)], 0.0)
-        frequencies = jnp.array(self.frequencies)
-        # turns before the period are told apart, so that they are rounded once and not in each sample
-        before = (frequencies * course.args.epoch % 1)[:, None]
-        angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
-        sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
-        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(GAUSS_PLACES))
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:

@@ -72,8 +72,8 @@ def sweep(
         and `period` by recurrence), "loads" or one of them ("peak_force", "peak_period", "impulse",
         "contact_fraction", "penetration"), "rms" (of accelerations), "extremes" (of coordinates), "contact_load" and
         others of `slipperjax.flow.RECORDS`; "exponent" (the largest, uncertified, by a tangent afterwards),
-        "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and from `slipperjax.flow`
-        `SpectrumLines`, and `Record` of any function of a period's course.
+        "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and
+        `slipperjax.flow.Record` of any function of a period's course.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `settled`. For
         "exponents" and "orbits" alone the same: they are measured over `periods` after it.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what

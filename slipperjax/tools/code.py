@@ -10,9 +10,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-
 
 def _source_digest() -> str:
     """Return a digest of this package's own source, as far as numbers depend on it."""
@@ -35,7 +32,7 @@ def code_digest(thing: Any) -> str:
 
     Code of libraries and of this package counts by name: their versions and `IMPORTED` tell it.
     """
-    return hashlib.sha256("\n".join(_texts(thing, set())).encode()).hexdigest()[:12]
+    return hashlib.sha256("\n".join(_texts(thing, set(), {})).encode()).hexdigest()[:12]
 
 
 def classes_of(value: Any) -> Iterator[type]:
@@ -68,55 +65,47 @@ def _of_library(thing: Any) -> bool:
     return package in known or package in sys.stdlib_module_names
 
 
-def _texts(thing: Any, seen: set[int]) -> Iterator[str]:
-    """Yield the texts that make up a value's digest, the same in any process; each piece of code once."""
-    if thing is None or isinstance(thing, bool | int | float | complex | str | bytes):
-        yield repr(thing)
-    elif isinstance(thing, np.ndarray | np.generic | jax.Array) and not isinstance(thing, jax.core.Tracer):
-        array = np.asarray(thing)
-        yield f"{array.dtype} {array.shape} {array.tobytes().hex()}"
-    elif isinstance(thing, set | frozenset):
-        yield from sorted(" ".join(_texts(part, seen)) for part in thing)  # in no order of their own
-    elif _is_dataclass(thing) or isinstance(thing, Mapping | tuple | list):
-        yield type(thing).__qualname__
-        for part in _parts(thing):
-            yield from _texts(part, seen)
+def _texts(thing: Any, seen: set[int], known: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the texts that make up a value's digest, the same in any process; each piece of code once.
+
+    **Arguments:** `known`: the global values of the function that a value is of, by name.
+    """
+    parts = []
+    if isinstance(thing, tuple | list):
+        parts = thing
+    elif isinstance(thing, frozenset):
+        parts = sorted(map(repr, thing))  # in no order of its own
+    elif isinstance(thing, types.CodeType):
+        # instructions, without file and lines, with the global values that they name
+        used = [known.get(name) for name in thing.co_names]
+        parts = [thing.co_code, thing.co_names, thing.co_consts, used]
+    elif isinstance(thing, types.ModuleType):
+        yield thing.__name__
     elif isinstance(thing, functools.partial):
-        yield from _texts([thing.func, thing.args, thing.keywords], seen)
+        parts = [thing.func, thing.args, *thing.keywords.items()]
     elif isinstance(thing, property):
-        yield from _texts(thing.fget, seen)
+        parts = [thing.fget]
+    elif not callable(thing):
+        yield repr(thing)
     elif _of_library(thing):
-        yield f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', type(thing).__qualname__)}"
+        yield getattr(thing, "__qualname__", repr(thing))
     elif id(thing) not in seen:
         seen.add(id(thing))
-        for part in _content(inspect.unwrap(thing)):  # of jax.jit and the like
-            yield from _texts(part, seen)
+        thing = inspect.unwrap(thing)  # of jax.jit and the like
+        yield getattr(thing, "__qualname__", repr(thing))
+        if isinstance(thing, types.FunctionType):
+            known = thing.__globals__
+            cells = [cell.cell_contents for cell in thing.__closure__ or ()]
+            parts = [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells]
+        elif isinstance(thing, type):
+            # the class and those of the user that it inherits from
+            for kind in thing.__mro__:
+                members = {} if _of_library(kind) else vars(kind)
+                parts += [member for name, member in sorted(members.items()) if _is_own(name)]
+    for part in parts:
+        yield from _texts(part, seen, known)
 
 
-def _content(thing: Any) -> Iterator[Any]:
-    """Yield what a function or class of a user consists of, and what it uses by name."""
-    yield getattr(thing, "__qualname__", type(thing).__qualname__)
-    if isinstance(thing, types.FunctionType):
-        yield from (thing.__defaults__, thing.__kwdefaults__)
-        yield from (cell.cell_contents for cell in thing.__closure__ or ())
-        yield from _content_of_body(thing.__code__, thing.__globals__)
-    elif isinstance(thing, type):
-        # the class and those of the user that it inherits from
-        for kind in thing.__mro__:
-            for name, member in () if _of_library(kind) else sorted(vars(kind).items()):
-                if name == "__call__" or not name.startswith(("__", "_abc_")):
-                    yield name, member
-
-
-def _content_of_body(code: types.CodeType, known: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield a function's instructions, without its file and lines, and the global values that they name."""
-    yield from (code.co_code, code.co_names)
-    # functions inside this one are among its constants
-    for part in code.co_consts:
-        yield from _content_of_body(part, known) if isinstance(part, types.CodeType) else [part]
-    for name in code.co_names:
-        value = known.get(name)
-        if isinstance(value, types.ModuleType):
-            # parts of a user's module that may be meant
-            value = None if _of_library(value) else [vars(value).get(part) for part in code.co_names]
-        yield value
+def _is_own(name: str) -> bool:
+    """Tell whether a user has written a member of a class."""
+    return name == "__call__" or not name.startswith(("__", "_abc_"))

@@ -135,7 +135,6 @@ OTHERS_OF_THE_MODEL = [
     (lambda: sj.processes(10**30), "`count` must be at most 4096"),
     (lambda: sj.sample_box({"speed": (1.0, 2.0)}, 10**400), "`count` must be at most"),
     (lambda: sj.sample_box({"speed": (1.0, 2.0)}, 4, log=3), "`log` must be a list"),
-    (lambda: flow.SpectrumLines("v_z", 10**400), "`frequencies` must be"),
     (lambda: flow.PowerMean(None), "`record` must be a record of one number"),
     (lambda: flow.PowerMean(flow.Strobe()), "`record` must be a record of one number"),
     (lambda: flow.OnePoint("peak_force"), "`record` must be a slipperjax.flow.Record"),

@@ -11,7 +11,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.records import RECORDS, SpectrumLines
+from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
@@ -21,9 +21,9 @@ from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark
 CASES, STEPS, PERIODS, ROUNDS = 256, 100, 20, 7
+
 NAMED = ["motion", "peak_force", "rms", "extremes", "sections"]
 OWN = [
-    SpectrumLines("v_z", (0.5, 1, 2)),
     RECORDS["drive_force"],
 ]
 ASKED = {

@@ -1,4 +1,4 @@
-"""Records inside programs: joined periods, extremes of curves, percentiles, lines of spectra, several at once."""
+"""Records inside programs: joined periods, extremes of curves, percentiles, several at once."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ import slipperjax as sj
 from slipperjax.flow.course import Course, Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import History, RecordedSpan, RecordSet, Sections, Strobe
-from slipperjax.flow.records import ALIASES, RECORDS, Record, SpectrumLines
+from slipperjax.flow.records import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
@@ -20,7 +20,7 @@ from slipperjax.model.quantities import COORDINATES, Quantity
 from slipperjax.sweeps.windows import PEAK_DISTANCE, PerWindow
 
 from ..common import STEPS, fine
-from .made_up import made_up_course, wave
+from .made_up import made_up_course
 
 PERIODS, EPOCH = 3, 5.0
 SPEEDS = (1000.0, 1250.0)
@@ -100,17 +100,6 @@ def test_loads_and_extremes_see_what_lies_between_the_steps(carried):
 
 def span(periods, steps, cases=1):
     return RecordedSpan(periods, steps, 0.0, np.zeros(cases, int))
-
-
-def test_lines_of_a_spectrum_are_those_of_a_sum_of_waves():
-    """Of 3 + 2 cos(2 pi t) - sin(4 pi t), periods counted from the start of the track."""
-    record = SpectrumLines("z", (0, 1, 2, 3))
-    curve = wave(-1.0, -3.0, 2), wave(2.0, 0.0, 1, np.pi / 2)
-    values = sum(a for a, _ in curve), sum(b for _, b in curve)
-    coordinates = tuple(np.repeat(a[:, None], 10, axis=1) for a in values)
-    real, imag = record.of(made_up_course(64, coordinates=coordinates))
-    np.testing.assert_allclose(real, [3, 2, 0, 0], atol=1e-5)  # measured 2e-6: the cubics'
-    np.testing.assert_allclose(imag, [0, 0, 1, 0], atol=1e-5)
 
 
 def test_crossings_beyond_the_capacity_are_counted_and_flagged():

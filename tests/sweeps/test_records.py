@@ -11,7 +11,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.datasets import load_call
 from slipperjax.flow.record import History, Sections, Strobe
-from slipperjax.flow.records import RECORDS, PowerMean, Record, SpectrumLines
+from slipperjax.flow.records import RECORDS, PowerMean, Record
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import Motions, attractors
@@ -22,7 +22,6 @@ from slipperjax.sweeps.run import make_plan
 from slipperjax.sweeps.sweep import lyapunov_sweep
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
-LINES = (0, 0.5, 1, 2)
 RECORD = [
     "loads",
     "rms",
@@ -30,8 +29,6 @@ RECORD = [
     "strobe",
     "motion",
     Sections(4),
-    SpectrumLines("v_z", LINES),
-    SpectrumLines("a_z", (1,)),
 ]
 # the first begins on its orbit, the last is lost at its first contact
 CASES = {"speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1e-3])}
@@ -227,7 +224,7 @@ def test_batches_of_other_sizes_differ_by_rounding_only():
 def test_long_records_in_several_calls_are_those_of_one():
     """100 periods are two calls of 50, and 97, which nothing divides, one."""
     grid = {"speed": [1250.0, 1500.0]}
-    record = ["extremes", "contact_fraction", Sections(3), Strobe(), SpectrumLines("z", (1, 0.25))]
+    record = ["extremes", "contact_fraction", Sections(3), Strobe()]
     long = swept(record, grid, periods=100, transient=10)
     exact = swept("history", grid, periods=100, transient=10, saves_per_period=STEPS)
     assert np.all(long["largest_z"].values >= exact["z"].max("time").values)
@@ -235,12 +232,6 @@ def test_long_records_in_several_calls_are_those_of_one():
     np.testing.assert_allclose(long["strobe"].values[..., 0], exact["y"].values[:, STEPS - 1 :: STEPS], rtol=1e-8)
     assert long["strobe_period"].values.tolist() == list(range(-99, 1))
     assert np.all(long["crossings_v_y"].values > 50)
-    # the phase counts from the start of the track, ten periods before the record; z is smooth
-    x, t = exact["z"].values, 10 + (np.arange(exact.sizes["time"]) + 1) / STEPS
-    line = 2 / x.shape[1] * np.sum(x * np.exp(-2j * np.pi * 0.25 * t), axis=1)
-    found = long["spectrum_z"].isel(frequency_z=1)
-    np.testing.assert_allclose(found.sel(part="real"), line.real, atol=2e-3 * np.ptp(x))
-    np.testing.assert_allclose(found.sel(part="imag"), line.imag, atol=2e-3 * np.ptp(x))
 
 
 @pytest.mark.slow
@@ -310,15 +301,10 @@ def drive(course):
         (bad(number(drive, "speed")), "`record` must not give `speed`, a name which the dataset has"),
         (bad(number(drive, "status")), "`record` must not give `status`"),
         (bad(History(33)), "`saves` must divide the 50 steps per period, but is 33"),
-        (bad(SpectrumLines("y", (1, 30))), "must be below half of the 50 steps per period, but is 30"),
         (bad(number(lambda c: (1.0, 1.0))), "the shape of `dims`, (), but gives float64[2]"),
         (bad(number(lambda c: 1j * c.drive_force.mean)), "`function` of `odd` must give real numbers"),
         (bad(number(lambda c: c.force.mean)), "of the shape of `dims`, (), but gives float64[2,10]"),
         (lambda: PowerMean(RECORDS["peak_force"], -1), "`order` must be positive"),
-        (lambda: SpectrumLines("x", (1,)), "`coordinate` must be one of y, z, roll"),
-        (lambda: SpectrumLines("z", (-1,)), "`frequencies` must be numbers of zero or more, each once, but is (-1,)"),
-        (lambda: SpectrumLines("z", float("nan")), "`frequencies` must be numbers"),
-        (lambda: SpectrumLines("z", True), "`frequencies` must be numbers"),
         (lambda: Sections(0), "`capacity` must be a whole number of 1 or more, but is 0"),
         (lambda: MotionKind(10), "`latest` must be a whole number of 16 or more, but is 10"),
         (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
