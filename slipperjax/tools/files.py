@@ -142,7 +142,8 @@ def said(done: Mapping[Path, bool]) -> str:
 
 def listed(names: list[str]) -> str:
     """Return names joined: "a, b and c"."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+    first = ", ".join(names[:-1])
+    return " and ".join([first, *names[-1:]] if first else names)
 
 
 def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
