@@ -7,6 +7,7 @@ import os
 import platform
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
-from ..tools.checks import brief, finite, known, number, require
+from ..tools.checks import finite, known, number, require
 from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
@@ -34,9 +35,6 @@ from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractRecord, History, HistoryValues
 from .status import MEANINGS
-
-SAME_VALUE = 1e-9
-"""Relative difference up to which a value asked for is one of a dataset's."""
 
 
 @functools.cache
@@ -145,7 +143,7 @@ def load_scene(source: Any, **chosen: Any) -> Scene:
         return file.scene
     ds = _labels_of(source)
     scene, _ = load_base(ds)
-    values = _varied(ds, chosen, of_start=False)
+    values = _case_of(ds, chosen, of_start=False)
     return scene.replace(**values) if values else scene
 
 
@@ -159,11 +157,11 @@ def load_start(source: Any, **chosen: Any) -> Motion | State | None:
         return file.start
     ds = _labels_of(source)
     _, start = load_base(ds)
-    values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
+    motion = start.motion if isinstance(start, State) else start
     # what was varied replaces the numbers of the start that all cases have in common
-    if isinstance(start, State):
-        return State(type(start.motion)(**(vars(start.motion) | values)), start.memory)
-    return type(start)(**(vars(start) | values))
+    for name, value in _case_of(ds, chosen, of_start=True).items():
+        motion = replace(motion, **{name.removeprefix("start_"): value})
+    return State(motion, start.memory) if isinstance(start, State) else motion
 
 
 def load_run(source: Any) -> dict[str, Any]:
@@ -173,21 +171,24 @@ def load_run(source: Any) -> dict[str, Any]:
     **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
     """
     file = _scene_file(source, {})
-    if file is None or file.run is None:
-        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {brief(source)}.")
-    return file.run
+    table = file and file.run
+    if not table:
+        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
+    return table
 
 
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
     """Return scene and start of which a result's cases are variations; raise `ValueError` as `load_scene`."""
     ds = _labels_of(source)
-    scene = scene_from_json(str(_attribute(ds, "scene")))
-    description = _described(ds, "start", dict)
+    _described(ds, "scene")
+    scene = scene_from_json(ds.attrs["scene"])
+    description = _described(ds, "start")
     # the description of a motion, or of a state with its memory
-    if "motion" not in description:
-        return scene, build(description, (Motion,), "start")
+    of_motion = description.get("motion", description)
+    motion = build(of_motion, (Motion,), "start")
+    if of_motion is description:
+        return scene, motion
     memory = description.get("memory")
-    motion = build(description["motion"], (Motion,), "start")
     return scene, State(motion, None if memory is None else finite("start.memory")(memory))
 
 
@@ -196,7 +197,7 @@ def load_call(source: Any) -> dict[str, Any]:
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
-    call = _described(_labels_of(source), "call", dict)
+    call = _described(_labels_of(source), "call")
     kinds = (
         diffrax.AbstractSolver,
         diffrax.AbstractStepSizeController,
@@ -214,14 +215,12 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
     """Return what a TOML file holds; None for another source."""
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
-    try:
-        text = content_of(user_path(source, "source")).decode()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
-    file = scene_from_toml(text, str(source))
-    if chosen:
-        raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
-    return file
+    content = content_of(user_path(source, "source"))
+    with readable(source, "UTF-8 text"):
+        text = content.decode()
+    for name in chosen:
+        raise ValueError(f"Argument `{name}` must not be given for a TOML file, which has one scene.")
+    return scene_from_toml(text, str(source))
 
 
 def dataset_of(source: Any) -> Any:
@@ -258,80 +257,56 @@ def _opened(source: Any) -> Iterator[Any]:
         yield source
         return
     path = user_path(source, "source")
-    if (path / "zarr.json").is_file():
+    if path.is_dir():
         with readable(path, "zarr store"):
             ds = xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
-        yield ds
-        return
-    require(not path.is_dir(), "source", "be a file or a store of slipperjax", shown=f"the folder {path}")
-    check_file(path)
-    try:
-        ds = xr.open_dataset(path, engine="h5netcdf")
-    except Exception as error:  # of damaged files of any class
-        need = "must be a TOML file or a netCDF file of slipperjax"
-        raise ValueError(f"{path}: {need}, but is neither: {' '.join(str(error).split())}") from None
+    else:
+        check_file(path)
+        with readable(path, "TOML file or netCDF file"):
+            ds = xr.open_dataset(path, engine="h5netcdf")
     with ds:
         yield ds
 
 
-def _described(ds: Any, name: str, kind: type) -> Any:
+def _described(ds: Any, name: str, kind: type = dict) -> Any:
     """Return what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
-    text = _attribute(ds, name)
+    text = ds.attrs.get(name)
+    lacks = f"a dataset with no attribute `{name}`"
+    require(text is not None, "source", "be a result of slipperjax", shown=lacks)
     found = None
     # attributes of other files may hold anything
-    with suppress(json.JSONDecodeError, RecursionError, TypeError):
+    with suppress(ValueError, RecursionError, TypeError):
         found = json.loads(text)
-    need = f"have JSON of {'names' if kind is list else 'values by name'} in its attribute `{name}`"
-    require(isinstance(found, kind), "source", need, text)
+    require(isinstance(found, kind), "source", f"have JSON in its attribute `{name}`", text)
     return found
-
-
-def _attribute(ds: Any, name: str) -> Any:
-    if name not in ds.attrs:
-        raise ValueError(
-            f"Argument `source` must be a result of slipperjax, but has no attribute `{name}`. Single variables and "
-            f"results of calculations have none."
-        )
-    return ds.attrs[name]
 
 
 def varied_names(ds: Any) -> list[str]:
     """Return names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
     names = _described(ds, "varied", list)
     for name in names:
-        if not isinstance(name, str) or name not in ds.coords:
-            raise ValueError(
-                f"Argument `source` must have the coordinate `{name}`, which was varied; without it the scene is "
-                f"unknown."
-            )
+        need = f"have the coordinate `{name}`, which was varied"
+        require(name in list(ds.coords), "source", need, shown="none")
     return names
 
 
-def _varied(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
-    """Return the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
-    it is of one case."""
-    # one case is chosen by values, one after the other
+def _case_of(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
+    """Return values of what was varied of the start, or of the scene, in the one case that is chosen."""
     names = varied_names(ds)
-    unknown = [name for name in chosen if name not in names]
-    if unknown:
-        raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
     cases = ds.coords.to_dataset()[names]
     for name, value in chosen.items():
-        values = np.asarray(cases[name].values, float)
-        value = float(number(finite, name, value, cases[name].attrs.get("units", "")))
-        hits = np.abs(values - value) <= SAME_VALUE * abs(value)
-        if not np.any(hits):
-            nearest = values.ravel()[np.argmin(np.abs(values.ravel() - value))]
-            raise ValueError(
-                f"Argument `{name}` must be one of the result's, but is {value:g}; nearest is {nearest:.10g}."
-            )
-        # of several names along one dimension, such as lists that were read side by side, the other ones, too
-        cases = cases.isel({dim: np.flatnonzero(hits) for dim in cases[name].dims})
-    columns = {name: cases[name].values.ravel() for name in names if name.startswith("start_") == of_start}
-    for name, values in columns.items():
-        if values.size != 1:
-            raise ValueError(
-                f"Argument `{name}` must be given, as the result has {values.size} values of it; or select a case, "
-                f"as by ds.isel({name}=0)."
-            )
-    return {name: float(values[0]) for name, values in columns.items()}
+        require(name in names, name, f"be one of what was varied, {', '.join(names) or 'nothing'}", value)
+        column = cases[name]
+        value = number(finite, name, value, column.attrs.get("units", ""))
+        hits = np.isclose(column, value, rtol=1e-9, atol=0.0)
+        require(np.any(hits), name, "be one of the result's", value)
+        # lists that were read side by side have one dimension
+        cases = cases.isel({dim: np.flatnonzero(hits) for dim in column.dims})
+    values = {}
+    for name in names:
+        if name.startswith("start_") == of_start:
+            count = cases[name].size
+            need = f"be given, as the result has {count} values of it; or select a case, as by ds.isel({name}=0)"
+            require(count == 1, name, need, shown="not")
+            values[name] = cases[name].item()
+    return values

@@ -18,7 +18,6 @@ from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.layout import StateLayout
-from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
@@ -89,22 +88,20 @@ def _probed(
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
         coarse = run(stepping, state, float(k))
         fine = run(stepping.finer(), state, float(k))
-        peak = _highest(coarse)
-        finer_peak = _highest(fine)
-        peak_error = abs(peak - finer_peak) / finer_peak if finer_peak > 0 else np.nan
-        rows.append((k, np.asarray(_difference(scene, coarse.state, fine.state)), peak_error))
+        error = _difference(scene, coarse.state, fine.state)
+        peaks = []
+        for passage in (coarse, fine):
+            ((_, loads),) = passage.samples
+            peaks.append(np.nan if loads is None else np.max(np.asarray(loads.peak_force)))
+        # without contact, or without loads, there is no peak
+        peak_error = abs(peaks[0] / peaks[1] - 1) if peaks[1] > 0 else np.nan
+        rows.append((k, float(error), peak_error))
     return Probe(*map(jnp.asarray, np.array(rows, float).T))
 
 
 @jit
 def _difference(scene: Scene, a: State, b: State) -> Array:
     return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
-
-
-def _highest(passage: Passage) -> float:
-    """Return the highest contact force [N], NaN without loads."""
-    ((_, loads),) = passage.samples
-    return np.nan if loads is None else np.max(np.asarray(loads.peak_force))
 
 
 SECONDS_PER_STEP = 8e-6
@@ -139,7 +136,8 @@ def period_map(
     controller = resolve_controller(stepsize_controller, solver)
     stepping = ConstantSteps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     epochs = (epoch,) if is_traced(origin) or origin else ()  # zero is a constant of the program
-    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state, *epochs)
+    mapped = PeriodMap(scene, stepping, solver, periods)
+    return call_compiled(_mapped, mapped, (), state, *epochs)
 
 
 def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> State:
@@ -167,15 +165,13 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
     wave = float(np.max(np.asarray(track.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     why = f"because the rail ends at {track.extent:g} m"
+    total = periods + after
     if track.end < np.inf:
-        require(periods <= most, "periods", f"be at most {most} here, transient included, {why}", periods)
-        need = f"run on for {most - periods} periods at most after the others, {why}"
-        require(periods + after <= most, "record", need, shown=f"one that runs on for {after}")
+        need = f"be at most {most} here, with those before and after the recorded ones, {why}"
+        require(total <= most, "periods", need, total)
     recorded = begin + transient * wave < track.extent
     require(recorded, "transient", f"be fewer than {most + 1} periods here, {why}", transient)
-    warn_beyond(track, "periods", begin + periods * wave)
-    if after:
-        warn_beyond(track, "record", begin + (periods + after) * wave)
+    warn_beyond(track, "periods", begin + total * wave)
 
 
 def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
@@ -251,22 +247,15 @@ class Trajectory(eqx.Module):
     """Errors of some periods, measured by half the step; None without `probe`."""
 
     def __repr__(self) -> str:
+        saves = f"Trajectory({jax.typeof(self.period)} of saves"
         # inside a transformation, and of a batch, there are no numbers to show
         if is_traced(self.state) or np.ndim(self.status):
-            return f"Trajectory(saves={shown_number(self.period)}, state={jax.typeof(self.state.motion.y)})"
+            return f"{saves})"
         status = Status(int(self.status))
-        values = []
-        for q in map(quantity, ("speed", "clearance", "length")):
-            value = q.of(self.scene)
-            if value is not None:
-                values.append(f"{q.name} {q.shown(float(value)):.5g} {q.display_unit}")
-        judged = self.loads is not None and status != Status.NOT_FINITE
-        peak = f",\n  {self.peak.text(self.scene)}" if judged else ""
-        return (
-            f"Trajectory({', '.join(values)},\n"
-            f"  {float(self.period[-1]):g} periods of {float(self.scene.period):.5g} s, {len(self.period)} saves, "
-            f"{shown_number(self.steps_per_period)} steps per period, status {int(status)}: {status}{peak})"
-        )
+        has_peak = self.loads is not None and status != Status.NOT_FINITE
+        peak = f", {self.peak.text(self.scene)}" if has_peak else ""
+        steps = shown_number(self.steps_per_period)
+        return f"{saves}, {steps} steps per period, status {int(status)}: {status}{peak})"
 
     @property
     def time(self) -> Float[Array, " saves"]:
@@ -522,12 +511,15 @@ def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Any, Motio
     from .datasets import load_base  # which is of trajectories
 
     marks = start.get("state")
-    need = "be a motion, a state, or one run of slipperjax"
-    require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
+    is_run = marks is not None and marks.ndim == 2
+    require(is_run, "start", "be a motion, a state, or one run of slipperjax", shown="another dataset")
     # a run keeps its state at the end of each stretch
     places = start["stretch"].values
-    at = len(places) - 1 if begin is None else int(np.argmin(np.abs(places - begin)))
+    begin = float(places[-1]) if begin is None else begin
+    hits = np.flatnonzero(np.isclose(places, begin, rtol=1e-9, atol=0.0))
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
-    require(begin is None or abs(places[at] - begin) <= 1e-9 * abs(begin), "begin", need, begin)
-    state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    require(len(hits), "begin", need, begin)
+    scene, _ = load_base(start)
+    at = hits[0]
+    state = StateLayout.of(scene).unpack(jnp.asarray(start["state"].values[at]))
     return float(places[at]), first_of(state)

@@ -446,7 +446,7 @@ LINES = [
     (["simulate", "--restitution", "90"], "`restitution` must be above 0 and at most 1, but is 90"),
     (["simulate", "--wavelength", "8", "--wavelength", "nan"], "`wavelengths` must be positive, but is nan"),
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),
-    (["simulate", "--scene", "/proc"], "must be a file or a store of slipperjax, but is the folder /proc"),
+    (["simulate", "--scene", "/proc"], "/proc is no zarr store"),
     (["simulate", "--out", "."], "--out must name files, as ./result does, but is the folder '.'"),
     (["simulate", "--out", ".."], "--out must name files, as ./result does, but is the folder '..'"),
     (["simulate", "--out", "/"], "--out must name files, as ./result does, but is the folder '/'"),

@@ -197,13 +197,11 @@ def test_records_that_run_on_beyond_the_rail_say_so():
     record = ["strobe", LyapunovExponents(periods=20, certify=False)]
     sweep = functools.partial(sj.sweep, grid={"mass": [14.0]}, record=record, transient=0, periods=3)
     with pytest.raises(
-        sj.ImplausibleWarning, match="`record` leads to 130117 m, but the rail is known up to 129837 m"
+        sj.ImplausibleWarning, match="`periods` leads to 130117 m, but the rail is known up to 129837 m"
     ):
         sweep(FAR)
     ended = dataclasses.replace(FAR, track=section(FIRST, ends="error"))
-    with pytest.raises(
-        ValueError, match=r"`record` must run on for 5 periods at most .* but is one that runs on for 40"
-    ):
+    with pytest.raises(ValueError, match=r"`periods` must be at most 8 here, .* but is 43"):
         sweep(ended)
 
 

@@ -60,9 +60,9 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
         (lambda: sj.load_scene(ds["strobe"] * 2), "no attribute `scene`"),
         (lambda: sj.load_scene(lost), "must have the coordinate `speed`"),
         (lambda: sj.load_scene(3), "must be a TOML or netCDF file"),
-        (lambda: sj.load_scene(__file__), "must be a TOML file or a netCDF file"),
+        (lambda: sj.load_scene(__file__), "no TOML file or netCDF file"),
     ):
-        with pytest.raises(ValueError, match=r"must|no attribute") as caught:
+        with pytest.raises(ValueError, match=r"must|no ") as caught:
             wrong()
         assert words in str(caught.value), str(caught.value)
 
