@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from ..model.parameters import PARAMETERS, parameter
+from ..tools.checks import require
 from .files import Outputs, keeping
 from .interrupts import on_thread
 from .options import (
@@ -42,7 +43,8 @@ OBJECTIVE_UNITS = {
     "exponent": "1/period",
 }
 """Objectives with their display units, for help texts, which do not wait for imports."""
-OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
+OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
+SPEED = Measure(PARAMETERS["speed"])
 
 
 @app.command()
@@ -92,8 +94,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
 
     variables: dict[str, tuple[float, float]] = {}
     for name, low, high in vary:
-        if name in variables:
-            raise ValueError(f"Option --vary must name each parameter once, but has {name!r} more often.")
+        require(name not in variables, "--vary", "name each parameter once", name)
         variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
     options |= dict(
         over=None if speeds is None else {"speed": _speeds(*speeds, variables=variables)},
@@ -174,10 +175,8 @@ def _limits(constraint: tuple[tuple[str, float, float], ...]) -> dict[Any, tuple
     limits = {}
     for name, *ends in constraint:
         objective = OBJECTIVES[name]
-        if objective in limits:
-            raise ValueError(f"Option --constraint must name each objective once, but has {name} more often.")
-        low, high = map(objective.quantity.from_shown, ends)
-        limits[objective] = low, high
+        require(objective not in limits, "--constraint", "name each objective once", name)
+        limits[objective] = tuple(map(objective.quantity.from_shown, ends))
     return limits
 
 
@@ -185,31 +184,36 @@ def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
     """The speeds of --speeds."""
     import numpy as np
 
-    if given("speed") or "speed" in variables:
-        raise ValueError("Option --speeds must not be given with --speed or --vary speed.")
-    if not 0 < low <= high < np.inf or (count > 1) != (low < high):
-        raise ValueError(
-            f"Option --speeds must be the lowest and the highest speed, above zero, and their number, but is {low:g} "
-            f"to {high:g} m/s and {count}."
-        )
+    alone = not given("speed") and "speed" not in variables
+    require(alone, "--speeds", "not be given with --speed or --vary speed", shown="given")
+    good = 0 < low <= high < np.inf and (count > 1) == (low < high)
+    need = "be the lowest and the highest speed, above zero, and their number"
+    require(good, "--speeds", need, shown=f"{low:g} to {high:g} m/s and {count}")
     return np.linspace(low, high, count)
 
 
 def report(best: Any) -> str:
     """A design in words: what was found, how sure, and a line for each case."""
+    import pandas as pd
+
     from ..plots.style import shown
 
-    q, cases = best.problem.objective.quantity, best.cases
+    q = best.problem.objective.quantity
+    cases = best.cases
     lines = [repr(best)]
     if best.stderr > 0:
         lines.append(f"standard error {q.shown(best.stderr):.2g} {q.display_unit}")
     if best.several:
         lines.append("starts ended at different designs that are about equally good: see start_end in the file")
-    unit = lambda name: PARAMETERS[name].display_unit
-    columns = [[f"{name} [{unit(name)}]", *(f"{v:.6g}" for v in shown(cases, name))] for name in best.problem.over]
-    values, errors = (q.shown(cases[name].values) for name in ("objective", "objective_stderr"))
-    texts = [f"{v:.5g}" + (f" +- {e:.2g}" if e > 0 else "") for v, e in zip(values, errors, strict=True)]
-    columns += [[f"{q.name} [{q.display_unit}]", *texts], ["regime", *cases["regime"].values]]
-    padded = [[text.ljust(max(map(len, column))) for text in column] for column in columns]
-    lines += ["  ".join(row).rstrip() for row in zip(*padded, strict=True)]
+    table = {}
+    for name in best.problem.over:
+        values = shown(cases, name)
+        table[f"{name} [{PARAMETERS[name].display_unit}]"] = [f"{v:.6g}" for v in values]
+    errors = q.shown(cases["objective_stderr"].values)
+    texts = []
+    for value, error in zip(q.shown(cases["objective"].values), errors, strict=True):
+        texts.append(f"{value:.5g}" + (f" +- {error:.2g}" if error > 0 else ""))
+    table[f"{q.name} [{q.display_unit}]"] = texts
+    table["regime"] = cases["regime"].values
+    lines.append(pd.DataFrame(table).to_string(index=False))
     return "\n".join(lines)

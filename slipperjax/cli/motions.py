@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from ..tools.checks import require
 from .files import Outputs, keeping, step_error
 from .interrupts import on_thread
 from .options import (
@@ -53,22 +54,17 @@ def simulate(
     case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Path
 ) -> int:
     """Simulate one case and write its trajectory."""
-    from ..flow.simulate import default_steps, step_plan
     from ..flow.simulate import simulate as run
     from ..flow.status import Status
 
-    scene, files = case.scene, Outputs(out, ".nc", ".png")
-    # here, too, so that an error is the only line
-    step_plan(lambda: default_steps(scene, None), case.steps_per_period, saves_per_period)
-    print(
-        f"simulating {periods} period{'s' * (periods != 1)} of {float(scene.period) * 1e3:.4g} ms ...",
-        file=sys.stderr,
-    )
+    scene = case.scene
+    files = Outputs(out, ".nc", ".png")
     options = dict(saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
     print(files.write(ds, _overview))
-    status, parts = Status(int(trajectory.status)), [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
+    status = Status(int(trajectory.status))
+    parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
@@ -208,12 +204,10 @@ def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: i
     from ..orbits.periodic import periodic_orbit
 
     quantity, (low, high) = make_bounds("--over", case.scene, *over)
-    value, unit = float(case.scene.value(quantity.name)), quantity.display_unit
-    if not low <= value <= high:
-        raise ValueError(
-            f"Option --over must hold the case's {quantity.name}, {quantity.shown(value):g} {unit}, but is "
-            f"{quantity.shown(low):g} to {quantity.shown(high):g} {unit}."
-        )
+    value = float(case.scene.value(quantity.name))
+    text = lambda number: f"{quantity.shown(number):g} {quantity.display_unit}"
+    need = f"hold the case's {quantity.name}, {text(value)}"
+    require(low <= value <= high, "--over", need, shown=f"{text(low)} to {text(high)}")
 
     def call() -> Any:
         # the first orbit has the steps of the branch, and shares its programs
@@ -238,9 +232,9 @@ def _further(source: Path, over: tuple[str, Any, Any] | None, options: dict[str,
     except ValueError as error:
         raise ValueError(f"Option --from must name a file of slipperjax continue, but {source}: {error}") from error
     quantity = before.parameter
-    if over is not None and over[0] != quantity.name:
-        raise ValueError(
-            f"Option --over must begin with {quantity.name}, as in the file of --from, but is {over[0]!r}."
-        )
-    ends = None if over is None else make_bounds("--over", before.scene, *over)[1]
+    ends = None
+    if over is not None:
+        need = f"begin with {quantity.name}, as in the file of --from"
+        require(over[0] == quantity.name, "--over", need, over[0])
+        _, ends = make_bounds("--over", before.scene, *over)
     return quantity, partial(before.extended, ends, **options)

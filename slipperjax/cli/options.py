@@ -14,6 +14,7 @@ import click
 
 from ..model.dang2024 import paper_scene
 from ..model.parameters import PARAMETERS, STARTS, parameter
+from ..model.quantities import Quantity
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
@@ -93,57 +94,41 @@ class Whole(click.IntRange):
     name = "integer"
 
 
-COUNT, FROM_ZERO = Whole(1), Whole(0)
+COUNT = Whole(1)
+FROM_ZERO = Whole(0)
 
 
 class Measure(click.ParamType):
-    """A number in a display unit, or a text with any unit of that kind, such as "1/16 in"."""
+    """A number in a display unit, or a text with any unit of that kind, such as "1/16 in".
+
+    Without a quantity texts are left as they are: `shown_value` reads them as values of the parameter beside them.
+    """
 
     name = "float"
 
-    def __init__(self, name: str, unit: str, per_shown: float = 1.0):
-        self.parameter_name, self.unit, self.per_shown = name, unit, per_shown
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        try:
-            return float(value)
-        except ValueError:
-            from ..tools.units import parsed
-
-        try:
-            return parsed(self.parameter_name, value, self.unit) / self.per_shown
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
-
-
-class NumberOrText(click.ParamType):
-    """A number, or a text that gets its meaning from the parameter beside it, see `shown_value`."""
-
-    name = "float"
+    def __init__(self, quantity: Quantity | None = None):
+        self.quantity = quantity
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
         try:
             return float(value)
         except ValueError:
-            return value
+            return value if self.quantity is None else shown_value(self.quantity, value)
 
 
-VALUE = NumberOrText()
+VALUE = Measure()
 
 
-def shown_value(option: str, quantity: Any, value: float | str) -> float:
-    """A value of an option that begins with a parameter, in its display unit.
+def shown_value(quantity: Quantity, value: float | str) -> float:
+    """Return a value of an option in its display unit.
 
-    **Raises:** `ValueError` that names the option, for a text without a unit of the parameter's kind.
+    **Raises:** `ValueError` for a text without a unit of the quantity's kind.
     """
     if not isinstance(value, str):
         return value
     from ..tools.units import parsed
 
-    try:
-        return quantity.shown(parsed(quantity.name, value, quantity.unit))
-    except ValueError as error:
-        raise ValueError(f"Option {option}: {error}") from None
+    return quantity.shown(parsed(quantity.name, value, quantity.unit))
 
 
 def parameters_of(names: dict[str, Any]) -> str:
@@ -181,12 +166,12 @@ def _of_case(name: str) -> Callable[..., Any]:
     if name in _PAPER:
         shown = f"{q.shown(_PAPER[name].default):g}, or the scene file's"
     text = f"{q.long_name[0].upper()}{q.long_name[1:]} [{q.display_unit}]."
-    return option(f"--{name.replace('_', '-')}", Measure(name, q.unit, q.per_shown), text, show_default=shown)
+    return option(f"--{name.replace('_', '-')}", Measure(q), text, show_default=shown)
 
 
 begin = option(
     "--begin",
-    Measure("begin", "m"),
+    Measure(Quantity("begin", "m", "place of the rail")),
     "Place of the rail where it begins [m]; default where the rail does.",
     show_default=False,
     callback=lambda ctx, _, value: None if value is None else number(finite, "begin", value, "m"),
@@ -197,7 +182,7 @@ CASE: dict[str, Callable[..., Any]] = {
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
     "wavelength": option(
         "--wavelength",
-        Measure("wavelength", "m"),
+        Measure(Quantity("wavelength", "m", "irregularity wavelength")),
         "Irregularity wavelength [m]; repeat for several.",
         multiple=True,
         default=None,
@@ -255,10 +240,12 @@ def case_text(scene: Any, varied: Iterable[str], start: str) -> str:
     """Speed, clearance and length of a scene, without what is varied, and the start in words."""
     from ..flow.datasets import scene_attributes
 
-    known, words = scene_attributes(scene, list(varied)), []
+    known = scene_attributes(scene, list(varied))
+    words = []
     for name in ("speed", "clearance", "length"):
         q = PARAMETERS[name]
-        if (value := known.get(f"{name} [{q.unit}]")) is not None:
+        value = known.get(f"{name} [{q.unit}]")
+        if value is not None:
             words.append(f"{name} {q.shown(value):g} {q.display_unit}")
     return ", ".join([*words, start])
 
@@ -294,7 +281,8 @@ def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int |
     from ..flow.datasets import load_scene, load_start
     from ..solvers.named import resolve_solver
 
-    base, start = (paper_scene(), None) if scene is None else (load_scene(scene), load_start(scene))
+    base = paper_scene() if scene is None else load_scene(scene)
+    start = None if scene is None else load_start(scene)
     made = make_scene(base, **values)
     return Case(made, start, resolve_solver(made, solver), steps_per_period)
 
@@ -325,9 +313,11 @@ def make_scene(
     if rail is not None:
         scene = dataclasses.replace(scene, track=load_rail(rail))
     if wavelength:
-        if not isinstance(scene.track, HarmonicTrack):
-            raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")
-        scene = dataclasses.replace(scene, track=dataclasses.replace(scene.track, wavelengths=tuple(wavelength)))
+        track = scene.track
+        if not isinstance(track, HarmonicTrack):
+            raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {track!r}.")
+        track = dataclasses.replace(track, wavelengths=tuple(wavelength))
+        scene = dataclasses.replace(scene, track=track)
     numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -341,21 +331,6 @@ def make_scene(
     return scene.replace(**numbers)
 
 
-def parameter_of(option: str, scene: Any, name: str, names: dict[str, Any] = PARAMETERS) -> Any:
-    """The parameter with which an option begins: one of `names`, or that at a path.
-
-    **Raises:** `ValueError` that names the option.
-    """
-    if name in names:
-        return names[name]
-    if "." not in name:
-        raise ValueError(
-            f"Option {option} must begin with one of {', '.join(names)}, or a path such as section.play.2, but is "
-            f"{name!r}."
-        )
-    return parameter(name, scene)
-
-
 def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tuple[Any, tuple[float, float]]:
     """A parameter, and bounds of its values [SI unit].
 
@@ -363,12 +338,12 @@ def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tupl
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
-    quantity = parameter_of(option, scene, name)
-    low, high = (shown_value(option, quantity, end) for end in (low, high))
-    first, last = (float(quantity.check(quantity.from_shown(end))) for end in (low, high))
-    if not low < high:
-        raise ValueError(
-            f"Option {option} must have two bounds, the smaller first, but has {low:g} to {high:g} "
-            f"{quantity.display_unit}."
-        )
-    return quantity, (first, last)
+    import numpy as np
+
+    quantity = parameter(name, scene)
+    low = shown_value(quantity, low)
+    high = shown_value(quantity, high)
+    bounds = quantity.check(quantity.from_shown(np.array([low, high])))
+    shown = f"{low:g} to {high:g} {quantity.display_unit}"
+    require(low < high, option, "have two bounds, the smaller first", shown=shown)
+    return quantity, tuple(bounds.tolist())

@@ -30,19 +30,16 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
     matplotlib.use("Agg")
     runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
     make_folder(out, out)
-    answers, seconds, partial = {}, {}, ()
+    answers = {}
+    seconds = {}
+    partial = ()
     # what is finished is written at once; the report gets its name when all of it is
     for done in runs:
-        try:
-            names = [str(path) for path in write_figures(done, out)]
-        finally:  # where the disk is full, the report may still find room
-            answers |= done.answers
-            seconds[done.name] = done.seconds
-            partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
-        if done.figures:
-            print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
-        else:
-            print(f"{done.name}: interrupted after {done.seconds:.1f} s; wrote {listed(names)}", flush=True)
+        write_figures(done, out)
+        answers |= done.answers
+        seconds[done.name] = done.seconds
+        partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
+        print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
     table = readings(progress=True) if not figures and not quick else []
     report, _ = write_report(out, answers, seconds, table)
     _delete(partial)
@@ -72,7 +69,8 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
 
     matplotlib.use("Agg")
     Outputs(out, ".md", ".png")
-    points, partial = [], ()
+    points = []
+    partial = ()
     # written after each scene; the files get their names when all scenes are done
     for found in run(quick=quick, repeats=repeats, cases=scene, methods=method, batches=batch):
         points += found

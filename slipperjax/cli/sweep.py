@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from ..analysis.attractor import MIN_TEST
-from ..model.parameters import PARAMETERS, STARTS
+from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..tools.cache import compile_cache
 from ..tools.checks import require
 from .files import Outputs, keeping, make_folder
@@ -28,7 +28,6 @@ from .options import (
     flag,
     option,
     out,
-    parameter_of,
     parameters_of,
     result,
     shown_value,
@@ -183,9 +182,9 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     grid = {}
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
-        quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
-        low = shown_value(option, quantity, first)
-        high = shown_value(option, quantity, last)
+        quantity = STARTS.get(name) or parameter(name, scene)
+        low = shown_value(quantity, first)
+        high = shown_value(quantity, last)
         require(name not in grid, "--by", "name another parameter than --over", name)
         need = f"have values above zero where --log names {name}"
         require(name not in log or min(low, high) > 0, option, need, shown=f"{min(low, high):g}")

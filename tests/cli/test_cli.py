@@ -58,7 +58,7 @@ def test_axes_are_read_in_display_units():
 
 def test_options_take_any_unit():
     for text, shown in (("1.5", 1.5), ("1.5 mm", 1.5), ("1500um", 1.5), ("1/16 in", 1.5875), ("5/127 ft", 12.0)):
-        assert Measure("clearance", "m", 1e-3).convert(text, None, None) == pytest.approx(shown, rel=1e-12)
+        assert Measure(PARAMETERS["clearance"]).convert(text, None, None) == pytest.approx(shown, rel=1e-12)
 
 
 def test_options_in_display_units_make_the_scene():
@@ -91,7 +91,7 @@ def test_solvers_are_found_by_name():
 def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     simulate = replaced("flow.simulate.simulate", side_effect=ValueError("seen"))
     out, error = call(["simulate", "--out", tmp_path / "run"], capsys, 2)
-    assert (out, error) == ("", "simulating 60 periods of 6.4 ms ...\nerror: seen\n")
+    assert (out, error) == ("", "error: seen\n")
     (scene, periods), options = simulate.call_args
     assert equal(scene, SCENE)
     assert periods == 60
@@ -142,7 +142,7 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     peak = ds["peak_force"].values
     end, point = np.argwhere(peak == peak.max())[0]
     name, when = f"{'ABCDEFGHIJ'[point]}{end + 1}", float(ds["peak_period"].values[end, point])
-    assert error == "simulating 3 periods of 8 ms ...\n"
+    assert error == ""
     case = "speed 1000 m/s, clearance 1 mm, length 0.2 m, from the scene file's start"
     assert text.startswith(f"wrote {out}.nc and {out}.png\n{case}; 50 steps per period; highest contact force ")
     assert f" {peak.max():.0f} N at {name}, period {when:.3f}; half the step changes a period by " in text

@@ -46,17 +46,17 @@ def test_wrong_input_is_one_line(tmp_path, capsys):
         ([*PEAK, "clearance", 3, 3], "but has 3 to 3 mm"),
         ([*PEAK, "clearance", -1, 3], "`clearance` must be zero or positive, but is -0.001 m"),
         ([*PEAK, "speed", "nan", 3], "`speed` must be positive, but is nan"),
-        ([*PEAK, "length", "long", 3], "--vary: `length` must be a number with a unit"),
+        ([*PEAK, "length", "long", 3], "`length` must be a number with a unit"),
         (PEAK, "Option '--vary' requires 3 arguments"),
         ([*PEAK, "gravity", 1, 10], "the scene has no gravitational acceleration"),
-        ([*PEAK, "foo", 1, 2], "Option --vary must begin with one of speed, "),
+        ([*PEAK, "foo", 1, 2], "`foo` is no parameter; the names are speed, "),
         ([*PEAK, "section.foo", 1, 2], "`section.foo` leads to no number"),
     ):
         # without --out in between, whose value would be read as a bound
         assert words in error_of(["design", "--out", tmp_path / "run", *arguments], capsys)
     three = ["--speeds", 1000, 1600, 3]
     for arguments, words in (
-        (["--vary", "length", 1, 2], "Option --vary must name each parameter once, but has 'length'"),
+        (["--vary", "length", 1, 2], "Option --vary must name each parameter once, but is 'length'"),
         (["--vary", "slipper.length", 0.1, 0.2], "`length` must not be given with `slipper.length`"),
         (["--speeds", 1000, 1600], "--speeds"),
         (["--speeds", 1600, 1000, 3], "but is 1600 to 1000 m/s and 3"),

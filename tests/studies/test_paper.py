@@ -101,20 +101,6 @@ def test_the_end_of_a_search_is_told_apart(jump, text):
     assert jump_text(jump).startswith(text)
 
 
-def test_an_interrupted_run_gives_what_it_has(monkeypatch):
-    part = xr.Dataset({"status": ("case", [0, 7])})
-
-    def interrupted(*arguments):
-        raise runs.Interrupted(part, 1, 2)
-
-    monkeypatch.setitem(runs.RUNS, "dual frequency", (("13",), interrupted))
-    found = reproduce(["13"])
-    done = next(found)
-    assert (done.figures, done.data, done.answers) == ((), {"interrupted": part}, {})
-    with pytest.raises(KeyboardInterrupt):
-        next(found)
-
-
 def test_readings_answer_the_claims_that_differ(monkeypatch):
     asked = []
 

@@ -25,8 +25,8 @@ from .runs import Finished
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
-def write_figures(done: Finished, out: Path) -> list[Path]:
-    """Draw a run's figures; write them, its data and the events of its branches into a folder; return the paths."""
+def write_figures(done: Finished, out: Path) -> None:
+    """Draw a run's figures; write them, its data and the events of its branches into a folder."""
     contents: dict[Path, Any] = {}
     for name, ds in done.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
@@ -35,7 +35,7 @@ def write_figures(done: Finished, out: Path) -> list[Path]:
             contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
     for figure in done.figures:
         contents[out / f"fig{figure}.png"] = functools.partial(_picture, figure, done.data)
-    return list(write_each(contents))
+    write_each(contents)
 
 
 def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...flow.status import Interrupted, Status
+from ...flow.status import Status
 from ...model.dang2024 import paper_scene
 from ...model.scene import Scene
 from ...sweeps.follow import Jump, find_jump
@@ -246,15 +246,13 @@ def reproduce(
     **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
     periods before anything is recorded, for trying whether a verdict depends on it; `progress`: bars.
 
-    After Ctrl-C the datasets that the stopped run had finished are yielded without figures and answers, together with
-    "interrupted", the finished cases of the sweep that was stopped. Then the interrupt is raised again.
-
     **Raises:** `ValueError` for a figure that is not one of them, before anything runs.
     """
     effort = (QUICK if quick else Effort())._replace(progress=progress)
     if transient is not None:
         effort = effort._replace(transient=whole("transient", transient, 20))
-    return _finished_runs({one_of("figures", str(figure), FIGURES) for figure in figures}, effort)
+    wanted = {one_of("figures", str(figure), FIGURES) for figure in figures}
+    return _finished_runs(wanted, effort)
 
 
 def _finished_runs(wanted: set[str], effort: Effort) -> Iterator[Finished]:
@@ -265,13 +263,5 @@ def _finished_runs(wanted: set[str], effort: Effort) -> Iterator[Finished]:
             continue
         data: Data = {}
         begun = time.perf_counter()
-        try:
-            found = run(effort, wanted, data)
-        # what is finished is given before the interrupt goes on
-        except KeyboardInterrupt as end:
-            if isinstance(end, Interrupted) and isinstance(end.result, xr.Dataset):
-                data["interrupted"] = end.result
-            if data:
-                yield Finished(name, (), data, {}, time.perf_counter() - begun)
-            raise
+        found = run(effort, wanted, data)
         yield Finished(name, figures, data, found, time.perf_counter() - begun)
