@@ -2,7 +2,6 @@
 
 import os
 import secrets
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,10 +56,6 @@ def readable(path: Any, kind: str) -> Iterator[None]:
         raise ValueError(f"{path} is no {kind} that can be read: {text}") from None
 
 
-class NotWritten(OSError):
-    """Error where files could not be written; the message names them, the reasons, and the files written."""
-
-
 def write_whole(path: Path, content: Content) -> bool:
     """Write a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
 
@@ -94,14 +89,11 @@ def write_whole(path: Path, content: Content) -> bool:
 def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, bool]:
     """Write several files whole, each whether or not the others can be written.
 
-    A file that cannot be written goes to the folder for temporary files instead, so that long computations are not
-    lost with it.
-
     **Arguments:** `contents`: by path, functions that make the content.
 
     **Returns:** by path, whether a file was replaced.
 
-    **Raises:** `NotWritten` where a file could not be written to its place, after all others were written.
+    **Raises:** `OSError` that names the files which could not be written, after all others were written.
     """
     done: dict[Path, bool] = {}
     failures = []
@@ -110,24 +102,10 @@ def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, boo
         try:
             done[path] = write_whole(path, content)
         except OSError as error:
-            reason = error.strerror or str(error)
-            failures.append(f"cannot write {path}: {reason} ({_kept_elsewhere(path, content)})")
+            failures.append(f"cannot write {path}: {error.strerror or error}")
     if failures:
-        raise NotWritten("; ".join(failures + ([said(done)] if done else [])))
+        raise OSError("; ".join(filter(None, [*failures, said(done)])))
     return done
-
-
-def _kept_elsewhere(path: Path, content: Content) -> str:
-    """Write a file to the folder for temporary files; return where, or that it is lost."""
-    folder = None
-    try:
-        folder = Path(tempfile.mkdtemp(prefix="slipperjax_"))  # which nobody else can write to
-        write_whole(folder / path.name, content)
-    except OSError:
-        if folder is not None:
-            folder.rmdir()
-        return "and nowhere else: it is lost"
-    return f"it is kept as {folder / path.name}"
 
 
 def said(done: Mapping[Path, bool]) -> str:
