@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..flow.status import Interrupted
-from ..tools.files import listed, said, write_each
+from ..tools.files import listed, write_each
 
 Draw = Callable[[Any], Any]
 """Makes a picture of a dataset."""
@@ -75,7 +75,7 @@ class Outputs:
             contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
         if draw is not None:
             contents[Path(f"{picture or out}.png")] = lambda: _picture(ds, draw)
-        return said(write_each(contents))
+        return write_each(contents)
 
 
 @contextmanager

@@ -30,33 +30,17 @@ class Signals:
                 # what the caller ignores, as nohup does, stays ignored
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     self._before[number] = signal.signal(number, self._interrupt)
-            self._hook, sys.unraisablehook = sys.unraisablehook, self._unraisable
         return self
 
     def __exit__(self, *_: Any) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
-        if self._before:
-            sys.unraisablehook = self._hook
         ASKED.clear()
 
     def _interrupt(self, number: int, frame: Any) -> None:
         self.code = 128 + number
         ASKED.set()  # in case the exception is lost
         raise KeyboardInterrupt
-
-    def _unraisable(self, event: Any) -> None:
-        """An interrupt that fell into a callback, from which nothing can be raised, is delivered once more.
-
-        JAX has such a callback in the garbage collector.
-        """
-        if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
-            # from another thread and later, for here nothing can be raised either
-            again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
-            again.daemon = True
-            again.start()
-        else:
-            self._hook(event)
 
 
 def ignore_signals() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from ..tools.files import listed, said, write_each
+from ..tools.files import listed, write_each
 from .files import PARTIAL, Outputs, make_folder
 from .options import COUNT, app, flag, option, out
 
@@ -102,4 +102,4 @@ def throughput(batch: Any, engine: Any, out: Path) -> None:
         rates.append(rate)
         print(rows([rate])[-1], flush=True)
     table = "\n".join(rows(rates)) + "\n"
-    print(said(write_each({Path(f"{out}.md"): table.encode})))
+    print(write_each({Path(f"{out}.md"): table.encode}))

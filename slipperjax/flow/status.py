@@ -241,12 +241,7 @@ class Interrupted(KeyboardInterrupt):
 
     def __str__(self) -> str:
         total = "" if self.of is None else f" of {self.of}"
-        if self.result is None:
-            return f"interrupted before any{total or ' of the'} {self.unit} was finished"
-        return (
-            f"{self.finished}{total} {self.unit} were finished, see the attribute `result` of this exception "
-            "(in an interactive session: sys.last_value.result)"
-        )
+        return f"{self.finished}{total} {self.unit} were finished, see the attribute `result` of this exception"
 
 
 def blank(result, lanes: int):

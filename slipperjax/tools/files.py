@@ -56,13 +56,11 @@ def readable(path: Any, kind: str) -> Iterator[None]:
         raise ValueError(f"{path} is no {kind} that can be read: {text}") from None
 
 
-def write_whole(path: Path, content: Content) -> bool:
+def write_whole(path: Path, content: Content) -> None:
     """Write a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
 
     So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
     have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.RANDOM.part`.
-
-    **Returns:** whether a file was replaced.
 
     **Raises:** `OSError` where that is impossible; then nothing is left behind.
     """
@@ -83,39 +81,30 @@ def write_whole(path: Path, content: Content) -> bool:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
-    return exists
 
 
-def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, bool]:
+def write_each(contents: Mapping[Path, Callable[[], Content]]) -> str:
     """Write several files whole, each whether or not the others can be written.
 
     **Arguments:** `contents`: by path, functions that make the content.
 
-    **Returns:** by path, whether a file was replaced.
+    **Returns:** what was written, in words: "wrote a.nc and b.png".
 
     **Raises:** `OSError` that names the files which could not be written, after all others were written.
     """
-    done: dict[Path, bool] = {}
+    done = []
     failures = []
     for path, make in contents.items():
         content = make()
         try:
-            done[path] = write_whole(path, content)
+            write_whole(path, content)
+            done.append(str(path))
         except OSError as error:
             failures.append(f"cannot write {path}: {error.strerror or error}")
+    said = [f"wrote {listed(done)}"] if done else []
     if failures:
-        raise OSError("; ".join(filter(None, [*failures, said(done)])))
-    return done
-
-
-def said(done: Mapping[Path, bool]) -> str:
-    """Return the result of `write_each` in words: "wrote a.nc and replaced b.png"."""
-    parts = []
-    for verb, replaced in (("wrote", False), ("replaced", True)):
-        paths = [str(path) for path, was_there in done.items() if was_there == replaced]
-        if paths:
-            parts.append(f"{verb} {listed(paths)}")
-    return " and ".join(parts)
+        raise OSError("; ".join(failures + said))
+    return "".join(said)
 
 
 def listed(names: list[str]) -> str:

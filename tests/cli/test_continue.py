@@ -121,7 +121,7 @@ def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, re
     ((_, event), asked) = switched.call_args
     assert (event.label, asked["points"]) == ("PD", 3)
     assert f"wrote {out}.nc and {out}.png\nPD1 at 1095.9" in text
-    assert text.endswith(f"wrote {out}_PD1.nc and replaced {out}.png\n")
+    assert text.endswith(f"wrote {out}_PD1.nc and {out}.png\n")
     assert names(tmp_path) == ["brute.nc", "run.nc", "run.png", "run_PD1.nc"]
     assert sj.load_branch(f"{out}_PD1.nc").period == 2
     assert [one[:2] for one in drawn] == [(1, "v_y"), (2, "v_y")]
