@@ -11,7 +11,10 @@ from .sweep import axis, make_grid
 
 
 @app.command()
-@axis("--over", "Parameter from left to right of a map that is computed: first and last value, and how many.")
+@axis(
+    "--over",
+    "Parameter from left to right of a map that is computed: first and last value, and how many.",
+)
 @axis("--by", "Parameter upwards, likewise; without it a bifurcation diagram is computed.")
 @option("--port", FROM_ZERO, "Port of the loopback address; 0 for one that is free.", default=0)
 @flag("--no-browser", "Print the address, and open no browser.")

@@ -76,7 +76,10 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
         points += found
         for point in found:
             times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
-            print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
+            print(
+                f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}",
+                flush=True,
+            )
         partial = write(points, out.with_name(out.name + PARTIAL))
         print(f"wrote {listed([str(path) for path in partial])}", flush=True)
     print(f"wrote {listed([str(path) for path in write(points, out)])}")
@@ -84,7 +87,12 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
 
 
 @app.command()
-@option("--batch", COUNT, "Trajectories at once; repeat for several; default 100 to 1000000.", multiple=True)
+@option(
+    "--batch",
+    COUNT,
+    "Trajectories at once; repeat for several; default 100 to 1000000.",
+    multiple=True,
+)
 @option("--engine", str, "RK4, Rodas4 or Lyapunov; repeat for several; default all.", multiple=True)
 @out("throughput", "Makes OUT.md.", ".md")
 def throughput(batch: Any, engine: Any, out: Path) -> None:

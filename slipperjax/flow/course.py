@@ -315,7 +315,12 @@ class Curve:
 
     @functools.cached_property
     def _falling(self) -> "Curve":
-        return Curve(-self.values, -self.slopes, self._course, None if self._level is None else -self._level)
+        return Curve(
+            -self.values,
+            -self.slopes,
+            self._course,
+            None if self._level is None else -self._level,
+        )
 
     @functools.cached_property
     def _tops(self) -> Array:
@@ -339,7 +344,14 @@ class Course:
     over steps have a capacity for more steps than are `used`; means and extremes leave the others out.
     """
 
-    def __init__(self, end: State, inside: State | None, args: Args, steps: Any, rates: Motion | None = None):
+    def __init__(
+        self,
+        end: State,
+        inside: State | None,
+        args: Args,
+        steps: Any,
+        rates: Motion | None = None,
+    ):
         """**Arguments:** `end`: the state at the end of the period; `inside`: at both ends of every step, of which
         the first `steps` + 1 count (the others repeat the start), None where all records do without; `args`: scene
         and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion at
@@ -529,7 +541,11 @@ class Course:
         changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
-    def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
+    def counted(
+        self,
+        values: Shaped[Array, "samples ..."],
+        filler: float,
+    ) -> Shaped[Array, "samples ..."]:
         """Return values of steps, or samples, with `filler` in place of those of unused steps."""
         # each step has one value, or one for each of its samples
         used = jnp.repeat(self.used, len(values) // self.capacity)

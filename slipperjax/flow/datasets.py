@@ -49,7 +49,12 @@ def versions() -> dict[str, str]:
     return numbers
 
 
-def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any], varied: Any = ()) -> dict[str, str]:
+def run_attributes(
+    scene: Scene,
+    start: Motion | State,
+    call: Mapping[str, Any],
+    varied: Any = (),
+) -> dict[str, str]:
     """Return attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
 
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates

@@ -113,7 +113,15 @@ class PeriodMap(eqx.Module):
         run = lambda self, *of_run: self._run(count, records, *of_run)
         return by_jacobian(run, self, state, jnp.asarray(epoch, float), used, earlier)
 
-    def _run(self, count: int, records: RecordSet, state: State, epoch: Any, used: Any, earlier: Any) -> Passage:
+    def _run(
+        self,
+        count: int,
+        records: RecordSet,
+        state: State,
+        epoch: Any,
+        used: Any,
+        earlier: Any,
+    ) -> Passage:
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
         state = moving_with(state, eqx.filter(scene, eqx.is_array))
@@ -146,8 +154,17 @@ class PeriodMap(eqx.Module):
             return (end, done.solver_state, carried), (sample, code, jnp.asarray(done.steps_taken, int))
 
         def period_if_used(carry, epoch_now):
-            none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
-            return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, none), carry, epoch_now)
+            none = jax.tree.map(
+                lambda a: jnp.zeros(a.shape, a.dtype),
+                jax.eval_shape(period, carry, epoch_now)[1],
+            )
+            return jax.lax.cond(
+                epoch_now < epoch + used,
+                period,
+                lambda c, _: (c, none),
+                carry,
+                epoch_now,
+            )
 
         solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
@@ -265,5 +282,10 @@ def batch_jacobians(
     scenes: Batched[Scene], states: State, epoch: Any, stepping: AbstractStepping, *, solver: Any, periods: int
 ) -> Float[Array, "cases periods size size"]:
     """Return Jacobians of a batch's successive period maps, for Floquet multipliers."""
-    of_one = lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch)
+    of_one = lambda scene, state: jacobians(
+        PeriodMap(scene, stepping, solver),
+        state,
+        periods,
+        index=epoch,
+    )
     return scenes.map(of_one, states)

@@ -243,7 +243,12 @@ class RecordSet:
             continued.append(mine)
         return tuple(continued), status, interrupted
 
-    def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
+    def finish(
+        self,
+        carried: tuple[Any, ...],
+        samples: Sequence[Any],
+        span: RecordedSpan,
+    ) -> tuple[Any, ...]:
         """Return the arrays of each record, with a leading axis of cases."""
         parts = zip(self.records, carried, samples, strict=True)
         return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
@@ -329,7 +334,12 @@ class Strobe(AbstractRecord):
 
     def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-        strobe = column((*dims, "strobe_period", "coordinate"), values, "", f"state once per period: {text}")
+        strobe = column(
+            (*dims, "strobe_period", "coordinate"),
+            values,
+            "",
+            f"state once per period: {text}",
+        )
         numbers = np.arange(1 - values.shape[-2], 1)
         period = column("strobe_period", numbers, "1", "forcing periods since the end of the record")
         return {"strobe": strobe}, {"coordinate": list(COORDINATES), "strobe_period": period}
@@ -461,7 +471,12 @@ class History(AbstractRecord):
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, course.args))(period, saved)
         forces = now.contact_force, now.gap, now.drive_force
-        return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
+        return HistoryValues(
+            coordinate_rows(saved),
+            period + course.args.epoch,
+            now.acceleration,
+            *forces,
+        )
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
         # periods and their saves along one axis
@@ -479,4 +494,11 @@ class History(AbstractRecord):
             data[name] = column((*dims, "time", *inner), array, q.unit, q.long_name)
         # the same for all cases, but NaN for those that were not run
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
-        return data, {"period": column("time", period, "1", "time in forcing periods")} | point_labels(scene)
+        return data, {
+            "period": column(
+                "time",
+                period,
+                "1",
+                "time in forcing periods",
+            )
+        } | point_labels(scene)

@@ -54,7 +54,11 @@ def _log_sum(values: Array, axis: int = 0) -> Array:
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - scale), axis=axis)
-    return jnp.where(jnp.isneginf(most), -jnp.inf, jnp.log(jnp.where(jnp.isneginf(most), 1.0, total)) + scale)
+    return jnp.where(
+        jnp.isneginf(most),
+        -jnp.inf,
+        jnp.log(jnp.where(jnp.isneginf(most), 1.0, total)) + scale,
+    )
 
 
 JOINS: dict[str, Join] = {
@@ -233,7 +237,11 @@ class OnePoint(AbstractNumber):
         q = self.record.quantity
         if self.point is None:
             return q
-        return dataclasses.replace(q, name=f"{q.name}_{self.point}", long_name=f"{q.long_name} at {self.point}")
+        return dataclasses.replace(
+            q,
+            name=f"{q.name}_{self.point}",
+            long_name=f"{q.long_name} at {self.point}",
+        )
 
     @property
     def join(self):
@@ -292,9 +300,18 @@ class PeakPeriod(AbstractAtPeak):
 
 
 @jit
-def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
+def judged_by_contacts(
+    scenes: Batched[Scene],
+    codes: Any,
+    carried: Any,
+    limit: Any,
+) -> Int[Array, " cases"]:
     """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
-    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit), codes, carried)
+    return scenes.map(
+        lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit),
+        codes,
+        carried,
+    )
 
 
 @dataclass(frozen=True)
@@ -323,7 +340,12 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
     """Return the records of one of `COORDINATES`."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
-        return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)
+        return dataclasses.replace(
+            q,
+            name=f"{prefix}_{q.name}",
+            long_name=f"{text} {q.long_name}",
+            symbol=symbol,
+        )
 
     size = lambda c: jnp.maximum(c.coordinates.greatest, -c.coordinates.least)[k]
     excursion = about("excursion", "greatest magnitude of the", rf"|{q.symbol or q.name}|_{{\max}}")
@@ -343,7 +365,11 @@ def _rms(k: int, q: Quantity) -> Record:
     """Return the record of the root mean square of one of `ACCELERATIONS`."""
     text = f"root mean square of the {q.long_name}"
     symbol = rf"\mathrm{{RMS}}\,{q.symbol}"
-    return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
+    return Record(
+        Quantity(f"rms_{q.name}", q.unit, text, symbol),
+        lambda c: c.acceleration.mean_square[k],
+        "rms",
+    )
 
 
 def _records() -> Iterator[AbstractQuantityRecord]:
@@ -365,7 +391,14 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     drive = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
     yield Record(drive, lambda c: c.drive_force.mean, "mean")
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
+    distance = Quantity(
+        "grazing_distance",
+        "m",
+        "least distance of a gap's extreme from zero",
+        "d",
+        1e-3,
+        "mm",
+    )
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
     for k, q in enumerate(ACCELERATIONS.values()):
         yield _rms(k, q)

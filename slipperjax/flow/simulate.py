@@ -158,7 +158,12 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
     **Arguments:** `begin`: where the run begins [m]; `transient`: how many of the periods pass before any is
     recorded: they must end on the rail; `after`: periods that records run on for.
     """
-    require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
+    require(
+        scene.wear is None,
+        "scene",
+        "have no wear here, which slipperjax.run follows alone",
+        scene.wear,
+    )
     track = scene.track
     if is_traced((track, begin)) or not track.extent < np.inf:
         return  # nothing is known, or the rail goes on
@@ -306,7 +311,11 @@ def _finished(
 ) -> tuple:
     """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     ((saved, loads),) = passage.samples
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
+    states = jax.tree.map(
+        lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]),
+        first,
+        saved,
+    )
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
     code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
@@ -410,16 +419,42 @@ def simulate(
         begin=origin,
     )
     call = json.dumps(describe(options))
-    trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
+    trajectory = Trajectory(
+        scene,
+        times,
+        states,
+        shown,
+        passage.steps_taken,
+        status,
+        loads_of_periods,
+        call,
+    )
     if not probe:
         return trajectory
-    repeat = lambda s, state, k: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch + k, periods)
+    repeat = lambda s, state, k: run_eagerly(
+        PeriodMap(scene, s, solver),
+        state,
+        1,
+        records,
+        epoch + k,
+        periods,
+    )
     measured = _probed(scene, stepping, states, saves, probe, repeat)
     status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
-    return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
+    return eqx.tree_at(
+        lambda t: (t.status, t.probe),
+        trajectory,
+        (status, measured),
+        is_leaf=lambda x: x is None,
+    )
 
 
-def _from_start(run: PeriodMap, static: tuple, start: Motion | State, epoch: Any) -> tuple[State, Passage]:
+def _from_start(
+    run: PeriodMap,
+    static: tuple,
+    start: Motion | State,
+    epoch: Any,
+) -> tuple[State, Passage]:
     """Return the state with which a run begins, and the run."""
     periods, records = static
 

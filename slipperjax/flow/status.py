@@ -118,7 +118,10 @@ def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> 
 
     # each period by the speed that it had
     steps = jnp.atleast_1d(steps)
-    return _unresolved_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))), code)
+    return _unresolved_where(
+        jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))),
+        code,
+    )
 
 
 def _unresolved_where(problem: Any, code: Any) -> Array:
@@ -144,7 +147,11 @@ def with_loads(
     points = scene.section.points
     extent = jnp.min(jnp.max(points, axis=0) - jnp.min(points, axis=0))
     # a problem that is known already stays
-    at = lambda problem, code, instead: jnp.where(problem & (code == int(Status.FINITE)), int(instead), code)
+    at = lambda problem, code, instead: jnp.where(
+        problem & (code == int(Status.FINITE)),
+        int(instead),
+        code,
+    )
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > pressed * extent, code, Status.PRESSED_IN)
     # before the two of above, which too long steps can bring about
@@ -156,10 +163,17 @@ def with_growth(code: Any, history: Any) -> Int[Array, ""]:
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
-    return _unresolved_where(jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH, code)
+    return _unresolved_where(
+        jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH,
+        code,
+    )
 
 
-def most_stability_number(solver: diffrax.AbstractSolver, controller: Any = None, explicit: float = 5.0) -> float:
+def most_stability_number(
+    solver: diffrax.AbstractSolver,
+    controller: Any = None,
+    explicit: float = 5.0,
+) -> float:
     """Return the greatest stability number of trusted runs: `explicit` for explicit solvers with constant steps.
 
     It is infinite for others. Of 200 random scenes one in 58 with numbers of 2.5 to 5 had an error above 0.1 after a

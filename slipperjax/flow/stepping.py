@@ -48,7 +48,15 @@ class AbstractStepping(eqx.Module):
         """Return the solver state with which a run begins, for its first `period`."""
 
     @abc.abstractmethod
-    def period(self, terms: Any, solver: Any, state: State, solver_state: PyTree, args: Args, inside: bool) -> Period:
+    def period(
+        self,
+        terms: Any,
+        solver: Any,
+        state: State,
+        solver_state: PyTree,
+        args: Args,
+        inside: bool,
+    ) -> Period:
         """Integrate one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
         wanted."""
 
@@ -97,14 +105,24 @@ class ConstantSteps(AbstractStepping):
         def step(carry, k):
             state, solver_state, failed = carry
             ends = k / self.number, (k + 1) / self.number
-            state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
+            state, _, _, solver_state, result = solver.step(
+                terms,
+                *ends,
+                state,
+                args,
+                solver_state,
+                False,
+            )
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def ends_of(carry):
             """Return state and rates at a step's end, for records; None where they are not wanted."""
             if not inside:
                 return None, None
-            return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
+            return carry[0], solver.rates(carry[1]) if isinstance(
+                solver,
+                AbstractLatchingSolver,
+            ) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
         # both ends of all steps: the start of the first, and the end of each
@@ -170,7 +188,10 @@ class ControlledSteps(AbstractStepping):
         if not isinstance(self.controller, AdaptiveSteps):
             return solver
         # in the scales of the motion that root finders have
-        return with_tolerance(solver, self.controller.atol / scaled_size(MOTION_SCALES, self.controller.scales))
+        return with_tolerance(
+            solver,
+            self.controller.atol / scaled_size(MOTION_SCALES, self.controller.scales),
+        )
 
     def finer(self):
         """Return one with a tenth of the tolerances.
@@ -188,7 +209,14 @@ class ControlledSteps(AbstractStepping):
 
     def begin(self, terms, solver, state, args):
         carries = isinstance(solver, AbstractLatchingSolver)
-        wanted = jnp.asarray(1 / self.first_steps, float) if isinstance(self.controller, AdaptiveSteps) else None
+        wanted = (
+            jnp.asarray(1 / self.first_steps, float)
+            if isinstance(
+                self.controller,
+                AdaptiveSteps,
+            )
+            else None
+        )
         return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, solver_state, args, inside):

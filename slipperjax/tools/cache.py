@@ -62,7 +62,10 @@ def keep_programs(place: Path) -> None:
     jax.config.update("jax_logging_level", "CRITICAL")
     jax.config.update("jax_logging_level", level)
     # what cannot be read or written later is compiled; JAX would warn of each program
-    warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
+    warnings.filterwarnings(
+        "ignore",
+        message="Error (reading|writing) persistent compilation cache entry",
+    )
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_dir", str(place))

@@ -79,7 +79,11 @@ def _of_live(values: Sequence[Any], live: tuple[bool, ...]) -> tuple[Any, ...]:
     return tuple(value for value, is_live in zip(values, live, strict=True) if is_live)
 
 
-def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
+def _linearised(
+    operands: Sequence[Any],
+    live: tuple[bool, ...],
+    program: Any,
+) -> tuple[list[Any], list[list[Any]]]:
     """Return results and Jacobians: of each result that is a number, by each of the `live` arguments."""
     at = _of_live(operands, live)
     sizes = [math.prod(p.shape) for p in at]
@@ -153,7 +157,15 @@ def _evaluated_twice(saveable, unknown, instantiated, equation):
     count = len(equation.params["live"])
     results = len(program.outvars)
     # values that the later computation needs
-    needed = [x for x, there in zip(equation.invars, instantiated, strict=True) if isinstance(x, Var) and not there]
+    needed = [
+        x
+        for x, there in zip(
+            equation.invars,
+            instantiated,
+            strict=True,
+        )
+        if isinstance(x, Var) and not there
+    ]
     known = equation
     later = [False] * len(equation.outvars)
     if any(unknown[:count]):

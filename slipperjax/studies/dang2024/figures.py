@@ -44,12 +44,20 @@ def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:
     return png(drawn, 200)
 
 
-def _cases(data: dict[str, xr.Dataset], numbers: Iterable[int], panels: Any) -> Iterator[tuple[xr.Dataset, Any]]:
+def _cases(
+    data: dict[str, xr.Dataset],
+    numbers: Iterable[int],
+    panels: Any,
+) -> Iterator[tuple[xr.Dataset, Any]]:
     """Yield single cases with their panels, titled; panels of a flagged one say so instead."""
     for number, row in zip(numbers, panels, strict=True):
         case = data["histories"].isel(case=number)
         speed, clearance, length = (float(case[name]) for name in ("speed", "clearance", "length"))
-        row[0].set_title(f"{speed:.0f} m/s, {clearance * 1e3:.0f} mm, {length:.1f} m", fontsize=8, loc="left")
+        row[0].set_title(
+            f"{speed:.0f} m/s, {clearance * 1e3:.0f} mm, {length:.1f} m",
+            fontsize=8,
+            loc="left",
+        )
         if not _flagged(case, row):
             yield case, row
 
@@ -65,7 +73,10 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
         density = power_spectral_density(case["alpha_x"].values, 50 * forcing)
         spectrum(density.frequency / forcing, density.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
         top = float(np.max(density.density))
-        row[1].set(xlabel="frequency / $f$", ylim=(top * 1e-10, top * 10))  # what is below this is rounding
+        row[1].set(
+            xlabel="frequency / $f$",
+            ylim=(top * 1e-10, top * 10),
+        )  # what is below this is rounding
         phase_portrait(case, "roll", "w_x", row[2])
     return figure
 
@@ -112,7 +123,12 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
     # without spectra
     if _flagged(case, axes):
         return figure
-    for ax, name, label in zip(axes, ("a_z", "alpha_x", "alpha_y"), ("A_Z", r"\alpha_X", r"\alpha_Y"), strict=True):
+    for ax, name, label in zip(
+        axes,
+        ("a_z", "alpha_x", "alpha_y"),
+        ("A_Z", r"\alpha_X", r"\alpha_Y"),
+        strict=True,
+    ):
         density = power_spectral_density(case[name].values, 50 * DUAL_LINES["f1"])
         spectrum(density.frequency, density.density, ax, unit=f"({case[name].units})^2/Hz", highest=520)
         top = float(np.max(density.density))
@@ -144,7 +160,14 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
         branches(followed, section, brute=data[name], ax=ax)
         # one legend for all: the events of a section are those that its crossings have
         legend = ax.get_legend()
-        handles |= {text.get_text(): key for text, key in zip(legend.get_texts(), legend.legend_handles, strict=True)}
+        handles |= {
+            text.get_text(): key
+            for text, key in zip(
+                legend.get_texts(),
+                legend.legend_handles,
+                strict=True,
+            )
+        }
         legend.remove()
     plt.setp(panels[:3], xlabel="")
     # to all of the diagram, where a branch covers a part
