@@ -93,6 +93,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     from ..design.optimise import optimise_design
 
     variables: dict[str, tuple[float, float]] = {}
+    # bounds of each variable in SI units
     for name, low, high in vary:
         require(name not in variables, "--vary", "name each parameter once", name)
         variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
@@ -110,6 +111,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
         return files.write(best.to_xarray(), _overview, partial=True)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
+    # an interrupted search keeps its best design
     with keeping(keep):
         best = on_thread(call, TRIAL_PATIENCE)
     print(f"{report(best)}\n{of_case}", flush=True)
@@ -130,6 +132,7 @@ def _around(best: Any) -> Any:
     """The objective around a design by simulation alone."""
     from ..design.checks import surroundings
 
+    # the number of designs grows with the power of the variables
     points = AROUND.get(len(best.problem.bounds))
     if points is None:
         print("too many variables for a grid of designs around it")
@@ -173,6 +176,7 @@ def _limits(constraint: tuple[tuple[str, float, float], ...]) -> dict[Any, tuple
     from ..design.objectives import OBJECTIVES
 
     limits = {}
+    # the ends are in the objective's display unit
     for name, *ends in constraint:
         objective = OBJECTIVES[name]
         require(objective not in limits, "--constraint", "name each objective once", name)
@@ -205,6 +209,7 @@ def report(best: Any) -> str:
         lines.append(f"standard error {q.shown(best.stderr):.2g} {q.display_unit}")
     if best.several:
         lines.append("starts ended at different designs that are about equally good: see start_end in the file")
+    # a row for each case, a column for each quantity
     table = {}
     for name in best.problem.over:
         values = shown(cases, name)

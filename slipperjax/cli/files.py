@@ -55,6 +55,7 @@ class Outputs:
         self.out = out
         self.endings = endings
         paths = [Path(f"{out}{ending}") for ending in endings]
+        # a folder in the way is found before anything runs
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")

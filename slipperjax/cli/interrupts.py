@@ -33,6 +33,7 @@ class Signals:
         return self
 
     def __exit__(self, *_: Any) -> None:
+        # the caller's handlers again
         for number, handler in self._before.items():
             signal.signal(number, handler)
         ASKED.clear()

@@ -179,11 +179,13 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     print(f"{branch.summary()}\n{text}")
     print(files.write(branch.points, draw))
     drawn.append(branch.points)
+    # branches that leave at events are drawn over those before
     for label in sorted(set(switch)):
         for number, event in enumerate(branch.events_named(label), 1):
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
             beside = Outputs(Path(f"{out}_{name}"), ".nc")
+            # an event without another branch ends nothing
             try:
                 other = followed(partial(branch.switched, event, **options), beside)
             except ValueError as error:

@@ -110,6 +110,7 @@ class Measure(click.ParamType):
         self.quantity = quantity
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        # numbers are in the display unit
         try:
             return float(value)
         except ValueError:
@@ -262,6 +263,7 @@ def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
         case = make_case(**{name: given.pop(name) for name in CASE})
         return command(case=case, **given)
 
+    # decorators add options from the last to the first
     for name, add in reversed(CASE.items()):
         call = call if name in own else add(call)
     return call
@@ -319,6 +321,7 @@ def make_scene(
         track = dataclasses.replace(track, wavelengths=tuple(wavelength))
         scene = dataclasses.replace(scene, track=track)
     numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
+    # each text is a name and a value, with or without a unit
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
         require(equals, "--set", "be a name and a value, as in mass=15", text)
@@ -343,6 +346,7 @@ def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tupl
     quantity = parameter(name, scene)
     low = shown_value(quantity, low)
     high = shown_value(quantity, high)
+    # out of range is an error, implausible a warning
     bounds = quantity.check(quantity.from_shown(np.array([low, high])))
     shown = f"{low:g} to {high:g} {quantity.display_unit}"
     require(low < high, option, "have two bounds, the smaller first", shown=shown)

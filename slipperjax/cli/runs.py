@@ -45,9 +45,11 @@ def report(ds: Any, scene: Any) -> str:
     seconds = float(ds["seconds"][-1])
     edges = edges_of(ds, "stretch")
     status = Status(int(ds["status"]))
+    # one speed where it does not change
     speeds = dict.fromkeys((f"{speed.min():.4g}", f"{speed.max():.4g}"))
     lines = [f"{edges[0]:.6g} to {edges[-1]:.6g} m in {seconds:.4g} s, speed {' to '.join(speeds)} m/s"]
     lines += _peak(ds, scene)
+    # numbers of a lost run mean nothing
     if status != Status.NOT_FINITE:
         impacts = float(ds["impacts"].sum())
         lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")
