@@ -42,9 +42,5 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
         page.open_browser()
-    shown = 0
     while True:
         time.sleep(1.0)
-        if shown and not page.windows:
-            print(f"The page was closed. {page.url} shows it again, Ctrl-C ends this.", flush=True)
-        shown = page.windows

@@ -1,10 +1,10 @@
 """The server of a page: on the loopback address, in a thread of this process, for those who know its address."""
 
 import asyncio
+import dataclasses
 import secrets
 import socket
 import threading
-import time
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 
 from ..tools.checks import require
 from .session import Session
+from .worker import Worker
 
 ADDRESS = "127.0.0.1"
 
@@ -41,10 +42,10 @@ class Explorer:
             raise OSError(f"Argument `port` must be one that is free, but is {port}: {error.strerror}") from None
         listener.setblocking(False)
         self.port = listener.getsockname()[1]
-        self._latest = session
-        """What was changed last, with which another window begins."""
-        self._pages: list[Any] = []
+        self._session = session
         self._secret = secrets.token_urlsafe()
+        self._opened = threading.Event()
+        self._workers: list[Worker] = []
         # sockets are opened from pages of these hosts only, and computations end soon after their window was closed
         options: dict[str, Any] = dict(
             extra_websocket_origins=[f"{host}:{self.port}" for host in (ADDRESS, "localhost")],
@@ -87,32 +88,23 @@ class Explorer:
             file.write(page)
             file.flush()
             webbrowser.open(Path(file.name).as_uri())
-            latest = time.monotonic() + 30.0
-            while not self._pages and time.monotonic() < latest:
-                time.sleep(0.2)
+            self._opened.wait(30.0)
 
     def _open(self, doc: Any) -> None:
-        """Fill the document of a new window, which goes on where the latest one is."""
+        """Fill the document of a new window."""
         from .page import Page
 
-        page = Page(doc, self._latest.copied(), lambda session: setattr(self, "_latest", session))
-        self._pages.append(page)
-
-        def left(context: Any) -> None:
-            page.worker.close()
-            self._pages.remove(page)
-
-        doc.on_session_destroyed(left)
-
-    @property
-    def windows(self) -> int:
-        """How many windows show it."""
-        return len(self._pages)
+        # windows share what was given, and nothing that changes
+        session = dataclasses.replace(self._session, views=[*self._session.views])
+        worker = Page(doc, session).worker
+        self._workers.append(worker)
+        doc.on_session_destroyed(lambda context: worker.close())
+        self._opened.set()
 
     def stop(self) -> None:
         """End computations and server."""
-        for page in self._pages:
-            page.worker.close()
+        for worker in self._workers:
+            worker.close()
 
         async def end() -> None:
             self._server.stop(wait=False)  # for tasks of this loop, which ends
@@ -143,7 +135,7 @@ def explore(
 
     **Arguments:** `source`: a dataset of `sweep`, `lyapunov_sweep`, `follow` or `run`, a netCDF file or a store of
     one, which may still grow, or a scene or its TOML file, by default `paper_scene()`; `grid`: values of one or two
-    parameters, as for `sweep`, of what is computed where `source` has none, the first drawn upwards; `start`: as for
+    parameters of the scene, of what is computed where `source` has none, the first drawn upwards; `start`: as for
     `sweep`; `port`: 0 for one that is free.
 
     **Returns:** an `Explorer`. It is served at the loopback address by this process, and needs no network.

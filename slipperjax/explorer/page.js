@@ -17,18 +17,6 @@ cursor.data = {x: [f.x[k]]}
 clearInterval(window.slipper_timer)
 if (toggle.active) window.slipper_timer = setInterval(() => { time.value = (time.value + 1) % (time.end + 1) }, 50)
 toggle.label = toggle.active ? "Pause" : "Play"
-//// keys
-window.addEventListener("keydown", (event) => {
-  const path = event.composedPath(), tag = path[0].tagName
-  if (tag == "INPUT" || tag == "SELECT" || path.some((e) => e.classList?.contains("noUi-handle"))) return
-  if (["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "[", "]", "Escape"].includes(event.key)) {
-    keys.value = event.key + " " + Date.now()
-    event.preventDefault()
-  } else if (event.key == " " && tag != "BUTTON") {
-    toggle.active = !toggle.active
-    event.preventDefault()
-  }
-})
 //// copy
 const old_way = () => {
   const area = document.createElement("textarea")
@@ -42,6 +30,6 @@ if (navigator.clipboard) navigator.clipboard.writeText(texts.data.python[0]).cat
 else old_way()
 //// save: the scene as a file
 const link = document.createElement("a")
-link.href = URL.createObjectURL(new Blob([source.data.content[0]], {type: "application/octet-stream"}))
+link.href = URL.createObjectURL(new Blob([texts.data.toml[0]], {type: "application/octet-stream"}))
 link.download = "scene.toml"
 link.click()

@@ -1,4 +1,4 @@
-"""The right side of the page: one case around the rail head, over time, in planes, and its orbit and branch."""
+"""The right side of the page: one case around the rail head, over time, and in the plane of a coordinate."""
 
 import html
 from collections.abc import Callable
@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, CustomJS, Div, HoverTool, Select, Slider, Toggle
+from bokeh.models import ColumnDataSource, CustomJS, Div, Select, Slider, Toggle
 from bokeh.plotting import figure
 
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import SECTIONS
-from ..plots.sections import colors_of, frames_of
+from ..plots.sections import colors_of, frames_of, label_places, rail_outline
 from ..plots.style import COLORS
 from ..plots.trajectories import most_loaded
-from .pictures import branch_data, label, rail_places, slipper_columns
-from .session import SETTLED, SLIDERS, Session, Shown, no_orbit
+from .pictures import label, slipper_columns
+from .session import SETTLED, SLIDERS, Shown
 
 _PARTS = (Path(__file__).parent / "page.js").read_text().split("//// ")[1:]
 CODE = {part.partition("\n")[0].partition(":")[0]: part.partition("\n")[2] for part in _PARTS}
@@ -44,49 +44,31 @@ class Panels:
 
     def __init__(self, chosen: Callable[[], None]):
         """**Arguments:** `chosen`: called when another motion is chosen."""
-        blue, red = COLORS["blue"], COLORS["red"]
-        names = []
-        # choices by the names of the coordinates
-        for velocity, coordinate in SECTIONS.items():
-            words = quantity(coordinate).long_name.removesuffix(" angle").removesuffix(" displacement")
-            names.append((velocity, words))
-        self.title = Div(width=512, styles={"font-size": "13px", "line-height": "1.35"}, name="case")
+        blue = COLORS["blue"]
+        names = [(velocity, label(quantity(coordinate))) for velocity, coordinate in SECTIONS.items()]
+        self.title = Div(width=512, styles={"font-size": "13px"}, name="case")
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
         self.motion.on_change("value", lambda attr, old, new: chosen())
         self.time = panel("Motion over time", "forcing periods", name="time")
-        self.forces = panel("Contact forces of points", "forcing periods", "force [kN]")
         self.phase = panel("Phase portrait, red once per period")
-        self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True, name="circle")
-        self.branch = panel("Branch", width=545, height=280, visible=False, name="branch")
-        self.data = {name: source("x", "y") for name in ("time", "phase", "strobe", "circle", "stable", "unstable")}
-        self.time.line("x", "y", source=self.data["time"], color=blue)
-        self.phase.line("x", "y", source=self.data["phase"], color=blue, line_width=0.5)
-        self.phase.scatter("x", "y", source=self.data["strobe"], color=red, size=5)
+        self.forces = panel("Contact forces of points", "forcing periods", "force [kN]", width=692)
+        self.curve = source("x", "y")
+        self.orbit = source("x", "y")
+        self.strobe = source("x", "y")
+        self.time.line("x", "y", source=self.curve, color=blue)
+        self.phase.line("x", "y", source=self.orbit, color=blue, line_width=0.5)
+        self.phase.scatter("x", "y", source=self.strobe, color=COLORS["red"], size=5)
         self.lines = source("xs", "ys", "name", "color", "dash")
         style = dict(color="color", line_dash="dash", line_width=1.5, legend_field="name")
         self.forces.multi_line("xs", "ys", source=self.lines, **style)
         self.forces.add_layout(self.forces.legend[0], "right")
-        self.forces.legend.update(label_text_font_size="10px", spacing=0, padding=2, glyph_width=16)
         self.cursor = source("x")
         self.window = source("x")
         # the instant that plays, and the window of a run
         for f in (self.time, self.forces):
-            f.vspan("x", source=self.cursor, color="black", line_width=1)
+            f.vspan("x", source=self.cursor, color="black")
             f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
-        # the unit circle
-        turn = np.linspace(0, 2 * np.pi, 90)
-        self.circle.line(np.cos(turn), np.sin(turn), color=COLORS["grey"])
-        self.circle.scatter("x", "y", source=self.data["circle"], size=7, color=blue, line_color="white")
-        for name, dash in (("stable", "solid"), ("unstable", "dashed")):
-            style = dict(color=blue, line_dash=dash, line_width=2, legend_label=name)
-            self.branch.line("x", "y", source=self.data[name], **style)
-        self.events = source("x", "y", "label", "name")
-        style = dict(marker="diamond", size=11, color=COLORS["orange"], line_color="black")
-        marks = self.branch.scatter("x", "y", source=self.events, **style)
-        self.branch.text("x", "y", "label", source=self.events, x_offset=5, y_offset=-4, text_font_size="11px")
-        self.branch.add_tools(HoverTool(renderers=[marks], tooltips=[("event", "@name"), ("at", "@x")]))
-        lower = [row(self.time, self.forces), row(self.phase, self.circle)]
-        self.root = column(row(self.title, self.motion), *self._slipper(), *lower)
+        self.root = column(row(self.title, self.motion), *self._slipper(), row(self.time, self.phase), self.forces)
 
     def _slipper(self) -> list[Any]:
         """Return the panels of both ends, with the slider of instants. The browser alone plays them."""
@@ -111,31 +93,31 @@ class Panels:
             figures.append(f)
         self.instant = Slider(start=0, end=79, value=0, step=1, title="instant", show_value=False, width=270)
         self.play = Toggle(label="Play", width=70, name="play")
-        self.scale = Div(width=330, styles={"font-size": "12px"})
+        self.scale = Div(width=330)
         args |= dict(time=self.instant, frames=self.frames, cursor=self.cursor)
         show = CustomJS(args=args, code=CODE["show"])
         self.instant.js_on_change("value", show)
         self.frames.js_on_change("data", show)
-        self.play.js_on_change("active", CustomJS(args=dict(toggle=self.play, time=self.instant), code=CODE["play"]))
+        args = dict(toggle=self.play, time=self.instant)
+        self.play.js_on_change("active", CustomJS(args=args, code=CODE["play"]))
         return [row(*figures), row(self.play, self.instant, self.scale)]
 
-    def show(self, session: Session) -> None:
-        """Draw the case, its orbit and its branch."""
-        shown = session.shown
+    def show(self, shown: Shown | None) -> None:
+        """Draw the case."""
         if shown is None:
             return
         velocity = self.motion.value
         coordinate = SECTIONS[velocity]
-        across, up = quantity(coordinate), quantity(velocity)
+        across = quantity(coordinate)
+        up = quantity(velocity)
         window = shown.case.window
         self.title.text = _words(shown)
         last = phase = shown.ds
-        self.circle.visible = window is None  # of steady motions
         # a steady motion is drawn over its last periods, a run over all
         if window is None:
             every = (shown.ds.sizes["time"] - 1) // SETTLED
             strobe = shown.ds.isel(time=slice(None, None, every))
-            self.data["strobe"].data = {
+            self.strobe.data = {
                 "x": across.shown(strobe[coordinate].values),
                 "y": up.shown(strobe[velocity].values),
             }
@@ -145,8 +127,8 @@ class Panels:
             self.time.xaxis.axis_label = self.forces.xaxis.axis_label = "distance [m]"
             self.window.data = {"x": window}
         time = last["period"].values * shown.unit
-        self.data["time"].data = {"x": time, "y": across.shown(last[coordinate].values)}
-        self.data["phase"].data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
+        self.curve.data = {"x": time, "y": across.shown(last[coordinate].values)}
+        self.orbit.data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
         lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6)
         # points that touch
         lines = [line for line in lines if line.peak > 0]
@@ -160,8 +142,6 @@ class Panels:
         self.time.yaxis.axis_label = self.phase.xaxis.axis_label = label(across)
         self.phase.yaxis.axis_label = label(up)
         self._show_slipper(shown)
-        self.show_orbit(session)
-        self.show_branch(session)
 
     def _show_slipper(self, shown: Shown) -> None:
         steady = shown.case.window is None
@@ -170,49 +150,24 @@ class Panels:
             drawn = frames_of(ds, shown.run.scene, last=2.0 if steady else None)
         except ValueError:  # the motion is not finite
             return
-        head, places = rail_places(drawn)
+        head = rail_outline(drawn.shape)
+        places = label_places(drawn.shape)
         zero = np.zeros(len(places))
         # what stands still; the rest follows from the frames
         for k, (rail, dots) in enumerate(self.ends.values(), 1):
             rail.data = {"x": head[:, 0], "y": head[:, 1]}
-            here = {"at_x": places[:, 0], "at_y": places[:, 1], "color": colors_of(drawn.shape)}
-            here["name"] = [f"{name}{k}" for name in drawn.shape.names]
-            dots.data = {**here, **dict.fromkeys(("x", "y", "tip_x", "tip_y", "alpha"), zero)}
+            dots.data = {
+                **dict.fromkeys(("x", "y", "tip_x", "tip_y", "alpha"), zero),
+                "at_x": places[:, 0],
+                "at_y": places[:, 1],
+                "color": colors_of(drawn.shape),
+                "name": [f"{name}{k}" for name in drawn.shape.names],
+            }
         self.frames.data = slipper_columns(drawn, shown.unit)
         self.instant.end = len(drawn.period) - 1
         self.instant.value = int(np.argmax(drawn.force.max(axis=(1, 2))))
         longest = f"lines are forces, the longest {float(drawn.force.max()) / 1e3:.3g} kN"
         self.scale.text = f"displacements × {drawn.magnify:g}; {longest}; filled: touches"
-
-    def show_orbit(self, session: Session, busy: bool = False) -> None:
-        """Draw the orbit's multipliers.
-
-        **Arguments:** `busy`: whether it is being looked for.
-        """
-        orbit = session.orbit
-        mu = np.array([]) if orbit is None else np.asarray(orbit.multipliers)
-        self.data["circle"].data = {"x": mu.real, "y": mu.imag}
-        text = "looking for the orbit" if busy else "none found"
-        if session.shown is not None and (reason := no_orbit(session.shown)):
-            text = reason
-        elif orbit is not None:
-            text = f"period {orbit.period}, {'stable' if orbit.stable else 'unstable'}"
-        self.circle.title.text = f"Multipliers: {text}"
-
-    def show_branch(self, session: Session) -> None:
-        """Draw the branch, with its events."""
-        branch = session.branch
-        self.branch.visible = branch is not None
-        if branch is None:
-            return
-        coordinate = SECTIONS[self.motion.value]
-        data = branch_data(branch, coordinate)
-        self.data["stable"].data = data["stable"]
-        self.data["unstable"].data = data["unstable"]
-        self.events.data = data["events"]
-        self.branch.xaxis.axis_label = label(branch.parameter)
-        self.branch.yaxis.axis_label = label(quantity(coordinate))
-        self.branch.title.text = f"Branch of period {branch.period}: the state at the start of a forcing period"
 
 
 def _words(shown: Shown) -> str:
@@ -225,18 +180,16 @@ def _words(shown: Shown) -> str:
         # parameters that are one number
         if value is not None and np.ndim(value) == 0:
             words.append(f"{q.name} {float(q.shown(float(value))):.4g} {q.display_unit}".removesuffix(" 1"))
-    kinds = {"period": f"period {shown.period}", "torus": "quasi-periodic", "unresolved": "no period found"}
-    kind = kinds.get(shown.kind, shown.kind)
+    kind = f"period {shown.period}" if shown.kind == "period" else shown.kind
     if shown.case.window is not None:
         begin, end = shown.case.window
-        low, high = shown.unit * shown.ds["period"].values[[0, -1]]
-        kind = f"{begin:.6g} to {end:.6g} m, drawn from {low:.6g} to {high:.6g} m"
+        kind = f"{begin:.6g} to {end:.6g} m"
     peak = shown.run.peak
     force = "no contact"
     if float(peak.force) > 0:
         at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
         force = f"highest force {float(peak.force) / 1e3:.3g} kN at {html.escape(at)}"
-    said = "; ".join(filter(None, [f"<b>{kind}</b>", force, html.escape(shown.case.origin)]))
+    said = f"<b>{kind}</b>; {force}"
     status = Status(int(shown.run.status))
     if status != Status.FINITE:
         said += f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'

@@ -9,29 +9,25 @@ import numpy as np
 from ..model.dang2024 import paper_scene
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
-from .session import PERIODS, SAVES, SLIDERS, Session
+from .session import PERIODS, SLIDERS, Session, sweep_options
 
 
 def python_of(session: Session) -> str:
-    """Return the script: the map or the run, the case, its orbit and its branch, as far as they are there."""
-    case, orbit, branch = session.case, session.orbit, session.branch
-    lines = ["import jax.numpy as jnp", "import numpy as np", "import slipperjax as sj", "", *_left(session), ""]
+    """Return the script: the map or the run, and the case."""
+    case = session.case
+    lines = ["import jax.numpy as jnp", "import numpy as np", "import slipperjax as sj", ""]
+    lines += [*_left(session), "", "# the case that was looked at"]
     # a steady motion, or a window of a run
     if case.window is None:
-        lines += [f"# the case that was looked at, from {case.origin}", f"scene = {scene_text(case.scene)}"]
-        saves = None if case.steps is not None and case.steps % SAVES else SAVES
-        call = f"{PERIODS}{_arguments(start=case.start, **case.options, saves_per_period=saves)}"
+        lines.append(f"scene = {scene_text(case.scene)}")
+        more = _arguments(start=case.start, **case.options, saves_per_period=case.saves)
+        call = f"{PERIODS}{more}"
     else:
         scene, periods, begin = session.passage(case)
-        lines += ["# the window that was looked at", *_state_at(session, begin), f"scene = {scene_text(scene)}"]
-        call = f"{periods}, start=start{_arguments(begin=begin, **case.options, saves_per_period=case.steps)}"
+        lines += [*_state_at(session, begin), f"scene = {scene_text(scene)}"]
+        more = _arguments(begin=begin, **case.options, saves_per_period=case.steps)
+        call = f"{periods}, start=start{more}"
     lines += [f"run = sj.simulate(scene, {call})", "sj.plots.overview(run)"]
-    if orbit is not None:
-        lines.append(f"orbit = sj.periodic_orbit(scene, {orbit.period}, start=run.end{_arguments(**case.options)})")
-    if branch is not None:
-        name = branch.parameter.name
-        given = f"{name!r}, {session.branch_bounds(name)}, start=orbit.state, period=orbit.period"
-        lines += [f"branch = sj.continue_orbit(scene, {given})", "sj.plots.branches(branch)"]
     return "\n".join(lines) + "\n"
 
 
@@ -40,10 +36,11 @@ def _left(session: Session) -> list[str]:
     view = session.view
     if view.grid is None:
         source = "ds  # that with which the page was opened"
-        source = source if view.source is None else f"sj.flow.dataset_of({str(view.source)!r})"
+        if view.source is not None:
+            source = f"sj.flow.dataset_of({str(view.source)!r})"
         return [f"given = {source}", "scene = sj.load_scene(given)" * view.is_run, "sj.plots.plot(given)"]
     grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
-    call = f"map = sj.sweep(scene, {{{grid}}}{_arguments(**Session.sweep_options(view))})"
+    call = f"map = sj.sweep(scene, {{{grid}}}{_arguments(**sweep_options(view))})"
     return [f"scene = {scene_text(view.scene)}", call, "sj.plots.plot(map)"]
 
 
@@ -71,8 +68,9 @@ def _arguments(**values: Any) -> str:
 
 
 def _axis(values: np.ndarray) -> str:
-    if np.array_equal(values, np.linspace(values[0], values[-1], len(values))):
-        return f"np.linspace({float(values[0])!r}, {float(values[-1])!r}, {len(values)})"
+    ends = float(values[0]), float(values[-1])
+    if np.array_equal(values, np.linspace(*ends, len(values))):
+        return f"np.linspace({ends[0]!r}, {ends[1]!r}, {len(values)})"
     return f"np.array({values.tolist()})"
 
 
@@ -81,10 +79,10 @@ def scene_text(scene: Scene) -> str:
     content = scene_to_json(scene)
     try:
         numbers = {name: float(scene.value(name)) for name in SLIDERS}
-        if scene_to_json(paper_scene(**numbers)) == content:
-            return f"sj.paper_scene({', '.join(f'{name}={value!r}' for name, value in numbers.items())})"
     except ValueError:  # it lacks one of them
-        pass
+        numbers = {}
+    if scene_to_json(paper_scene(**numbers)) == content:
+        return f"sj.paper_scene({', '.join(f'{name}={value!r}' for name, value in numbers.items())})"
     return f"sj.model.scene_from_json({content!r})"
 
 

@@ -1,6 +1,5 @@
-"""Page state, independent of Bokeh: maps and their history, the case looked at, and what computes them."""
+"""Page state, independent of Bokeh: the map, the case looked at, and what computes them."""
 
-import copy
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
@@ -8,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from ..analysis.attractor import classify
@@ -17,16 +16,12 @@ from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_s
 from ..flow.simulate import Trajectory, simulate
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
-from ..model.parameters import STARTS, parameter
+from ..model.parameters import parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
-from ..model.step_size import default_steps_per_period
-from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch
-from ..orbits.periodic import PeriodicOrbit, periodic_orbit
 from ..plots.runs import edges_of, peak_of
-from ..sweeps.attractors import FLOOR, LAST
+from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
-from ..sweeps.records import MotionKind
 from ..sweeps.runs import run as run_along
 from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
@@ -39,12 +34,18 @@ SETTLED = 200
 """Forcing periods at its end that are drawn and classified."""
 SAVES = 40
 """Saved states per forcing period."""
-SURE = 200
-"""Recorded periods with which tori and chaos are told apart, where no period was found with fewer."""
-SLIDERS = {"speed": (100.0, 2500.0), "clearance": (1e-4, 5e-3), "length": (0.05, 0.5), "restitution": (0.1, 1.0)}
+SLIDERS = {
+    "speed": (100.0, 2500.0),
+    "clearance": (1e-4, 5e-3),
+    "length": (0.05, 0.5),
+    "restitution": (0.1, 1.0),
+}
 """Parameters with a slider, and its ends [SI units]."""
-RECORDS = {1: ("sections",), 2: ("motion",)}
-"""Records of what is computed here, by the number of parameters."""
+COMPUTED: dict[int, dict[str, Any]] = {
+    1: {"record": "sections", "transient": 200, "periods": 10},
+    2: {"record": ["motion", "peak_force"], "transient": 100, "periods": 200},
+}
+"""Options of the sweep of a diagram or a map, by the number of parameters."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,15 @@ class View:
     """Its cases so far; None before there are any."""
     grid: dict[str, np.ndarray] | None = None
     """Values by parameter [SI units] of what is computed here; None for what was given."""
-    record: tuple[str, ...] = ()
     source: Path | None = None
     """File or store that it is from."""
 
     @property
     def names(self) -> list[str]:
         """Coordinates that vary, the one drawn upwards first; of a run its distance."""
-        return list(map(Cases.label, self.grid)) if self.grid is not None else varied_names(self.ds) or ["distance"]
+        if self.grid is not None:
+            return list(self.grid)
+        return varied_names(self.ds) or ["distance"]
 
     @property
     def is_run(self) -> bool:
@@ -74,12 +76,14 @@ class View:
     @property
     def growing(self) -> bool:
         """Whether it is a store that lacks cases."""
-        return self.source is not None and self.ds is not None and bool((self.ds["status"] == Status.NOT_RUN).any())
+        if self.source is None or self.ds is None:
+            return False
+        return bool((self.ds["status"] == Status.NOT_RUN).any())
 
     def axis(self, name: str) -> np.ndarray:
         """Return the values of a coordinate [SI units]; of a distance the middles of windows."""
         if self.grid is not None:
-            return self.grid[name.removeprefix("start_")]
+            return self.grid[name]
         assert self.ds is not None
         return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
 
@@ -87,8 +91,7 @@ class View:
         """Return the quantity that a coordinate is of."""
         if name == "distance":
             return Quantity(name, "m", name)
-        bare = name.removeprefix("start_")
-        return STARTS[bare] if bare != name else parameter(name, self.scene)
+        return parameter(name, self.scene)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,6 @@ class Case:
     scene: Scene
     start: Any = None
     """A motion or state; None is Table 2's."""
-    origin: str = "the map's start"
     steps: int | None = None
     """Integration steps per forcing period, where they are not the default."""
     solver: Any = None
@@ -110,6 +112,12 @@ class Case:
         """Arguments of its functions besides the scene."""
         options = {"steps_per_period": self.steps, "solver": self.solver}
         return {name: value for name, value in options.items() if value is not None}
+
+    @property
+    def saves(self) -> int | None:
+        """Saved states per forcing period; None, for each step, where `SAVES` do not divide its steps."""
+        whole = self.steps is None or self.steps % SAVES == 0
+        return SAVES if whole else None
 
 
 class Shown(NamedTuple):
@@ -132,19 +140,16 @@ class Shown(NamedTuple):
 
 @dataclass
 class Session:
-    """All that a page shows and can compute. Copies share nothing that changes."""
+    """All that a page shows and can compute."""
 
     views: list[View]
-    at: int
-    """Which of the views is shown."""
+    """What was given, and boxes of it, each within the one before; the last is shown."""
     case: Case
     shown: Shown | None = None
-    orbit: PeriodicOrbit | None = None
-    branch: OrbitBranch | None = None
 
     @classmethod
     def of(cls, source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None) -> "Session":
-        """Return a session whose first view is of a scene, a dataset, a file or a store.
+        """Return a session whose view is of a scene, a dataset, a file or a store.
 
         **Raises:** `ValueError` where it is none of these, or `grid` is wrong; `OSError` for what cannot be read.
         """
@@ -152,7 +157,8 @@ class Session:
         if isinstance(source, str | Path):
             path = user_path(source).resolve()
             need = "be a store, a netCDF file or a scene's TOML file of slipperjax"
-            require(path.suffix != ".zarr" or path.is_dir(), "source", need, shown=f"{path}, which is not there")
+            there = path.suffix != ".zarr" or path.is_dir()
+            require(there, "source", need, shown=f"{path}, which is not there")
             source = path if path.suffix.lower() == ".toml" else _opened(path)
         ds = None
         if source is None or isinstance(source, Scene):
@@ -174,125 +180,81 @@ class Session:
             if grid is None:
                 grid = {"clearance": np.linspace(2e-4, 4e-3, 16), "speed": np.linspace(200.0, 2500.0, 25)}
             grid = {name: np.asarray(values, float) for name, values in grid.items()}
-            require(len(grid) in RECORDS, "grid", "have one or two parameters", list(grid))
-            Cases(scene, grid, start or table_2_start())  # for its checks
-            view = View(scene, start, None, grid, RECORDS[len(grid)])
-        session = cls([view], 0, Case(scene, start))
-        if view.is_run:  # the window with the highest force, where forces are known
-            place = float(peak_of(session.run)["peak_distance"]) if "peak_force" in session.run else 0.0
+            require(len(grid) in COMPUTED, "grid", "have one or two parameters", list(grid))
+            view = View(scene, start, grid=grid)
+            _cases(view)  # for its checks
+            for name in grid:
+                parameter(name, scene)
+        session = cls([view], Case(scene, start))
+        # the window with the highest force, where forces are known
+        if view.is_run:
+            ds = session.run
+            place = float(peak_of(ds)["peak_distance"]) if "peak_force" in ds else 0.0
             session.case = session.case_at(session.nearest(place))
         return session
-
-    def copied(self) -> "Session":
-        """Return a session for another window, which goes on from here."""
-        return dataclasses.replace(self, views=copy.copy(self.views))
 
     @property
     def view(self) -> View:
         """The view that is shown on the left."""
-        return self.views[self.at]
+        return self.views[-1]
 
     # --- the map ----------------------------------------------------------------------------------------------------
-
-    def show(self, view: View) -> None:
-        """Show another view, from which `move` leads back to this one; those that were ahead are forgotten."""
-        # as browsers do it
-        self.views[self.at + 1 :] = [view]
-        self.at += 1
-
-    def move(self, step: int) -> bool:
-        """Go back (-1) or forward (1) in the history; return whether there was something."""
-        moved = 0 <= self.at + step < len(self.views)
-        self.at += step * moved
-        return moved
 
     def box(self, *ends: tuple[float, float]) -> View | None:
         """Return a finer view of a box; None where it is too small.
 
         **Arguments:** `ends`: those of its sides along `view.names` [SI units].
         """
-        names = self.view.names
-        counts = (200,) if len(names) == 1 else (16, 25)
+        view = self.view
+        counts = (200,) if len(view.names) == 1 else (16, 25)
         grid = {}
         # each side of the box, within the map
-        for name, pair, count in zip(names, ends, counts, strict=True):
-            values = self.view.axis(name)
+        for name, pair, count in zip(view.names, ends, counts, strict=True):
+            values = view.axis(name)
             low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             finer = np.linspace(low, high, count)
             # seeds and the like have no values between
-            if self.view.quantity(name).whole:
+            if view.quantity(name).whole:
                 finer = np.arange(math.ceil(low), math.floor(high) + 1.0)
             if len(finer) < 2 or not finer[-1] - finer[0] > 1e-6 * np.ptp(values):
                 return None
-            grid[name.removeprefix("start_")] = finer
-        record = self.view.record if self.view.grid and len(names) == 2 else RECORDS[len(names)]
-        return View(self.view.scene, self.view.start, None, grid, record)
+            grid[name] = finer
+        return View(view.scene, view.start, grid=grid)
 
-    def with_case(self) -> View:
-        """Return the same map with the other values of the case that is looked at."""
-        view = self.view
-        grid = view.grid or {name.removeprefix("start_"): np.unique(view.axis(name)) for name in view.names}
-        return View(self.case.scene, view.start, None, grid, view.record or RECORDS[len(grid)])
-
-    def compute(self, view: View) -> Iterator[tuple[View, str, float]]:
-        """Yield what there is of a view after each 80 cases, what is being done, and its share.
-
-        Cases of a map that have no period in the record are run once more with `SURE` periods.
-        """
-        assert view.grid is not None
-        cases = Cases(view.scene, view.grid, view.start or table_2_start())
-        options = self.sweep_options(view)
+    def compute(self, view: View) -> Iterator[tuple[View, float]]:
+        """Yield what there is of a view after each 80 cases, and its share."""
+        cases = _cases(view)
         # cases with the same steps together, which run as one batch
         order = np.argsort(-cases.default_steps(), kind="stable")
-        whole: xr.Dataset | None = None
-        # in all calls of a pass as many lanes, so that one program serves them
-        for text, lanes in (("computing the map", 40), ("telling chaos from quasi-periodic motions", 16)):
-            # the first pass has too few periods for kinds other than periods
-            kinds = MotionKind(min(options["periods"], LAST))
-            options["record"] = [kinds if name == "motion" else name for name in view.record]
-            # each piece is shown before the next one begins
-            for first in range(0, len(order), 80):
-                part = order[first : first + 80]
-                values = cases.part(np.unravel_index(part, cases.shape))
-                ds = sweep(view.scene, values, product=False, **options, chunk=lanes)
-                whole = _put(whole, ds, part, cases)
-                yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + 80) / len(order))
-            if whole is None or "kind" not in whole:
-                return
-            # of the cases with a finite motion
-            unsure = (whole["kind"].values == "unresolved") & (whole["status"].values == Status.FINITE)
-            order = order[unsure.ravel()[order]]
-            options["periods"] = SURE
+        pieces = []
+        # each piece is shown before the next one begins
+        for first in range(0, len(order), 80):
+            part = np.unravel_index(order[first : first + 80], cases.shape)
+            values = cases.part(part)
+            pieces.append(sweep(view.scene, values, product=False, **sweep_options(view), chunk=40))
+            done = min(first + 80, len(order))
+            ds = _on_grid(pieces, order[:done], cases)
+            yield dataclasses.replace(view, ds=ds), done / len(order)
 
-    @staticmethod
-    def sweep_options(view: View) -> dict[str, Any]:
-        """Return arguments of `slipperjax.sweep` for a view, those of all of its cases where it is there."""
-        record = view.record[0] if len(view.record) == 1 else list(view.record)
-        transient, periods = (100, 64) if "motion" in view.record else (200, 10)
-        if view.ds is not None:
-            periods = int(view.ds.attrs["measured"])
-        options = {"record": record, "transient": transient, "periods": periods}
-        return options if view.start is None else options | {"start": view.start}
-
-    def refreshed(self) -> View | None:
-        """Return a growing store as it is now; None where nothing is new."""
+    def refreshed(self) -> bool:
+        """Read a growing store as it is now; return whether something is new."""
         view = self.view
         if not view.growing:
-            return None
+            return False
         assert view.ds is not None
         ds = _opened(view.source)
         if np.array_equal(ds["status"].values, view.ds["status"].values):
-            return None
-        self.views[self.at] = dataclasses.replace(view, ds=ds)
-        return self.view
+            return False
+        self.views[-1] = dataclasses.replace(view, ds=ds)
+        return True
 
     # --- runs -------------------------------------------------------------------------------------------------------
 
     @property
     def run(self) -> xr.Dataset:
         """The run, of which cases are windows."""
-        assert self.views[0].ds is not None
-        return self.views[0].ds
+        assert self.view.ds is not None
+        return self.view.ds
 
     @property
     def run_options(self) -> dict[str, Any]:
@@ -306,8 +268,10 @@ class Session:
         edges = edges_of(self.run, "distance")
         limit = max(distance, edges[0]) + 1e-6
         # where the run begins, and the ends of its stretches
-        kept = [place for place in (edges[0], *self.run["stretch"].values) if place <= limit]
-        return float(max(kept)), float(edges[edges <= limit].max())
+        places = np.array([edges[0], *self.run["stretch"].values])
+        kept = places[places <= limit].max()
+        begin = edges[edges <= limit].max()
+        return float(kept), float(begin)
 
     def state_at(self, distance: float) -> Any:
         """Return a run with its state where the window at a distance [m] begins, or the start there."""
@@ -336,13 +300,10 @@ class Session:
 
     def nearest(self, *place: float) -> dict[str, int]:
         """Return indices by dimension of the case nearest to a place along `view.names` [SI units]."""
-        view = self.view
-        away = {name: np.abs(view.axis(name) - p) for name, p in zip(view.names, place, strict=True)}
-        # a sample has one dimension, in which axes are scaled by their range
-        if view.grid is None and view.ds is not None and "case" in view.ds["status"].dims:
-            scaled = [(distance / (np.ptp(view.axis(name)) or 1.0)) ** 2 for name, distance in away.items()]
-            return {"case": int(np.argmin(np.sum(scaled, axis=0)))}
-        return {name: int(np.argmin(distance)) for name, distance in away.items()}
+        index = {}
+        for name, at in zip(self.view.names, place, strict=True):
+            index[name] = int(np.argmin(np.abs(self.view.axis(name) - at)))
+        return index
 
     def case_at(self, index: Mapping[str, int]) -> Case:
         """Return the case at a place of the map."""
@@ -350,49 +311,27 @@ class Session:
         if view.is_run:
             low, high = map(float, edges_of(view.ds, "distance")[index["distance"] :][:2])
             # steps are counted by stretch
-            stretch = min(int(np.searchsorted(self.run["stretch"], (low + high) / 2)), self.run.sizes["stretch"] - 1)
-            per_metre = float(self.run["steps_per_window"][stretch]) / self.run.attrs["window [m]"]
+            stretch = np.searchsorted(self.run["stretch"], (low + high) / 2)
+            counts = self.run["steps_per_window"].values
+            per_metre = counts[min(stretch, len(counts) - 1)] / self.run.attrs["window [m]"]
             steps = math.ceil(per_metre * _wavelength(view.scene))
-            return Case(view.scene, view.start, "", steps, load_call(self.run).get("solver"), (low, high))
+            return Case(view.scene, view.start, steps, load_call(self.run).get("solver"), (low, high))
         scene = view.scene
-        motion = getattr(view.start, "motion", view.start) or table_2_start()
-        # each name changes the start or the scene
         for name in view.names:
-            value = float(view.axis(name)[index.get(name, index.get("case", 0))])
-            if name.startswith("start_"):
-                motion = dataclasses.replace(motion, **{name.removeprefix("start_"): value})
-            else:
-                scene = scene.replace(**{name: value})
-        start = view.start
-        if any(name.startswith("start_") for name in view.names):
-            start = eqx.tree_at(lambda state: state.motion, start, motion) if hasattr(start, "motion") else motion
-        steps = solver = None
+            scene = scene.replace(**{name: float(view.axis(name)[index[name]])})
+        if view.ds is None or view.grid is not None:
+            return Case(scene, view.start)
         # what was given keeps its own steps and solver
-        if view.ds is not None and view.grid is None:
-            solver = load_call(view.ds).get("solver")
-            count = int(view.ds["steps_per_period"].isel(index).max()) if "steps_per_period" in view.ds else 0
-            steps = count if count and count != default_steps_per_period(scene) else None
-        return Case(scene, start, steps=steps, solver=solver)
+        solver = load_call(view.ds).get("solver")
+        steps = int(view.ds["steps_per_period"].isel(index).max()) if "steps_per_period" in view.ds else 0
+        return Case(scene, view.start, steps or None, solver)
 
     def place(self) -> list[float]:
         """Return where the case that is looked at is on the map, along `view.names` [SI units]."""
         case = self.case
         if case.window is not None:
             return [float(np.mean(case.window))]
-        motion = getattr(case.start, "motion", case.start) or table_2_start()
-        places = []
-        for name in self.view.names:
-            bare = name.removeprefix("start_")
-            places.append(
-                float(getattr(motion, bare) if bare != name else parameter(name, case.scene).of(case.scene))
-            )
-        return places
-
-    def begun(self, case: Case, goes_on: bool) -> Case:
-        """Return the case, or the case from the end of what is shown now, as `follow` begins it."""
-        if not goes_on or self.shown is None or int(self.shown.run.status) != Status.FINITE:
-            return case
-        return dataclasses.replace(case, start=self.shown.run.end, origin="the end of the case before")
+        return [float(parameter(name, case.scene).of(case.scene)) for name in self.view.names]
 
     def look(self, case: Case) -> Iterator[Shown]:
         """Compute the motion of a case."""
@@ -402,10 +341,8 @@ class Session:
             run = simulate(scene, periods, **options)
             yield Shown(case, run, run.to_xarray(), "run", 0)
             return
-        saves = None if case.steps is not None and case.steps % SAVES else SAVES
-        run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=saves, **case.options)
-        # saves per period
-        every = len(run.period) // PERIODS
+        run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=case.saves, **case.options)
+        every = len(run.period) // PERIODS  # saves per period
         ds = run.to_xarray().isel(time=slice(-SETTLED * every - 1, None))
         kind, period = "unresolved", 0
         if int(run.status) == Status.FINITE:
@@ -414,45 +351,16 @@ class Session:
             kind, period = str(found.kind), int(found.period)
         yield Shown(case, run, ds, kind, period)
 
-    def find_orbit(self, shown: Shown) -> Iterator[PeriodicOrbit]:
-        """Find the orbit of a case whose motion is periodic."""
-        case = shown.case
-        if not no_orbit(shown):
-            yield periodic_orbit(case.scene, shown.period, start=shown.run.end, **case.options)
 
-    def follow(self, name: str) -> Iterator[OrbitBranch]:
-        """Follow the orbit of the case over a parameter between the map's ends, eight points of each way a piece."""
-        orbit = self.orbit
-        assert orbit is not None
-        bounds = self.branch_bounds(name)
-        # the first orbit has the steps of the branch, and shares its programs
-        steps = steps_of_branch(orbit.scene, parameter(name, orbit.scene), bounds, None)
-        options: dict[str, Any] = dict(steps_per_period=steps, solver=orbit.solver)
-        first = periodic_orbit(orbit.scene, orbit.period, start=orbit.state, **options)
-        branch = continue_orbit(orbit.scene, name, bounds, start=first, points=8, **options)
-        yield branch
-        while "count" in branch.points.attrs["ended"]:
-            branch = branch.extended(points=8)
-            yield branch
-
-    def branch_bounds(self, name: str) -> tuple[float, float]:
-        """Return ends between which a branch is followed [SI unit], which hold the case's value."""
-        assert self.orbit is not None
-        value = float(parameter(name, self.orbit.scene).of(self.orbit.scene))
-        ends = self.view.axis(name) if name in self.view.names else np.array(SLIDERS[name])
-        return min(float(np.min(ends)), value), max(float(np.max(ends)), value)
+def sweep_options(view: View) -> dict[str, Any]:
+    """Return arguments of `slipperjax.sweep` for a view."""
+    options = COMPUTED[len(view.names)]
+    return options if view.start is None else options | {"start": view.start}
 
 
-def no_orbit(shown: Shown, longest: int = 8) -> str:
-    """Return why no orbit is looked for; empty where one is.
-
-    **Arguments:** `longest`: period up to which orbits are looked for [forcing periods]: a program each.
-    """
-    if shown.kind != "period":
-        return "none, as the motion has no period"
-    if float(shown.case.scene.track.recurrence) != 1:
-        return "none, as the rail does not repeat after a wavelength"
-    return f"looked for up to period {longest} only" if shown.period > longest else ""
+def _cases(view: View) -> Cases:
+    assert view.grid is not None
+    return Cases(view.scene, view.grid, view.start or table_2_start())
 
 
 def _wavelength(scene: Scene) -> float:
@@ -466,36 +374,32 @@ def _opened(path: Any) -> xr.Dataset:
 
 
 def _check_drawable(view: View) -> None:
-    """Raise `ValueError` for a dataset with more parameters than a plane has."""
+    """Raise `ValueError` for a dataset that is no run, and no grid of one or two parameters of the scene."""
     assert view.ds is not None
+    dims = ", ".join(map(str, view.ds["status"].dims)) if "status" in view.ds else "no cases"
     if view.is_run:
-        over = ", ".join(map(str, view.ds["status"].dims))
-        require(not over, "source", "be one run, as is ds.isel(...)", shown=f"over {over}")
+        require(not dims, "source", "be one run, as is ds.isel(...)", shown=f"over {dims}")
         return
-    branch = "point" in view.ds.dims and "state" in view.ds
-    good = len(view.names) in RECORDS and not branch
-    require(good, "source", "be a sweep over one or two parameters", shown=f"over {', '.join(view.names)}")
+    names = view.names
+    good = len(names) in COMPUTED and "status" in view.ds and set(names) <= set(view.ds["status"].dims)
+    require(good, "source", "be a sweep over one or two parameters", shown=f"over {dims}")
+    for name in names:
+        parameter(name, view.scene)
     check_steady(view.scene)
 
 
-def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Cases) -> xr.Dataset:
-    """Put some cases of a grid, side by side in `ds`, into the dataset of all of them."""
-    data = {}
-    # cases along the first axis, in the shape of the grid afterwards
-    for name, variable in ds.data_vars.items():
-        values = variable.values
-        shape = values.shape[1:]
-        old = None
-        if whole is not None:  # the number of crossings differs
-            old = whole[name].values.reshape(cases.count, *whole[name].shape[len(cases.dims) :])
-            shape = tuple(map(max, shape, old.shape[1:]))
-        # what is not computed yet
-        empty = {"f": np.nan, "U": ""}.get(values.dtype.kind, 0)
-        dtype = "U16" if values.dtype.kind == "U" else values.dtype
-        full = np.full((cases.count, *shape), int(Status.NOT_RUN) if name == "status" else empty, dtype)
-        if old is not None:
-            full[(slice(None), *map(slice, old.shape[1:]))] = old
-        full[(part, *map(slice, values.shape[1:]))] = values
-        data[name] = ((*cases.dims, *variable.dims[1:]), full.reshape(*cases.shape, *shape), variable.attrs)
-    others = {str(d): ds[d] for d in ds.indexes if d not in ("case", *cases.dims)}
-    return xr.Dataset(data, {**others, **cases.coordinates()}, ds.attrs)
+def _on_grid(pieces: list[xr.Dataset], places: np.ndarray, cases: Cases) -> xr.Dataset:
+    """Return cases that were computed side by side as a grid, of which others are not run yet.
+
+    **Arguments:** `places`: their numbers in the grid, the last parameter fastest.
+    """
+    # the number of crossings differs between pieces
+    numbered = [ds.assign_coords(crossing=np.arange(ds.sizes.get("crossing", 0))) for ds in pieces]
+    together = xr.concat(numbered, "case", join="outer").drop_vars([*cases.dims, "crossing"])
+    missing = {"status": int(Status.NOT_RUN), "kind": "", "period": 0, "steps_per_period": 0}
+    fill = {name: missing.get(str(name), np.nan) for name in together}
+    whole = together.assign_coords(case=places).reindex(case=np.arange(cases.count), fill_value=fill)
+    # from numbers to the axes of the grid
+    index = pd.MultiIndex.from_product(list(cases.axes.values()), names=cases.dims)
+    coordinates = xr.Coordinates.from_pandas_multiindex(index, "case")
+    return whole.assign_coords(coordinates).unstack("case").reindex(cases.axes).assign_coords(cases.coordinates())

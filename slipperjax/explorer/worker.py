@@ -28,16 +28,14 @@ class Worker:
         self._closed = False
         threading.Thread(target=self._run, daemon=True).start()
 
-    def is_busy(self, *names: str) -> bool:
-        """Return whether a job of one of the names, or any, runs or waits."""
-        return any(name in self._jobs for name in names or self._names)
+    def is_busy(self) -> bool:
+        """Return whether a job runs or waits."""
+        return bool(self._jobs)
 
-    def submit(self, name: str, job: Iterator[Any] | None) -> None:
-        """Run the pieces that an iterator computes, in place of the job before; None only ends that one."""
+    def submit(self, name: str, job: Iterator[Any]) -> None:
+        """Run the pieces that an iterator computes, in place of the job before."""
         with self._changed:
-            self._jobs.pop(name, None)
-            if job is not None:
-                self._jobs[name] = job
+            self._jobs[name] = job
             self._changed.notify()
 
     def stop(self) -> None:

@@ -292,14 +292,18 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
 def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     """Draw as `attractor_map`, without the legend, whose entries are returned."""
-    motions = motions_of(ds, *over)
-    kinds = {name: color for name, color in MOTION_COLORS.items() if name != FLAGGED_LABEL and name in motions}
-    # the index of each case among the kinds that occur
-    index = np.select([motions == name for name in kinds], list(range(len(kinds))), 0)
-    _, handles = category_map(ds, over, index, list(kinds.values()) or ["white"], ax, MOTION_COLORS[FLAGGED_LABEL])
-    life = ds.get("least_mean_life", np.nan)
+    index, colors = categories(ds, motions_of(ds, *over))
+    _, handles = category_map(ds, over, index, list(colors.values()), ax)
     edge = dict(edgecolor=COLORS["grey"], linewidth=0.4)
-    return [Patch(facecolor=kinds[name], label=lasting(name, life), **edge) for name in kinds] + handles
+    return [Patch(facecolor=color, label=name, **edge) for name, color in colors.items()] + handles
+
+
+def categories(ds: xr.Dataset, words: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
+    """Return the index of each word among the kinds of motion that occur, NaN for others, and colours by name."""
+    present = {name: color for name, color in (MOTION_COLORS | REGIME_COLORS).items() if name in words}
+    index = np.select([words == name for name in present], list(range(len(present))), np.nan)
+    life = ds.get("least_mean_life", np.nan)
+    return index, {lasting(name, life): color for name, color in present.items()}
 
 
 def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:

@@ -35,7 +35,6 @@ PLACE = """([name, x, y]) => {
 CASE_CHANGED = "(old) => Bokeh.documents[0].get_model_by_name('case').text != old"
 
 
-FOUND = "!Bokeh.documents[0].get_model_by_name('circle').title.text.includes('looking')"
 COMPUTED = "!Bokeh.documents[0].get_model_by_name('line').text.includes('computing')"
 
 
@@ -115,7 +114,6 @@ class Window:
 
     def ready(self):
         self.wait("Click a point")
-        self.page.wait_for_function(FOUND, timeout=WAIT)
 
     def press(self, label):
         self.page.get_by_role("button", name=label, exact=True).click()
@@ -177,17 +175,13 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         print(f"a box of 400 cases took {time.perf_counter() - t:.2f} s")
         window.ready()
         window.shoot("4_box")
-        window.press("◀ Back")
-        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
-        window.press("Forward ▶")
-        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {wide}")
-        window.page.keyboard.press("[")
+        window.press("Back")
         window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
         # stop
         window.drag(600, 0.5, 2300, 3.9)
-        window.press("■ Stop")
+        window.press("Stop")
         window.wait("stopped")
-        window.press("◀ Back")
+        window.press("Back")
         # what was copied runs, and gives the same
         window.look(1250, 1.0)
         window.ready()
@@ -198,19 +192,12 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         download.value.save_as(tmp_path / "scene.toml")
         assert "speed" in (tmp_path / "scene.toml").read_text()
         assert sj.load_scene(tmp_path / "scene.toml").value("clearance") == pytest.approx(1e-3, rel=0.2)
-        # a branch, with its events
-        window.press("Follow the branch")
-        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('branch').visible", timeout=WAIT)
-        time.sleep(20)
-        window.press("■ Stop")  # where the branch is by then
-        window.wait("stopped")
-        window.shoot("5_branch")
-        # another window goes on from here, and does not disturb this one
+        # another window does not disturb this one
+        before = window.model("case", "text")
         other = Window(browser, url)
         other.ready()
-        assert other.model("case", "text") == window.model("case", "text")
         other.look(2000, 0.5)
-        assert other.model("case", "text") != window.model("case", "text")
+        assert window.model("case", "text") == before
         other.close()
         window.close()
         again = Window(browser, url)  # after the browser was closed
@@ -242,14 +229,10 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         window.look(1300, 1.5)
         window.ready()
         window.shoot("7_store")
-        # from where the case before ends
-        window.page.locator("select").nth(1).select_option(label="from the end of the case before")
-        window.look(1600, 1.0)
-        assert "the end of the case before" in window.model("case", "text")
         window.close()
 
 
-def test_a_diagram_is_computed_and_followed(browser):
+def test_a_diagram_is_computed_and_refined(browser):
     with serving("--over", "speed", "1100", "1500", "60") as (_, url):
         window = Window(browser, url)
         window.wait("highest force")
@@ -270,7 +253,7 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
     ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
     force = ds["peak_force"].max(("end", "point"))
     highest = float(ds["distance"][force.values.argmax()])
-    with serving(tmp_path / "run.nc") as (process, url):
+    with serving(tmp_path / "run.nc") as (_, url):
         window = Window(browser, url)
         window.wait(f"{highest - 1:g} to {highest:g} m", WAIT)  # where the force is highest
         assert f"{float(force.max()) / 1e3:.3g} kN" in window.model("case", "text")
@@ -278,10 +261,6 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.shoot("9_run")
         window.look(149.5, 1.0)
         window.wait("149 to 150 m")
-        before = window.model("case", "text")
-        window.page.keyboard.press("ArrowRight")
-        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
-        window.wait("150 to 151 m")
         window.ready()
         # nearer
         window.drag(120, 0.5, 130, 1.0)
@@ -293,7 +272,6 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.page.locator("select").first.select_option("impacts")
         window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').below")
         window.close()
-        assert "The page was closed" in process.stdout.readline()
 
 
 @contextlib.contextmanager
@@ -309,48 +287,10 @@ def shown(browser, *arguments):
         page.stop()
 
 
-def arrows(window, *keys):
-    """What the page says of the case after each of some keys."""
-    for key in keys:
-        before = window.model("case", "text")
-        window.page.keyboard.press(key)
-        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
-    return window.model("case", "text")
-
-
 def cross(window):
     """Where the cross on the map is."""
     window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('cross').data_source.data.x.length")
     return [window.model("cross", f"data_source.data.{axis}[0]") for axis in "xy"]
-
-
-def test_a_map_over_starts_is_walked_with_keys(browser):
-    grid = {"v_z": np.linspace(0.1, 0.7, 3), "y": np.linspace(-2e-4, 2e-4, 3)}
-    with shown(browser, sj.paper_scene(), grid) as window:
-        window.page.wait_for_function(COMPUTED, timeout=WAIT)
-        window.look(0.2, 0.1)
-        assert cross(window) == pytest.approx([0.2, 0.1])
-        arrows(window, "ArrowLeft")
-        assert cross(window) == pytest.approx([0.0, 0.1])
-        arrows(window, "ArrowUp")
-        assert cross(window) == pytest.approx([0.0, 0.4])
-        window.page.keyboard.press(" ")
-        window.page.get_by_role("button", name="Pause").wait_for()
-        window.page.keyboard.press(" ")
-        window.page.get_by_role("button", name="Play").wait_for()
-        assert window.model("time", "x_range.start") > 315  # the last periods and no more
-        window.shoot("11_starts")
-
-
-def test_samples_are_clicked(browser):
-    speed, clearance = np.linspace(900.0, 1600.0, 6), np.array([1.0, 2.0, 0.8, 1.5, 1.1, 1.9]) * 1e-3
-    grid = {"clearance": clearance, "speed": speed}
-    ds = sj.sweep(sj.paper_scene(), grid, product=False, record=["motion", "peak_force"], periods=200)
-    with shown(browser, ds) as window:
-        window.look(speed[3] + 20, 1e3 * clearance[3] + 0.05)
-        assert cross(window) == pytest.approx([speed[3], 1e3 * clearance[3]])
-        window.ready()
-        window.shoot("12_samples")
 
 
 def test_a_map_with_uneven_values_is_clicked(browser):
@@ -363,7 +303,10 @@ def test_a_map_with_uneven_values_is_clicked(browser):
             window.look(speed[k] * 1.02, 1.1)
             assert cross(window) == pytest.approx([speed[k], 1.0])
         window.ready()
-        window.shoot("13_logarithmic")
+        window.press("Play")
+        window.page.get_by_role("button", name="Pause").wait_for()
+        window.press("Pause")
+        window.shoot("11_logarithmic")
 
 
 def test_a_notebook_shows_the_page(browser, tmp_path):
@@ -392,7 +335,7 @@ def test_a_notebook_shows_the_page(browser, tmp_path):
             frame.get_by_text("highest force").first.wait_for(timeout=WAIT)
             frame.get_by_text("period 1").first.wait_for(timeout=WAIT)
             if folder := os.environ.get("SLIPPERJAX_SCREENSHOTS"):
-                page.screenshot(path=Path(folder) / "14_notebook.png")
+                page.screenshot(path=Path(folder) / "12_notebook.png")
             page.close()
         finally:
             process.terminate()

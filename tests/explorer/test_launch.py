@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import pytest
 
 import slipperjax as sj
-from slipperjax.explorer.pictures import ways
 from slipperjax.explorer.session import Case, Session
 
 from ..cli.commands import error_of
@@ -95,11 +94,10 @@ def test_the_browser_is_led_by_a_file_of_this_user_alone(page, tmp_path, monkeyp
     def browse(address):
         file = Path(urllib.request.url2pathname(urllib.parse.urlsplit(address).path))
         seen.append((address, file.read_text(), file.stat().st_mode & 0o777))
-        page._pages.append(None)  # as when the browser shows it
+        page._opened.set()  # as when the browser shows it
 
     monkeypatch.setattr("webbrowser.open", browse)
     page.open_browser()
-    page._pages.clear()
     (address, text, mode), secret = seen[0], page.url.split("/")[3]
     assert secret not in address
     assert f'content="0; url={page.url}"' in text
@@ -159,7 +157,7 @@ def test_names_of_points_reach_the_page_as_text():
     assert IMAGE not in _words(shown)
 
 
-def test_a_followed_path_is_shown_each_way_in_its_colour():
+def test_a_followed_path_is_shown_both_ways():
     from bokeh.document import Document
 
     from slipperjax.explorer.page import Page
@@ -168,28 +166,12 @@ def test_a_followed_path_is_shown_each_way_in_its_colour():
     followed = sj.follow(sj.paper_scene(), {"speed": speeds}, transient=10, periods=10, record="strobe")
     ds = followed.assign(v_z=followed["strobe"].sel(coordinate="v_z").rename(strobe_period="crossing"))
     session = Session.of(ds)
-    page = Page(Document(), session, lambda _: None)
+    page = Page(Document(), session)
     page.choice.value = "v_z"
-    assert set(page.dots.data["color"]) == set(ways(session.view).values())
     assert len(page.dots.data["x"]) == ds["v_z"].size
-    for way in ("up", "down"):
-        assert f"followed {way}" in page.legend.text
     case = session.case_at(session.nearest(1190.0))
     assert float(case.scene.speed) == 1200.0
     page.worker.close()
-
-
-def test_another_window_goes_on_where_the_latest_is(page):
-    def opened():
-        status_of(page)
-        return page._pages[-1]
-
-    one, other = opened(), opened()
-    one.session.show(one.session.box((1e-3, 2e-3), (1100.0, 1300.0)))
-    one.keep(one.session.copied())
-    later = opened()
-    assert [len(window.session.views) for window in (one, other, later)] == [2, 1, 2]
-    assert later.session.view is one.session.view
 
 
 def test_the_port_is_bound_at_the_loopback_address_only(page):

@@ -11,12 +11,14 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.explorer.pictures import choices, image, label, picture_of
 from slipperjax.explorer.scripts import python_of, scene_text, start_text
-from slipperjax.explorer.session import Case, Session, Shown, no_orbit
+from slipperjax.explorer.session import Session, _on_grid
 from slipperjax.explorer.worker import Worker
 from slipperjax.flow.datasets import run_attributes
+from slipperjax.flow.status import Status
 from slipperjax.model import scene_to_json
 from slipperjax.model.parameters import PARAMETERS, quantity
 from slipperjax.plots.style import MOTION_COLORS
+from slipperjax.sweeps.grid import Cases
 
 SPEEDS, CLEARANCES = np.array([500.0, 1000.0, 2000.0]), np.array([1e-3, 2e-3])
 
@@ -42,21 +44,13 @@ def test_a_click_gives_the_case_of_its_cell():
     assert session.place() == pytest.approx([1e-3, 2000.0])
 
 
-def test_starts_that_were_varied_are_those_of_the_case():
-    ds = a_map().rename(clearance="start_y")
-    ds.attrs["varied"] = '["start_y", "speed"]'
-    case = Session.of(ds).case_at({"start_y": 1, "speed": 0})
-    assert case.start.y == 2e-3
-    assert case.start.v_z == 0.5
-
-
 def test_chaos_stands_with_its_least_mean_life():
     dims = ("clearance", "speed")
     regime = np.array([["periodic", "periodic", "chaotic"], ["regular", "unresolved", "periodic"]])
     ds = a_map(regime=(dims, regime), least_mean_life=(dims, np.where(regime == "chaotic", 3365.1, np.nan)))
     view = Session.of(ds).view
     for choice in ("regime", "motion"):
-        assert "chaotic (mean life 3365 periods or more)" in picture_of(view, choice).names
+        assert "chaotic (mean life 3365 periods or more)" in picture_of(view, choice).colors
 
 
 def test_a_box_over_seeds_holds_whole_numbers():
@@ -68,25 +62,33 @@ def test_a_box_over_seeds_holds_whole_numbers():
     assert session.box((5e-4, 1.5e-3), (2.5, 3.5)) is None
 
 
-def test_a_box_is_finer_within_the_map_and_history_leads_back_and_forward():
+def test_a_box_is_finer_within_the_map():
     session = Session.of(a_map())
-    first = session.view
     assert session.box((1e-3, 1e-3), (600.0, 900.0)) is None
     box = session.box((5e-4, 1.5e-3), (1500.0, 600.0))
     assert box.grid["clearance"][[0, -1]] == pytest.approx([1e-3, 1.5e-3])
     assert box.grid["speed"][[0, -1]] == pytest.approx([600.0, 1500.0])
     assert tuple(map(len, box.grid.values())) == (16, 25)
-    session.show(box)
-    assert not session.move(1)
-    assert session.move(-1)
-    assert session.view is first
-    assert session.move(1)
-    assert session.view is box
-    other = session.copied()
-    other.move(-1)
-    other.show(first)
-    assert session.view is box
-    assert session.views[1] is box
+
+
+@pytest.mark.parametrize(
+    ("grid", "name"),
+    [({"clearance": [1e-3, 2e-3], "speed": [900.0, 1500.0]}, "kind"), ({"speed": [900.0, 1500.0]}, "v_z")],
+)
+def test_a_part_of_a_map_is_on_its_grid(grid, name):
+    cases = Cases(sj.paper_scene(), grid, sj.table_2_start())
+    values = cases.part(np.unravel_index([1], cases.shape))
+    record = ["motion", "sections"] if name == "kind" else "sections"
+    piece = sj.sweep(sj.paper_scene(), values, product=False, record=record, transient=1, periods=16)
+    ds = _on_grid([piece], np.array([1]), cases)
+    assert ds["status"].dims == cases.dims
+    assert ds["status"].values.ravel()[1] == 0
+    assert (np.delete(ds["status"].values.ravel(), 1) == Status.NOT_RUN).all()
+    other = _on_grid([piece, piece], np.array([1, 0]), cases)
+    np.testing.assert_array_equal(
+        other[name][{d: 0 for d in cases.dims}],
+        ds[name].isel(dict.fromkeys(cases.dims[:-1], 0)).isel({cases.dims[-1]: 1}),
+    )
 
 
 def test_sources_that_are_no_maps_are_named(tmp_path):
@@ -98,15 +100,6 @@ def test_sources_that_are_no_maps_are_named(tmp_path):
     deep = a_map().expand_dims(length=[0.2]).assign_attrs(varied='["length", "clearance", "speed"]')
     with pytest.raises(ValueError, match="one or two parameters"):
         Session.of(deep)
-
-
-def test_the_start_is_that_of_the_map_or_the_end_of_the_case_before():
-    session, case = Session.of(), Case(sj.paper_scene())
-    assert session.begun(case, True) is case  # before anything is shown
-    run = sj.simulate(sj.paper_scene(), 1, steps_per_period=50)
-    session.shown = Shown(case, run, None, "period", 1)
-    assert session.begun(case, False) is case
-    assert session.begun(case, True).start.motion.y == run.end.motion.y
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +122,6 @@ def test_a_window_of_a_run_is_a_case_with_the_same_forces(along):
     found = shown.run.to_xarray()["peak_force"].max("point")
     there = along["peak_force"].sel(distance=slice(112.5, 120.0)).max(("distance", "point"))
     np.testing.assert_allclose(found, there, rtol=1e-4)  # the steps differ: measured 5e-6
-    assert no_orbit(shown) == "none, as the motion has no period"
 
 
 @pytest.mark.slow
@@ -142,11 +134,6 @@ def test_a_script_computes_what_is_shown_of_a_run(along, tmp_path):
     names = {}
     exec("\n".join(lines), names)
     np.testing.assert_array_equal(names["run"].state.motion.y, session.shown.run.state.motion.y)
-
-
-@pytest.mark.parametrize(("kind", "period", "words"), [("chaotic", 0, "no period"), ("period", 12, "up to period 8")])
-def test_a_branch_that_cannot_be_followed_has_a_reason(kind, period, words):
-    assert words in no_orbit(Shown(Case(sj.paper_scene()), None, None, kind, period))
 
 
 # --- scripts --------------------------------------------------------------------------------------------------------
@@ -196,9 +183,10 @@ def test_a_script_computes_the_map_that_is_shown():
 
 def test_kinds_of_motions_have_their_colours_and_missing_ones_none():
     picture = picture_of(Session.of(a_map()).view, "motion")
-    names = [None if np.isnan(k) else picture.names[int(k)] for k in picture.values.ravel()]
+    kinds = list(picture.colors)
+    names = [None if np.isnan(k) else kinds[int(k)] for k in picture.values.ravel()]
     assert names == ["period 1", "other periods", "chaotic", "quasi-periodic", "status not 0", None]
-    assert picture.colors[picture.names.index("chaotic")] == MOTION_COLORS["chaotic"]
+    assert picture.colors["chaotic"] == MOTION_COLORS["chaotic"]
 
 
 def test_numbers_are_the_highest_of_all_points_in_their_display_unit():
@@ -222,9 +210,9 @@ def test_an_image_has_each_value_where_its_cell_is(x):
 
 
 def test_labels_have_words_and_units():
-    assert label(PARAMETERS["clearance"]) == "clearance C [mm]"
+    assert label(PARAMETERS["clearance"]) == "clearance [mm]"
     assert label(quantity("w_x")) == "roll rate [rad/s]"
-    assert label(PARAMETERS["restitution"]) == "restitution c_r"
+    assert label(PARAMETERS["restitution"]) == "restitution"
 
 
 # --- work beside the page -------------------------------------------------------------------------------------------
