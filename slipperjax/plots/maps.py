@@ -293,8 +293,9 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     """Draw as `attractor_map`, without the legend, whose entries are returned."""
     index, colors = categories(ds, motions_of(ds, *over))
-    _, handles = category_map(ds, over, index, list(colors.values()), ax)
+    _, handles = category_map(ds, over, index, list(colors.values()), ax, MOTION_COLORS[FLAGGED_LABEL])
     edge = dict(edgecolor=COLORS["grey"], linewidth=0.4)
+    colors.pop(FLAGGED_LABEL, None)  # which the map has of its own
     return [Patch(facecolor=color, label=name, **edge) for name, color in colors.items()] + handles
 
 

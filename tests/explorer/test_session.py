@@ -75,6 +75,7 @@ def test_a_box_is_finer_within_the_map():
     ("grid", "name"),
     [({"clearance": [1e-3, 2e-3], "speed": [900.0, 1500.0]}, "kind"), ({"speed": [900.0, 1500.0]}, "v_z")],
 )
+@pytest.mark.filterwarnings("ignore:Argument `periods` is 16")
 def test_a_part_of_a_map_is_on_its_grid(grid, name):
     cases = Cases(sj.paper_scene(), grid, sj.table_2_start())
     values = cases.part(np.unravel_index([1], cases.shape))
