@@ -8,7 +8,7 @@ from concurrent.futures import Future, wait
 from typing import Any
 
 import numpy as np
-from bokeh.events import DocumentReady, SelectionGeometry, Tap
+from bokeh.events import DocumentReady, DoubleTap, SelectionGeometry, Tap
 from bokeh.layouts import column, row
 from bokeh.models import Button, ColorBar, CustomJS, Div, LinearColorMapper, Range1d, Select, Slider
 from bokeh.palettes import Cividis256
@@ -130,6 +130,7 @@ class Page:
         self.map: Any = figure(width=WIDTH, height=440, name="map", **options, **ranges)
         self.map.grid.visible = False
         self.map.on_event(Tap, self._tapped)
+        self.map.on_event(DoubleTap, self._tapped)  # as two quick clicks are
         self.map.on_event(SelectionGeometry, self._boxed)
         self.mapper: Any = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
         self.pixels = source("image", "x", "y", "dw", "dh")

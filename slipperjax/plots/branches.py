@@ -1,13 +1,12 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from matplotlib.patheffects import Normal, withStroke
 
 from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
@@ -19,6 +18,7 @@ from .style import (
     FLAGGED_LABEL,
     axis_label,
     check_dataset,
+    color_bar,
     cross,
     drawing,
     flagged,
@@ -35,20 +35,10 @@ DASHED = (0, (3.0, 1.4))
 """Line style of unstable motions; stable ones are solid."""
 
 
-class Mark(NamedTuple):
-    """An event in a picture: its label, the parameter [display unit], and the orbit's values there."""
-
-    label: str
-    x: float
-    values: list[float]
-    color: str
-
-
 def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax: Any = None) -> Any:
     """Draw branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
 
-    Colours tell periods apart. An event has a marker at each value that its orbit has, and its label beside the
-    highest of them; grazings, which crowd, have no label.
+    Colours tell periods apart. An event has a marker at each value that its orbit has.
 
     **Arguments:**
 
@@ -72,38 +62,36 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
     periods = [int(one.attrs["orbit_period"]) for one in points]
     # one colour for each period that occurs
     colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
-    marks: list[Mark] = []
+    used = set()
     with drawing(ax, points[0], 3.5, 2.9) as ax:
-        handles = [] if brute is None else _draw_brute(ax, brute, name, quantity)
-        # the lines of all branches, and where their events lie
-        for one, (threads, linked), period in zip(points, lines, periods, strict=True):
+        handles = []
+        if brute is not None:
+            handles = _draw_brute(ax, brute, name, quantity)
+        # the lines of all branches, with their events
+        for one, threads, period in zip(points, lines, periods, strict=True):
             x = shown(one, name)
-            _draw_lines(ax, x, threads, linked, stable_parts(one), colors[period])
+            stable = stable_parts(one)
+            style: dict[str, Any] = dict(color=colors[period], zorder=3, solid_capstyle="butt")
+            ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, **style)
+            ax.plot(*joined(x, threads, stable), lw=1.3, **style)
             for label, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
                 # an event has as many values as its orbit has crossings
-                values = threads[np.isfinite(threads[:, k]), k].tolist()
-                if label in EVENT_MARKERS and values:
-                    marks.append(Mark(label, float(x[k]), values, colors[period]))
-        for mark in marks:
-            ax.plot([mark.x] * len(mark.values), mark.values, **_marker(mark.label, mark.color), zorder=4)
-            # grazings crowd, and the legend names them
-            if mark.label != "GR":
-                style = dict(textcoords="offset points", ha="center", fontsize=6.5, color=mark.color)
-                ax.annotate(mark.label, (mark.x, max(mark.values)), (0, 4), **style)
+                values = threads[np.isfinite(threads[:, k]), k]
+                if label in EVENT_MARKERS and len(values):
+                    used.add(label)
+                    ax.plot(np.full(len(values), x[k]), values, **_marker(label, colors[period]), zorder=4)
         ax.set(xlabel=axis_label(name, points[0]), ylabel=axis_label(quantity, points[0]))
         ax.margins(x=0.03, y=0.08)
-        if brute is not None:  # which may be over a wider range, where the branch has nothing to show
-            values = np.concatenate([shown(one, name) for one in points])
-            margin = 0.05 * np.ptp(values)
-            left, right = ax.get_xlim()
-            ax.set_xlim(max(values.min() - margin, left), min(values.max() + margin, right))
         # colours are explained where there are several
         if len(colors) > 1:
             handles += [Line2D([], [], color=color, lw=1.3, label=f"period {p}") for p, color in colors.items()]
         color = "black" if len(colors) > 1 else colors[periods[0]]
         handles.append(Line2D([], [], color=color, lw=1.3, label="stable"))
         handles.append(Line2D([], [], color=color, lw=0.8, ls=DASHED, label="unstable"))
-        legend_above(ax, handles + _event_entries(marks))
+        for label in EVENT_MARKERS:
+            if label in used:
+                handles.append(Line2D([], [], **_marker(label, "black"), label=f"{label} {EVENT_NAMES[label]}"))
+        legend_above(ax, handles)
     return ax
 
 
@@ -130,8 +118,7 @@ def check_brute(brute: Any, name: str, quantity: str) -> None:
 def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     """Draw Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
 
-    Critical multipliers of events have a marker. Multipliers of a modulus above 2 lie on an outer circle, in their
-    direction.
+    Multipliers with a part above 2 lie outside of the picture.
 
     **Arguments:** `ds`: a branch, a result of `continue_orbit` or its dataset; `ax`: the Axes to draw into, default
     those of a new figure, with the fixed parameters as its title.
@@ -148,42 +135,14 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     mu = (one["multiplier_real"].values + 1j * one["multiplier_imag"].values).ravel()
     # each multiplier has the parameter of its point
     values = np.repeat(shown(one, name), one.sizes["multiplier"])
-    largest = float(np.max(np.abs(mu)))
-    outer = 2.0
-    # what lies beyond the outer circle is drawn on it
-    mu = mu / np.maximum(1.0, np.abs(mu) / outer)
-    limit = 1.08 * float(np.clip(largest, 1.0, outer))
+    limit = 1.08 * float(np.clip(np.max(np.abs(mu)), 1.0, 2.0))
     with drawing(ax, one, 4.6, 4.2) as ax:
         ax.add_patch(Circle((0, 0), 1.0, fill=False, lw=0.8, ec="black", zorder=1))
         dots = ax.scatter(mu.real, mu.imag, c=values, cmap="viridis", s=7, linewidths=0, zorder=2)
-        handles = [Line2D([], [], ls="", marker=".", ms=5, color=COLORS["grey"], label="multiplier")]
-        if largest > outer:
-            ax.add_patch(Circle((0, 0), outer, fill=False, lw=0.6, ls=":", ec=COLORS["grey"], zorder=1))
-            text = f"beyond, up to {largest:.3g}"
-            handles.append(Line2D([], [], lw=0.6, ls=":", color=COLORS["grey"], label=text))
-        marks = _critical_marks(one)
-        for mark in marks:
-            style = _marker(mark.label, mark.color) | dict(mfc="none", mec=mark.color, ms=6, mew=0.9)
-            ax.plot([mark.x] * len(mark.values), mark.values, **style, zorder=4)
         ax.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
         ax.set(xlabel="real part of multiplier", ylabel="imaginary part of multiplier")
-        ax.figure.colorbar(dots, ax=ax, label=axis_label(name, one), shrink=0.85)
-        legend_above(ax, handles + _event_entries(marks))
+        color_bar(ax, dots, axis_label(name, one))
     return ax
-
-
-def _critical_marks(ds: xr.Dataset) -> list[Mark]:
-    """Return the critical multipliers of events, alike ones once, since all folds of a branch have +1."""
-    parts = [ds[f"event_multiplier_{part}"].values.round(3).tolist() for part in ("real", "imag")]
-    alike = dict.fromkeys(zip(ds["event_label"].values.astype(str), *parts, strict=True))
-    marks = []
-    for label, real, imaginary in alike:
-        # grazings have no critical multiplier
-        if label in EVENT_MARKERS and np.isfinite(real):
-            # a complex one comes with its conjugate
-            pair = [imaginary, -imaginary] if imaginary else [0.0]
-            marks.append(Mark(label, real, pair, COLORS["red"]))
-    return marks
 
 
 def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> Any:
@@ -231,8 +190,10 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
             label = one.attrs["label"]
             color = colors[label]
             _draw_curve(ax, one, over, color)
+            period = int(one.attrs.get("orbit_period", 1))
+            text = f"{label} {EVENT_NAMES[label]}" + (f" of period {period}" if period > 1 else "")
             # one entry for all curves of a label
-            entries[label] = Line2D([], [], color=color, lw=1.4, label=f"{label} {EVENT_NAMES[label]}")
+            entries[text] = Line2D([], [], color=color, lw=1.4, label=text)
         if any(np.any(one["outside"].values) for one in curves):
             entries["outside"] = Line2D([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
         legend_above(ax, [*entries.values(), *handles])
@@ -252,30 +213,14 @@ def _map_parameters(regimes: xr.Dataset, over: Sequence[str]) -> Sequence[str]:
 
 
 def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str], color: str) -> None:
-    """Draw one curve, its points in their order; a part is solid where both its ends are. Name a longer period."""
+    """Draw one curve, its points in their order; a part is solid where both its ends are."""
     x = shown(ds, over[1])
     y = shown(ds, over[0])
     # where the curve bounds a stable motion
     single = ds["outside"].values == 0
     solid = single[1:] & single[:-1]
-    halo = [withStroke(linewidth=2.6, foreground="white"), Normal()]
-    style: dict[str, Any] = dict(color=color, zorder=4, path_effects=halo)
-    ax.plot(*joined(x, y[None], solid), lw=1.4, **style)
-    ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
-    period = int(ds.attrs.get("orbit_period", 1))
-    # the label stands in the middle of what is seen
-    inside = [k for k in range(len(x)) if ax.viewLim.contains(x[k], y[k])]
-    if period > 1 and inside:
-        middle = inside[len(inside) // 2]
-        offset: dict[str, Any] = dict(xytext=(4, 4), textcoords="offset points", fontsize=6.5)
-        ax.annotate(f"of period {period}", (x[middle], y[middle]), **offset, **style)
-
-
-def _event_entries(marks: Sequence[Mark]) -> list[Line2D]:
-    """Return entries of a legend with the meaning of labels."""
-    used = {mark.label for mark in marks}
-    names = [label for label in EVENT_MARKERS if label in used]
-    return [Line2D([], [], **_marker(label, "black"), label=f"{label} {EVENT_NAMES[label]}") for label in names]
+    ax.plot(*joined(x, y[None], solid), lw=1.4, color=color, zorder=4)
+    ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, color=color, zorder=4)
 
 
 def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
@@ -295,27 +240,19 @@ def _parameter(points: Sequence[xr.Dataset]) -> str:
     return names.pop()
 
 
-def start_of(ds: xr.Dataset, coordinate: str) -> np.ndarray:
-    """Return a coordinate of a branch's orbits at the start of their periods [display unit], (points,)."""
-    start = ds["strobe"].isel(strobe_period=0).sel(coordinate=coordinate)
-    return COORDINATES[coordinate].shown(start.values)
-
-
-def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines of a branch (lines, points) [display unit], NaN for none, and the parts to draw (points - 1,)."""
-    # by default all neighbours are joined
-    linked = np.ones(ds.sizes["point"] - 1, bool)
+def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
+    """Return lines of a branch (lines, points) [display unit], NaN for none."""
     if name in SECTIONS:
         check_dataset(ds, "continue_orbit", name, f"{name}_period")
-        velocity, time = (ds[n].transpose("point", "crossing").values for n in (name, f"{name}_period"))
-        return crossing_threads(velocity, time, int(ds.attrs["orbit_period"])), linked
+        velocity = ds[name].transpose("point", "crossing").values
+        time = ds[f"{name}_period"].transpose("point", "crossing").values
+        return crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
     if name.startswith("start_"):
-        return start_of(ds, name.removeprefix("start_"))[None], linked
+        start = ds["strobe"].isel(strobe_period=0)
+        coordinate = name.removeprefix("start_")
+        return COORDINATES[coordinate].shown(start.sel(coordinate=coordinate).values)[None]
     check_dataset(ds, "continue_orbit", name)
-    if name == "slowest_touchdown":  # it becomes another one where a touchdown comes or goes
-        linked = np.all(np.diff(ds["touchdowns"].values.reshape(len(linked) + 1, -1), axis=0) == 0, axis=1)
-    values = shown(ds, name)
-    return np.where(np.isfinite(values), values, np.nan)[None], linked
+    return shown(ds, name)[None]
 
 
 def crossing_threads(
@@ -371,39 +308,21 @@ def stable_parts(ds: xr.Dataset) -> np.ndarray:
     return np.where(event[:-1] & ~event[1:], ahead, np.where(event[1:] & ~event[:-1], behind, ahead & behind))
 
 
-def _ends(threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether a part of a line ends at each of its points, and whether one begins there, (lines, points)."""
-    finite = np.isfinite(threads)
-    # a part needs both its ends
-    drawn = parts & finite[:, 1:] & finite[:, :-1]
-    return np.pad(drawn, ((0, 0), (1, 0))), np.pad(drawn, ((0, 0), (0, 1)))
-
-
 def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return one curve of the chosen `parts` (points - 1,) of lines (lines, points), with NaN after each.
 
     **Arguments:** `x`: (points,).
     """
-    end, begin = _ends(threads, parts)
+    finite = np.isfinite(threads)
+    # a part needs both its ends
+    drawn = parts & finite[:, 1:] & finite[:, :-1]
+    end = np.pad(drawn, ((0, 0), (1, 0)))
+    begin = np.pad(drawn, ((0, 0), (0, 1)))
     # each point that a part touches, and a NaN after it where no part goes on
     keep = np.stack([end | begin, end & ~begin], axis=-1)
     gap = np.full(threads.shape, np.nan)
     xs = np.broadcast_to(x, threads.shape)
     return np.stack([xs, gap], axis=-1)[keep], np.stack([threads, gap], axis=-1)[keep]
-
-
-def _draw_lines(
-    ax: Any, x: np.ndarray, threads: np.ndarray, linked: np.ndarray, stable: np.ndarray, color: str
-) -> None:
-    """Draw the stable and the unstable parts; a value without neighbours is a dot."""
-    style: dict[str, Any] = dict(color=color, zorder=3, solid_capstyle="butt")
-    ax.plot(*joined(x, threads, linked & ~stable), lw=0.8, ls=DASHED, **style)
-    ax.plot(*joined(x, threads, linked & stable), lw=1.3, **style)
-    # single points have no part, and would not be seen
-    end, begin = _ends(threads, linked)
-    line, point = np.nonzero(np.isfinite(threads) & ~end & ~begin)
-    if len(line):
-        ax.plot(x[point], threads[line, point], ".", ms=2, mew=0, color=color, zorder=3)
 
 
 def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[Any]:

@@ -11,7 +11,6 @@ from matplotlib.patches import Patch
 
 from ..analysis.kinds import Regime, lasting
 from ..analysis.lyapunov import LEAST, SURE
-from ..flow.datasets import varied_names
 from ..flow.status import Status
 from ..model.quantities import SECTIONS
 from .style import (
@@ -28,7 +27,6 @@ from .style import (
     cross,
     drawing,
     fit_scale,
-    fit_swept,
     flagged,
     highest,
     legend_above,
@@ -76,8 +74,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
 
     - `ds`: as for `bifurcation`.
     - `axes`: five Axes; default those of a new figure, in two columns, with the fixed parameters as its title.
-    - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered. Its
-        crosses are coloured as its dots.
+    - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered.
 
     **Returns:** the Axes, an array.
     """
@@ -97,12 +94,10 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
         axes = np.ravel(check_axes(axes, len(SECTIONS)))
         # followed motions beneath, those from one start above
         for section, ax in zip(SECTIONS, axes, strict=False):
-            for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
-                if way in ways:
-                    style = dict(color=color, label=f"followed {way}")
-                    _draw_dots(ways[way], section, ax, 1.1, 0.04 + 0.06 * k, color, **style)
+            for way, one in ways.items():
+                _draw_dots(one, section, ax, color=DIRECTION_COLORS[way], label=f"followed {way}")
             # the dots beneath stay visible
-            _draw_dots(ds, section, ax, 0.7 if ways else 1.0, label="from one start")
+            _draw_dots(ds, section, ax, ms=2.4 if ways else 3.4, label="from one start")
         # the lowest of each column has the label
         for ax in axes[:-columns]:
             ax.set_xlabel("")
@@ -112,35 +107,21 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
     return axes
 
 
-def _draw_dots(
-    ds: xr.Dataset,
-    section: str,
-    ax: Any,
-    size: float = 1.0,
-    height: float = 0.04,
-    cross_color: str = COLORS["grey"],
-    **style: Any,
-) -> None:
-    """Draw the dots of one section, and crosses of a colour and height for cases that are left out.
-
-    **Arguments:** `size`: of the dots, relative to one at which they hardly overlap and can be seen.
-    """
+def _draw_dots(ds: xr.Dataset, section: str, ax: Any, **style: Any) -> None:
+    """Draw the dots of one section, and crosses for cases that are left out."""
     (over,) = swept(ds[section], "crossing")
     values = ds[section].transpose(over, "crossing").values
     bad = flagged(ds, over)
     at = shown(ds, over)
     # a dot for each crossing that a case has
     case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
-    points = size * float(np.clip(700 / len(at), 3.4, 5.0))
-    style = {"ms": points, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
+    style = {"ms": 3.4, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
     ax.plot(at[case], values[case, crossing], ".", **style)
-    mark_cases(ax, at[bad], FLAGGED_LABEL, cross_color, height)
+    mark_cases(ax, at[bad], FLAGGED_LABEL)
     ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
-    # margins hold the dots of the first and the last case
-    ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
+    ax.margins(x=0.03)
     ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
     ax.autoscale_view()
-    fit_swept(ax, x=at)
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
@@ -187,7 +168,7 @@ def map_over(
     norm: Callable[[Any], Normalize],
     bad_color: str = COLORS["grey"],
 ) -> tuple[Any, list[Any]]:
-    """Draw values over two parameters as colours: cells of a grid, or dots of a sample over the dimension `case`.
+    """Draw values over two parameters as colours of cells.
 
     Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
     store does not have yet, are white.
@@ -197,31 +178,20 @@ def map_over(
 
     **Returns:** what a colour bar needs, and entries of a legend.
     """
-    grid = len(over) == 2
-    # a sample lies side by side along `case`
-    names = over if grid else varied_names(ds)
-    y, x = (shown(ds, name) for name in names)
+    y, x = (shown(ds, name) for name in over)
     missing = status_of(ds, *over) == Status.NOT_RUN
     bad = flagged(ds, *over) & ~missing
     values = np.ma.masked_invalid(np.where(bad | missing, np.nan, values))
     style: dict[str, Any] = dict(cmap=colors.with_extremes(bad=bad_color), norm=norm(values), rasterized=True)
+    drawn = ax.pcolormesh(x, y, values, **style)
     handles = [Patch(color=bad_color, label=FLAGGED_LABEL)] * bool(bad.any())
-    if grid:
-        drawn = ax.pcolormesh(x, y, values, **style)
-        # what has no value is covered in white, as the mesh has one colour for all that is masked
-        white = np.ma.getmaskarray(values) & ~bad
-        if white.any():
-            blank = np.ma.masked_where(~white, np.zeros(white.shape))
-            ax.pcolormesh(x, y, blank, cmap=ListedColormap(["white"]), rasterized=True)
-        if missing.any():
-            handles.append(Patch(facecolor="white", edgecolor="black", lw=0.5, label=NOT_RUN_LABEL))
-        ax.grid(False)
-        fit_swept(ax, x=x, y=y)
-    else:
-        finite = ~np.ma.getmaskarray(values)
-        drawn = ax.scatter(x[finite], y[finite], 6, values[finite], lw=0, **style)
-        ax.scatter(x[bad], y[bad], 6, bad_color, lw=0, rasterized=True)
-    ax.set(xlabel=axis_label(names[1], ds), ylabel=axis_label(names[0], ds))
+    # what has no value is covered in white, as the mesh has one colour for all that is masked
+    blank = np.ma.masked_where(~np.ma.getmaskarray(values) | bad, np.zeros(values.shape))
+    ax.pcolormesh(x, y, blank, cmap=ListedColormap(["white"]), rasterized=True)
+    if missing.any():
+        handles.append(Patch(facecolor="white", edgecolor="black", lw=0.5, label=NOT_RUN_LABEL))
+    ax.grid(False)
+    ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
     return drawn, handles
 
 
@@ -262,7 +232,8 @@ def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
 
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
     """Return colours that are white at zero only: each sign has its own half of them, by the square root."""
-    top, bottom = (max(float(np.max(sign * values)), LEAST) if values.count() else 1.0 for sign in (1, -1))
+    top = max(float(values.max()), LEAST) if values.count() else 1.0
+    bottom = max(float(-values.min()), LEAST) if values.count() else 1.0
     # the two halves have scales of their own
     scale = lambda v: np.where(v < 0, bottom, top)
     forward = lambda v: np.sign(v) * np.sqrt(np.abs(v) / scale(v))
@@ -360,13 +331,12 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
     if len(over) not in (1, 2) or not set(over) <= set(ds[name].dims):
         raise ValueError(f"Argument `ds` must be over one parameter or two, but {name} is over {ds[name].dims}.")
     values = highest(ds, name, *over)
-    names = varied_names(ds) if over == ("case",) else list(over)
     with drawing(ax, ds, 3.5, 2.8 if len(over) == 1 else 3.3) as ax:
-        if len(names) == 2:
+        if len(over) == 2:
             drawn, handles = map_over(ds, over, values, ax, plt.get_cmap("viridis"), color_norm)
             color_bar(ax, drawn, axis_label(name, ds))
         else:
-            x = shown(ds, names[0])
+            x = shown(ds, over[0])
             bad = flagged(ds, *over)
             values = np.where(bad, np.nan, values)
             # what is not computed yet has no mark
@@ -374,8 +344,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
             ax.plot(x, values, ".", ms=3, mew=0, color=COLORS["blue"])
             mark_cases(ax, x[bad], FLAGGED_LABEL)
             ax.margins(x=0.03)
-            ax.set(xlabel=axis_label(names[0], ds), ylabel=axis_label(name, ds))
-            fit_swept(ax, x=x)
+            ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(name, ds))
             fit_scale(ax, values)
             handles = None
         legend_above(ax, handles)
@@ -408,12 +377,11 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
         # a colour and a marker for each regime
         for (name, color), marker in zip(REGIME_COLORS.items(), "oDs^v", strict=True):
             at = (regimes == name) & ~absent
-            if name != "transient chaos" or at.any():  # rare
+            if at.any():
                 bars = dict(fmt=marker, ms=3.5, mew=0, elinewidth=0.8, color=color, label=lasting(name, life))
                 ax.errorbar(x[at], y[at], SURE * error[at], **bars)
         mark_cases(ax, x[absent], "no exponent")
         legend_above(ax)
         ax.margins(x=0.03)
         ax.set(xlabel=axis_label(over, ds), ylabel=EXPONENT_LABEL)
-        fit_swept(ax, x=x)
     return ax

@@ -44,8 +44,7 @@ def plot(result: Any, **options: Any) -> Any:
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `result` must be a result of slipperjax, but is {type(result).__name__}.")
     parameters = [str(dim) for dim in ds["status"].dims] if "status" in ds else []
-    # a sample has one dimension, whatever was varied, and is drawn by numbers alone
-    count = None if parameters == ["case"] else len(parameters)
+    count = len(parameters)
     # the first picture that fits the names and the number of parameters
     for names, needed, draw in PICTURES:
         if names <= {*ds.variables, *ds.dims} and needed in (None, count):

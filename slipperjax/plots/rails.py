@@ -9,6 +9,7 @@ import xarray as xr
 from ..analysis.spectra import power_spectral_density
 from ..model.scene import Scene, check_scene
 from ..tools.checks import number, positive
+from .runs import draw_irregularity
 from .style import COLORS, axis_label, check_axes, check_dataset, legend_above, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
@@ -37,7 +38,6 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         extent = number(positive, "length", length, "m")
     places = 4096
     distance = first + np.arange(places) * extent / places
-    here = scene.track.irregularity(distance + 0 * scene.track.wavelength)
     rows = 2 if ds is None else 3
     with styled():
         if axes is None:
@@ -45,16 +45,14 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         axes = np.ravel(check_axes(axes, rows))
         upper, lower = axes[[0, rows - 1]]
         top = 0.0
-        # displacement above, its spectrum below
-        for name, color in (("lateral", "blue"), ("vertical", "red")):
-            height = 1e3 * np.asarray(getattr(here, name))
-            upper.plot(distance, height, lw=0.7, color=COLORS[color], label=name)
-            spectrum = power_spectral_density(height, places / extent)
+        draw_irregularity(upper, scene, distance)
+        # spectra in the colours of the displacements
+        for line in upper.lines:
+            spectrum = power_spectral_density(line.get_ydata(), places / extent)
             seen = slice(1, places // 4)  # finer waves are the drawing's
             density = spectrum.density[seen] + 1e-300
-            lower.loglog(spectrum.frequency[seen], density, lw=0.6, color=COLORS[color])
+            lower.loglog(spectrum.frequency[seen], density, lw=0.6, color=line.get_color())
             top = max(top, float(density.max()))
-        upper.set(ylabel="rail [mm]")
         _shade_band(scene, lower)
         lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(1e-10 * top, 5 * top))
         if ds is not None:
@@ -62,9 +60,9 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
             for line in most_loaded(ds, 3):
                 axes[1].plot(ds["period"].values * unit, line.force, lw=0.7, label=line.name, **line.style)
             axes[1].set(ylabel=axis_label("contact_force"))
+            legend_above(axes[1])
         for ax in axes[: rows - 1]:
             ax.set(xlabel="distance [m]", xlim=(first, first + extent))
-            legend_above(ax)
     return axes
 
 

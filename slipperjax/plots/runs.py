@@ -5,8 +5,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.datasets import load_scene
 from ..model.parameters import quantity
@@ -26,6 +24,7 @@ from .style import (
     line_color,
     name_case,
     name_status,
+    set_log_ticks,
     shown,
     styled,
     with_unit,
@@ -109,6 +108,11 @@ def _speed_name(ds: xr.Dataset) -> str:
 def _draw_rail(ax: Any, ds: xr.Dataset, scene: Scene) -> None:
     begin, end = edges_of(ds, "distance")[[0, -1]]
     places = np.linspace(begin, end, 1 << 16)  # many more than pixels, so that short waves keep their height
+    draw_irregularity(ax, scene, places)
+
+
+def draw_irregularity(ax: Any, scene: Scene, places: np.ndarray) -> None:
+    """Draw the displacements of the rail [mm] at `places` [m]."""
     here = scene.track.irregularity(places + 0 * scene.track.wavelength)
     # both directions on one scale
     for name, color in (("lateral", "blue"), ("vertical", "red")):
@@ -181,10 +185,8 @@ def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
     known = np.flatnonzero(np.isfinite(values).any(axis=1))
     ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
     ax.grid(visible=False)
+    # windows may be too few or too long for any band
     if not len(known):
-        ax.set_yticks([])
-        at = dict(transform=ax.transAxes, ha="center", va="center", fontsize=7)
-        ax.text(0.5, 0.5, "no band is resolved: windows are too few or too long", **at)
         return
     # bands beyond the resolved ones are cut off
     rows = slice(known[0], known[-1] + 1)
@@ -193,9 +195,7 @@ def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
     edges = np.append(bands / half, bands[-1] * half)
     mesh = ax.pcolormesh(edges_of(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
     ax.set(yscale="log", ylim=edges[[0, -1]])
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_locator(NullLocator())
+    set_log_ticks(ax.yaxis)
     color_bar(ax, mesh, "RMS [m/s$^{2}$]", cax=ax.inset_axes([1.015, 0, 0.015, 1]))
 
 
@@ -215,14 +215,14 @@ def passing(
 ) -> Any:
     """Draw how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
 
-    Dots are coloured by the way the speed goes, up or down, and named with its rate. Windows at a constant speed are
-    left out. Of several contact points the highest value is drawn.
+    Dots are coloured by the way the speed goes, up or down, and named with its rate; further runs are lighter.
+    Windows at a constant speed are left out. Of several contact points the highest value is drawn.
 
     **Arguments:**
 
     - `runs`: one run of a case or several, datasets of `run` without a grid.
-    - `branch`: one or several of `continue_orbit` over the speed, or their datasets, with `quantity` at each point;
-        drawn solid where orbits are stable, dashed where not.
+    - `branch`: of `continue_orbit` over the speed, or its dataset, with `quantity` at each point; drawn solid where
+        orbits are stable, dashed where not.
     - `brute`: what happens at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn as grey dots.
     - `quantity`: a variable with a value per window, such as rms_a_z by `record="rms_a_z"`.
     - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
@@ -232,7 +232,6 @@ def passing(
     **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
     """
     runs = list(runs) if isinstance(runs, list | tuple) else [runs]
-    branches = [one for one in (branch if isinstance(branch, list | tuple) else [branch]) if one is not None]
     for one in runs:
         check_dataset(one, RUN_SOURCE, quantity, argument="runs")
         # the highest of all points is drawn
@@ -240,25 +239,24 @@ def passing(
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
         require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
-    of_branch = "continue_orbit over the speed", quantity, "speed", "stable"
-    branches = [check_dataset(one, *of_branch, argument="branch") for one in branches]
+    if branch is not None:
+        source = "continue_orbit over the speed"
+        branch = check_dataset(branch, source, quantity, "speed", "stable", argument="branch")
     with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
-        style: dict[str, Any] = dict(ls="", marker=".", mew=0, rasterized=True)
+        style: dict[str, Any] = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
             check_dataset(brute, "follow over the speed", quantity, "speed", "status", argument="brute")
             values = highest(brute, quantity, *brute["status"].dims)
             good = brute["status"].copy(data=np.where(brute["status"].values == 0, values, np.nan))
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
-            ax.plot(x, y, ms=2.5, color="#c4c4c4", label="constant speed", **style)
-        # fewer windows have larger dots
+            ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):
-            style["ms"] = float(np.clip(60 / np.sqrt(one.sizes["distance"]), 0.8, 3.0))
-            _draw_windows(ax, one, quantity, k / max(len(runs) - 1, 1), style)
+            _draw_windows(ax, one, quantity, alpha=1 - 0.7 * k / len(runs), **style)
         # stable parts solid, unstable ones dashed
-        for one in branches:
-            x = shown(one, "speed")
-            y = shown(one, quantity)[None]
-            stable = stable_parts(one)
+        if branch is not None:
+            x = shown(branch, "speed")
+            y = shown(branch, quantity)[None]
+            stable = stable_parts(branch)
             ax.plot(*joined(x, y, stable), color="black", lw=1.2, label="stable orbit")
             ax.plot(*joined(x, y, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
         ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
@@ -267,15 +265,14 @@ def passing(
     return ax
 
 
-def _draw_windows(ax: Any, run: xr.Dataset, quantity: str, shade: float, style: dict[str, Any]) -> None:
-    """Draw the windows of a run over their speed, in a colour for each way, which `shade` makes lighter."""
+def _draw_windows(ax: Any, run: xr.Dataset, quantity: str, **style: Any) -> None:
+    """Draw the windows of a run over their speed, in a colour for each way."""
     speed = run[_speed_name(run)].values
     values = highest(run, quantity, "distance")
     rate = np.gradient(speed**2) / (2 * run.attrs["window [m]"])  # v dv/dx
     # windows at a constant speed belong to neither way
-    for way, sign, colors in (("up", 1, ("red", "orange")), ("down", -1, ("blue", "green"))):
+    for way, sign, color in (("up", 1, "red"), ("down", -1, "blue")):
         there = sign * rate > 1e-9 * np.max(np.abs(rate))
         if there.any():
-            shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
             label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-            ax.plot(speed[there], values[there], color=shades(shade), label=label, **style)
+            ax.plot(speed[there], values[there], color=COLORS[color], label=label, **style)

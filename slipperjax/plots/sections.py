@@ -245,12 +245,8 @@ def frames_of(
     """Return what `animate` draws, with the same arguments and errors."""
     ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
     over = ds["contact_force"].dims
-    require(
-        set(over) == {"time", "end", "point"},
-        "run",
-        "be one case over time",
-        shown=f"over {', '.join(map(str, over))}",
-    )
+    one = set(over) == {"time", "end", "point"}
+    require(one, "run", "be one case over time", shown=f"over {', '.join(map(str, over))}")
     if scene is None:
         scene = load_scene(ds) if isinstance(run, xr.Dataset) else run.scene
     scene = check_scene(scene)

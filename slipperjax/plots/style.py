@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS, quantity
@@ -247,47 +247,24 @@ def color_norm(values: np.ndarray) -> Normalize:
 
 
 def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
-    """Draw a colour bar with plain numbers, into Axes `cax` where they are given."""
+    """Draw a colour bar, into Axes `cax` where they are given."""
     bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
-    # uneven scales have no good ticks of their own
-    if type(mappable.norm) is not Normalize:
-        ticks = round_ticks(mappable.norm)
-        bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "−") for tick in ticks])
-        bar.minorticks_off()
+    if isinstance(mappable.norm, LogNorm):
+        set_log_ticks(bar.ax.yaxis)
 
 
 def fit_scale(ax: Any, values: np.ndarray) -> None:
-    """Make the vertical axis logarithmic, with plain numbers, where values are wide."""
+    """Make the vertical axis logarithmic where values are wide."""
     if is_wide(values):
-        _make_logarithmic(ax, "y")
+        ax.set_yscale("log")
+        set_log_ticks(ax.yaxis)
 
 
-def fit_swept(ax: Any, **swept: np.ndarray) -> None:
-    """Make the axes `x` and `y` logarithmic, with plain numbers, where a sweep's values rise by one factor."""
-    for name, values in swept.items():
-        if len(values) > 2 and np.all(values > 0):
-            steps = np.diff(values)
-            factors = np.diff(np.log(values))
-            # equal factors, but not equal steps
-            if np.ptp(factors) < 1e-6 * abs(factors[0]) and np.ptp(steps) > 1e-3 * abs(steps[0]):
-                _make_logarithmic(ax, name)
-
-
-def _make_logarithmic(ax: Any, name: str) -> None:
-    ax.set(**{f"{name}scale": "log"})
-    axis = getattr(ax, f"{name}axis")
-    ticks = round_ticks(LogNorm(*axis.get_view_interval()))
-    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+def set_log_ticks(axis: Any) -> None:
+    """Put plain numbers at 1, 2, 5, 10, ... of a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
-
-
-def round_ticks(norm: Normalize) -> list[float]:
-    """Return numbers of one digit, spread over an uneven scale."""
-    low = float(norm.vmin or 0.0)
-    high = float(norm.vmax or 0.0)
-    # evenly on the scale, rounded to one digit
-    numbers = {float(f"{value:.1g}") for value in np.ravel(norm.inverse(np.linspace(0, 1, 7)))}
-    return sorted(value for value in numbers if low <= value <= high)
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
@@ -360,7 +337,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     if full and "track" in ds.attrs:
         lines[-1].append(f"on a {ds.attrs['track']}")
     if full and len(waves):
-        lines[-1].append(f"$L_X$ = {' and '.join(_digits(float(w)) for w in waves)} m")
+        lines[-1].append(f"$L_X$ = {' and '.join(f'{w:.4g}' for w in waves)} m")
     return "\n".join(", ".join(line) for line in lines if line)
 
 
@@ -390,14 +367,4 @@ def _number(ds: xr.Dataset, name: str) -> float | None:
 def _stated(name: str, value: float) -> str:
     """Return a parameter as symbol, number and display unit."""
     q = PARAMETERS[name]
-    return with_unit(f"${q.symbol}$ = {_digits(float(q.shown(value)))}", q.display_unit).replace(" degrees", "°")
-
-
-def _digits(value: float) -> str:
-    """Return a number with four digits; large and small ones with a power of ten."""
-    mantissa, _, power = f"{value:.4g}".partition("e")
-    if not power:
-        return mantissa
-    # 10^8, not 1 times 10^8
-    factor = "" if mantissa == "1" else rf"{mantissa}\cdot"
-    return rf"${factor}10^{{{int(power)}}}$"
+    return with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit)
