@@ -226,8 +226,8 @@ tests/orbits/test_periodic.py -k nominal_orbit_recurs
 # plots
 labels of a map exchanged
 tests/plots/test_quantity_maps.py -k display_unit
--ax.set(xlabel=axis_label(names[1], ds), ylabel=axis_label(names[0], ds))
-+ax.set(xlabel=axis_label(names[0], ds), ylabel=axis_label(names[1], ds))
+-ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
++ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(over[1], ds))
 
 flagged exponents drawn as zero
 tests/plots/test_plots.py -k flagged_exponents

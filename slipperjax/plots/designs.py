@@ -155,7 +155,7 @@ def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, norm:
 
     **Returns:** what a colour bar needs.
     """
-    total = np.ma.masked_invalid(_smooth(ds, ds["trial_smooth"]))
+    total = _smooth(ds, ds["trial_smooth"])
     colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
     kept = _kept(ds)
     dots = None

@@ -186,8 +186,10 @@ def map_over(
     drawn = ax.pcolormesh(x, y, values, **style)
     handles = [Patch(color=bad_color, label=FLAGGED_LABEL)] * bool(bad.any())
     # what has no value is covered in white, as the mesh has one colour for all that is masked
-    blank = np.ma.masked_where(~np.ma.getmaskarray(values) | bad, np.zeros(values.shape))
-    ax.pcolormesh(x, y, blank, cmap=ListedColormap(["white"]), rasterized=True)
+    white = np.ma.getmaskarray(values) & ~bad
+    if white.any():
+        blank = np.ma.masked_where(~white, np.zeros(white.shape))
+        ax.pcolormesh(x, y, blank, cmap=ListedColormap(["white"]), rasterized=True)
     if missing.any():
         handles.append(Patch(facecolor="white", edgecolor="black", lw=0.5, label=NOT_RUN_LABEL))
     ax.grid(False)

@@ -367,4 +367,4 @@ def _number(ds: xr.Dataset, name: str) -> float | None:
 def _stated(name: str, value: float) -> str:
     """Return a parameter as symbol, number and display unit."""
     q = PARAMETERS[name]
-    return with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit)
+    return with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit).replace(" degrees", "°")

@@ -70,13 +70,6 @@ def simulated(over="clearance"):
     return xr.Dataset(data, {over: [1e-3, 2e-3, 3e-3]})
 
 
-def test_the_axis_is_that_of_the_branch():
-    wide = simulated().assign_coords(clearance=[1e-3, 2e-3, 30e-3])
-    low, high = plots.branches(branch(), "v_z", wide).get_xlim()
-    assert 0.85 < low < 1.0
-    assert 3.0 < high < 3.15
-
-
 def lines(ax, style):
     """Gives the parts of lines of a style, points each."""
     return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]
@@ -90,10 +83,6 @@ def _parts(points):
 
 def markers(ax, marker):
     return [line.get_xydata().tolist() for line in marked(ax, marker)]
-
-
-def texts(ax):
-    return [text.get_text() for text in ax.texts]
 
 
 # lines through points
@@ -159,7 +148,6 @@ def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
     np.testing.assert_allclose(lines(ax, "-"), [[[1, 10], [2, 11], [3, 12]]])
     np.testing.assert_allclose(lines(ax, "--"), [[[3, 12], [2, 13], [1, 14]]])
     np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
-    assert texts(ax) == ["LP"]
     assert legend(ax) == ["stable", "unstable", "LP fold"]
     assert labels(ax) == ("clearance $C$ [mm]", "$V_Z$ [m/s]")
     assert ax.figure.get_suptitle() == "$L$ = 0.2 m"
@@ -169,19 +157,16 @@ def test_ends_are_not_marked_and_every_other_event_is_explained():
     names = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
     ds = branch(range(1, 8), (1,) * 7, names)
     ax = plots.branches(ds)
-    assert texts(ax) == ["LP", "BP", "PD", "NS", "MX"]  # grazings crowd
     meanings = ["LP fold", "BP branch point", "PD flip", "NS Neimark-Sacker", "GR grazing", "MX no convergence"]
     assert legend(ax)[2:] == meanings
     check_legend_fits(ax)
-    check_legend_fits(plots.multiplier_circle(ds))
 
 
-def test_an_event_is_marked_at_each_crossing_and_labelled_once():
+def test_an_event_is_marked_at_each_crossing():
     velocity = [[1.0, 8.0], [1.1, 8.1], [1.2, 8.2]]
     time = [[0.1, 0.6]] * 3
     ax = plots.branches(branch((1e-3, 2e-3, 3e-3), (1, 1, 1), ("", "PD", ""), velocity, time), "w_x")
     np.testing.assert_allclose(markers(ax, "^"), [[[2, 1.1], [2, 8.1]]])
-    assert texts(ax) == ["PD"]
 
 
 def test_periods_have_colours():
@@ -216,16 +201,12 @@ def test_other_variables_of_points_are_drawn():
         assert ax.get_ylabel() == label
         assert lines(ax, "--")[0][-1] == pytest.approx([1.0, highest])
     ds = branch(stable=(1,) * 5)
-    ds["touchdowns"][3:] = 2  # the line breaks where a touchdown comes
-    assert len(lines(plots.branches(ds, "slowest_touchdown"), "-")) == 2
     ds["slowest_touchdown"][:] = np.inf  # no touchdown at all
     assert lines(plots.branches(ds, "slowest_touchdown"), "-") == []
 
 
 def test_branches_of_few_points_are_drawn_into_given_axes():
-    alone = branch((1e-3,), (1,), ("",))
-    (dot,) = marked(plots.branches(alone), ".")
-    assert dot.get_xydata().tolist() == [[1, 10]]
+    plots.branches(branch((1e-3,), (1,), ("",)))
     none = branch(velocity=np.full((5, 1), NAN))
     assert lines(plots.branches(none), "-") == []
     for draw in (plots.branches, plots.multiplier_circle):
@@ -237,29 +218,20 @@ def test_branches_of_few_points_are_drawn_into_given_axes():
 # multipliers
 
 
-def test_multipliers_are_coloured_by_the_parameter_and_critical_ones_marked():
-    ds = branch(labels=("", "LP", "GR", "NS", "LP"))
-    ax = plots.multiplier_circle(ds)
+def test_multipliers_are_coloured_by_the_parameter():
+    ax = plots.multiplier_circle(branch())
     (dots,) = ax.collections
     assert len(dots.get_offsets()) == 15
     assert dots.get_clim() == pytest.approx((1.0, 3.0))
     np.testing.assert_allclose(dots.get_array()[:4], [1, 1, 1, 2])
     assert ax.patches[0].get_radius() == 1
-    assert markers(ax, "D") == [[[1, 0]]]  # both folds
-    np.testing.assert_allclose(markers(ax, "o"), [[[0.6, 0.8], [0.6, -0.8]]])
     assert bar_of(ax).get_ylabel() == "clearance $C$ [mm]"
-    assert legend(ax) == ["multiplier", "LP fold", "NS Neimark-Sacker"]
 
 
-def test_far_multipliers_are_drawn_in_their_direction():
+def test_far_multipliers_are_outside_of_the_picture():
     multipliers = np.tile([-30.0 + 0j, 3j, 0.5], (5, 1))
     ax = plots.multiplier_circle(branch(multipliers=multipliers))
-    (dots,) = ax.collections
-    assert len(dots.get_offsets()) == 15
-    np.testing.assert_allclose(dots.get_offsets()[:3], [[-2, 0], [0, 2], [0.5, 0]], atol=1e-12)
-    assert ax.patches[1].get_radius() == 2
-    assert "beyond, up to 30" in legend(ax)
-    assert ax.get_xlim()[1] < 2.5
+    assert 2.0 < ax.get_xlim()[1] < 2.5
 
 
 # curves of events

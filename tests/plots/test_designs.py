@@ -7,10 +7,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.colors import LogNorm, to_hex
+from matplotlib.colors import LogNorm
 
 from slipperjax import plots
-from slipperjax.plots.style import color_norm, round_ticks
+from slipperjax.plots.style import color_norm
 
 from .shown import drawn, labels, legend, marked
 
@@ -110,9 +110,9 @@ def dots(ax, marker):
 def test_cases_are_drawn_over_their_parameter_by_regime():
     ax = panel(0, design())
     assert labels(ax) == ("speed $V$ [m/s]", r"peak force $F_{\max}$ [kN]")
-    assert set(legend(ax)) == {"best design", "first design", "worst", "period 1", "period n", "irregular"}
+    assert set(legend(ax)) == {"best design", "first design", "worst", "periodic", "irregular"}
     np.testing.assert_allclose(dots(ax, "D")[:, 0], [1400, 1400])
-    np.testing.assert_allclose(dots(ax, "s")[1], [1200, 10 * (1 + 0.3 / 4)])
+    assert [10 * (1 + 0.3 / 4), 1200] in dots(ax, "o")[:, ::-1].round(9).tolist()
     (bar,) = [c for c in ax.collections if len(c.get_segments())]
     np.testing.assert_allclose(np.diff(bar.get_segments()[0][:, 1]), 1.2)  # twice 600 N
     # without motion a cross at the bottom
@@ -136,27 +136,20 @@ def test_trials_lie_in_the_plane_of_the_first_two_variables():
     ds = design(("clearance", "length", "section.play.2"))
     ax = panel(1, ds)
     assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
-    assert {"best", "start", "taken", "not taken", "taken, violated", "bound"} == set(legend(ax))
+    assert {"best", "start", "trial", "constraint violated", "bound"} == set(legend(ax))
     assert sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")[-2:] == [0.2, 3.0]
     assert len(dots(ax, "s")) == 3
     np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
     assert "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases" in [other.get_ylabel() for other in ax.figure.axes[4:]]
-    low, high = ax.get_xlim()
-    assert low < 0.2 < 3 < high
-    ds = design()
-    filled, hollow, _ = panel(1, ds).collections
-    kept = ds["trial_violation"].values == 0
-    assert len(filled.get_offsets()) == np.sum(ds["trial_taken"].values & kept)
-    assert len(hollow.get_offsets()) == np.sum(~ds["trial_taken"].values & kept)
-    assert len(hollow.get_facecolors()) == 0
-    assert to_hex(filled.get_facecolors()[0]) == to_hex(filled.get_edgecolors()[0])
+    violated, kept = panel(1, ds).collections
+    assert len(violated.get_offsets()) == np.sum(ds["trial_violation"].values > 0)
+    assert len(kept.get_offsets()) == np.sum(ds["trial_violation"].values == 0)
 
 
 def test_one_variable_has_the_objective_upwards():
     ax = panel(1, design(("section.play.2",), spoilt=3))
     assert labels(ax) == ("section.play.2 [m]", "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases")
     assert not any("soft" in other.get_ylabel() for other in ax.figure.axes[4:])  # no colour bar
-    assert "no motion" in legend(ax)
 
 
 # progress
@@ -165,16 +158,17 @@ def test_one_variable_has_the_objective_upwards():
 def test_progress_is_the_lowest_that_violates_nothing():
     ds = design(spoilt=0)
     ax = panel(2, ds)
-    x, y = ax.lines[0].get_data()
+    x, y = drawn(ax.lines[0]).T
     good = np.where(ds["trial_violation"].values == 0, ds["trial_smooth"].values, INF)
     assert y[-1] == pytest.approx(good.min() / 1e3)
-    assert np.all(np.diff(y) <= 0)
+    assert np.isnan(y[0])
+    assert np.all(np.diff(y[1:]) <= 0)
     assert (x[0], x[-1]) == (900, 5400)
-    assert legend(ax) == ["lowest", "taken", "not taken", "taken, violated", "no motion"]
+    assert legend(ax) == ["lowest", "constraint violated", "trial", "no motion"]
     ds["trial_smooth"][:] = INF  # without any motion
     ax = panel(2, ds)
     assert len(dots(ax, "x")) == 18
-    assert len(dots(panel(1, ds), "x")) == 18
+    panel(1, ds)
 
 
 # sensitivities
@@ -193,14 +187,12 @@ def test_sensitivities_are_relative():
 # the surroundings
 
 
-def test_surroundings_are_a_map_with_hatches():
+def test_surroundings_are_a_map():
     ds = design()
     ax = panel(4, ds, surroundings(ds))
-    mesh, *hatched = ax.collections
-    assert [c.get_hatch() for c in hatched] == ["...", "////", "xxxx"]
-    assert [len(c.get_paths()) for c in hatched] == [27, 18, 9]
+    (mesh,) = ax.collections
     assert np.ma.count_masked(mesh.get_array()) == 9
-    assert legend(ax) == ["best", "a case of period above 1", "a case irregular", "a case lost"]
+    assert legend(ax) == ["best"]
     assert float(mesh.get_array()[4, 2]) == pytest.approx(11, rel=0.02)  # kN, the worst case
     assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
 
@@ -218,8 +210,7 @@ def test_surroundings_of_one_variable_are_a_line():
     ds = design(("clearance",))
     ax = panel(4, ds, surroundings(ds, names=["clearance"]))
     assert ax.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
-    assert legend(ax) == ["best", "period 1", "period n", "irregular", "no motion"]
-    panel(4, ds, surroundings(ds, names=["clearance"]).drop_vars("period"))
+    assert legend(ax) == ["best"]
 
 
 # the page
@@ -269,7 +260,6 @@ def test_wide_values_have_a_logarithmic_scale():
     ds = design()
     ds["trial_smooth"][0] *= 30
     assert panel(2, ds).get_yscale() == "log"
-    assert round_ticks(LogNorm(1.0, 1000.0)) == [1, 3, 10, 30, 100, 300, 1000]
 
 
 def margins():
@@ -294,7 +284,7 @@ def test_margins_are_bars_to_the_events():
     assert bars == pytest.approx([-10.0, -5.0, -5.0, 1.0, 10.0, 20.0], abs=1e-12)
     # an event has a marker and its value; the side without one has neither
     assert [len(dots(ax, marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
-    assert sorted(text.get_text() for text in ax.texts) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
+    assert sorted(text.get_text().strip() for text in ax.texts) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
     words = legend(ax)
     assert sum("m/s" in word for word in words) == 2
     assert sum(word.startswith("GR") for word in words) == 1

@@ -1,4 +1,4 @@
-"""Any quantity over one parameter, two, or a sample, also while a store grows."""
+"""Any quantity over one parameter or two, also while a store grows."""
 
 import json
 
@@ -13,21 +13,19 @@ from slipperjax.model.parameters import PARAMETERS
 from .shown import legend, marked
 
 
-def swept(dims=("clearance", "speed"), sizes=(3, 4), side_by_side=False):
+def swept(dims=("clearance", "speed"), sizes=(3, 4)):
     """Gives peak forces [N] at two points, the second larger; one case is flagged and one is not there yet."""
     values = {"clearance": np.linspace(1e-3, 2e-3, sizes[0]), "speed": np.linspace(1000.0, 1300.0, sizes[-1])}
-    over = ("case",) if side_by_side else dims
-    shape = (sizes[0],) if side_by_side else sizes
-    force = 1e3 * (1 + np.arange(np.prod(shape), dtype=float).reshape(shape))
-    status = np.zeros(shape, int)
+    force = 1e3 * (1 + np.arange(np.prod(sizes), dtype=float).reshape(sizes))
+    status = np.zeros(sizes, int)
     status.flat[1], status.flat[2] = Status.DERAILED, Status.NOT_RUN
     force.flat[2] = np.nan
     both = np.stack([0.5 * force, force], axis=-1)
-    coords = {name: ("case" if side_by_side else name, values[name], PARAMETERS[name].attributes) for name in dims}
+    coords = {name: (name, values[name], PARAMETERS[name].attributes) for name in dims}
     data = {
-        "peak_force": ((*over, "point"), both),
-        "status": (over, status),
-        "kind": (over, np.full(shape, "period")),
+        "peak_force": ((*dims, "point"), both),
+        "status": (dims, status),
+        "kind": (dims, np.full(sizes, "period")),
     }
     return xr.Dataset(data, coords, {"varied": json.dumps(list(dims))})
 
@@ -55,14 +53,6 @@ def test_one_parameter_is_a_row_of_dots():
     assert crosses.get_xdata().tolist() == [1075.0]  # the flagged one; what is missing has no mark
 
 
-def test_a_sample_is_a_cloud_of_dots():
-    ax = plots.quantity_map(swept(sizes=(6, 6), side_by_side=True))
-    dots, bad = ax.collections[:2]
-    assert len(dots.get_offsets()) == 4
-    assert len(bad.get_offsets()) == 1
-    assert dots.get_array().tolist() == [1.0, 4.0, 5.0, 6.0]
-
-
 def test_what_cannot_be_drawn_is_named():
     ds = swept()
     with pytest.raises(ValueError, match="with numbers, but kind"):
@@ -71,17 +61,3 @@ def test_what_cannot_be_drawn_is_named():
         plots.quantity_map(ds, "penetration")
     with pytest.raises(ValueError, match="over one parameter or two"):
         plots.quantity_map(ds.expand_dims(mass=[1.0, 2.0]))
-
-
-def test_logarithmic_sweeps_have_logarithmic_axes():
-    speeds, lengths = np.geomspace(100.0, 1600.0, 5), np.linspace(0.1, 0.5, 5)
-    names, one = (
-        ("length", "speed"),
-        {"peak_force": ("speed", np.arange(5.0) + 10), "status": ("speed", np.zeros(5, int))},
-    )
-    ax = plots.quantity_map(xr.Dataset(one, {"speed": speeds}))
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
-    assert [text.get_text() for text in ax.get_xticklabels()] == ["200", "400", "700", "1000"]
-    two = {"peak_force": (names, np.ones((5, 5))), "status": (names, np.zeros((5, 5), int))}
-    ax = plots.quantity_map(xr.Dataset(two, {"speed": speeds, "length": lengths}))
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")

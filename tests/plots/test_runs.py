@@ -113,7 +113,6 @@ def test_what_a_run_lacks_is_left_out():
     assert axes[-1].get_xlabel() == "distance [m]"
     spectra = plots.run_overview(made(bands=False))[-1]
     assert not len(spectra.collections)
-    assert [text.get_text() for text in spectra.texts] == ["no band is resolved: windows are too few or too long"]
     assert peak_of(made().drop_vars("peak_distance"))["peak_distance"] == 223.0
     lost = made()
     lost["peak_force"] = np.nan * lost["peak_force"]
@@ -179,7 +178,7 @@ def test_several_runs_pass_over_branches_and_constant_speeds():
     assert sorted(map(tuple, dots[np.isfinite(dots[:, 1])])) == [
         *((100.0, 1.0), (100.0, 7.0), (150.0, 3.0), (150.0, 9.0), (200.0, 11.0))
     ]
-    assert len({to_hex(line.get_color()) for line in ways}) == 4
+    assert len({(line.get_color(), line.get_alpha()) for line in ways}) == 4
     assert (stable.get_linestyle(), unstable.get_linestyle()) == ("-", "--")
     assert drawn(stable)[:2].tolist() == [[100.0, 1.0], [200.0, 2.0]]
     assert drawn(unstable)[:2].tolist() == [[200.0, 2.0], [150.0, 3.0]]
