@@ -16,7 +16,6 @@ from .style import (
     COLORS,
     axis_label,
     case_title,
-    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -36,9 +35,7 @@ OPTIMUM: dict[str, Any] = dict(ls="", marker="*", ms=10, mfc="#ffd23f", mec="bla
 """Marker of the best design."""
 
 
-def design_overview(
-    ds: Any, surroundings: xr.Dataset | None = None, axes: Any = None, *, margins: xr.Dataset | None = None
-) -> Any:
+def design_overview(ds: Any, surroundings: xr.Dataset | None = None, *, margins: xr.Dataset | None = None) -> Any:
     """Draw a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design. The panels are
@@ -55,7 +52,6 @@ def design_overview(
     - `ds`: a result of `optimise_design`, or its dataset.
     - `surroundings`: a grid around the best design, by `slipperjax.design.surroundings`, drawn as colours, or over
       one variable as a line.
-    - `axes`: 4 Axes, and one more for each of `surroundings` and `margins`; default those of a new figure.
     - `margins`: distances to events, drawn at the end by `design_margins`.
 
     **Returns:** the Axes, an array.
@@ -64,21 +60,19 @@ def design_overview(
     """
     ds = _design(ds)
     count = 4 + (surroundings is not None) + (margins is not None)
+    rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[count]
+    size = (7.2, 5.8 if count == 4 else 8.7)
     with styled():
-        if axes is None:
-            rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[count]
-            size = (7.2, 5.8 if count == 4 else 8.7)
-            figure, panels = plt.subplot_mosaic(rows, figsize=size, layout="constrained")
-            figure.suptitle(_title(ds), fontsize=7)
-            axes = np.array([panels[label] for label in sorted(panels)])
-        every = np.ravel(check_axes(axes, count))
+        figure, panels = plt.subplot_mosaic(rows, figsize=size, layout="constrained")
+        figure.suptitle(_title(ds), fontsize=7)
+        axes = np.array([panels[label] for label in sorted(panels)])
         # the panels that every design has, and those of the checks behind them
-        for draw, ax in zip((_draw_cases, _draw_trials, _draw_progress, _draw_slopes), every, strict=False):
+        for draw, ax in zip((_draw_cases, _draw_trials, _draw_progress, _draw_slopes), axes, strict=False):
             draw(ds, ax)
         if surroundings is not None:
-            _draw_map(ds, surroundings, every[4])
+            _draw_map(ds, surroundings, axes[4])
         if margins is not None:
-            design_margins(ds, margins, every[count - 1])
+            design_margins(ds, margins, axes[-1])
     return axes
 
 

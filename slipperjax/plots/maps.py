@@ -20,7 +20,6 @@ from .style import (
     NOT_RUN_LABEL,
     REGIME_COLORS,
     axis_label,
-    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -67,13 +66,12 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
     return ax
 
 
-def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None = None) -> Any:
-    """Draw the bifurcation diagrams of all five sections, as Figs. 5, 8 and 10 of the paper.
+def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> Any:
+    """Draw the bifurcation diagrams of all five sections on one page, as Figs. 5, 8 and 10 of the paper.
 
     **Arguments:**
 
     - `ds`: as for `bifurcation`.
-    - `axes`: five Axes; default those of a new figure, in two columns, with the fixed parameters as its title.
     - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered.
 
     **Returns:** the Axes, an array.
@@ -84,22 +82,18 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
         check_dataset(followed, "follow", "direction", argument="followed")
         ways = {way: followed.sel(direction=way) for way in followed["direction"].values}
     with styled():
-        columns = 1
-        if axes is None:
-            columns = 2
-            options: dict[str, Any] = dict(figsize=(7.2, 5.5), sharex=True, layout="constrained")
-            figure, panels = plt.subplot_mosaic("a.;bc;de", **options)
-            axes = np.array(list(panels.values()))
-            name_case(figure, ds, full=True)
-        axes = np.ravel(check_axes(axes, len(SECTIONS)))
+        options: dict[str, Any] = dict(figsize=(7.2, 5.5), sharex=True, layout="constrained")
+        figure, panels = plt.subplot_mosaic("a.;bc;de", **options)
+        axes = np.array(list(panels.values()))
+        name_case(figure, ds, full=True)
         # followed motions beneath, those from one start above
-        for section, ax in zip(SECTIONS, axes, strict=False):
+        for section, ax in zip(SECTIONS, axes, strict=True):
             for way, one in ways.items():
                 _draw_dots(one, section, ax, color=DIRECTION_COLORS[way], label=f"followed {way}")
             # the dots beneath stay visible
             _draw_dots(ds, section, ax, ms=2.4 if ways else 3.4, label="from one start")
         # the lowest of each column has the label
-        for ax in axes[:-columns]:
+        for ax in axes[:-2]:
             ax.set_xlabel("")
         if ways or flagged(ds, *ds["status"].dims).any():
             legend_above(axes[0])
@@ -120,8 +114,6 @@ def _draw_dots(ds: xr.Dataset, section: str, ax: Any, **style: Any) -> None:
     mark_cases(ax, at[bad], FLAGGED_LABEL)
     ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
     ax.margins(x=0.03)
-    ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
-    ax.autoscale_view()
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:

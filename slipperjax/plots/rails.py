@@ -8,21 +8,19 @@ import xarray as xr
 
 from ..analysis.spectra import power_spectral_density
 from ..model.scene import Scene, check_scene
-from ..tools.checks import number, positive
 from .runs import draw_irregularity
-from .style import COLORS, axis_label, check_axes, check_dataset, legend_above, styled
+from .style import COLORS, axis_label, check_dataset, legend_above, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
-def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length: float | None = None) -> Any:
+def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
 
     The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
     those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
 
-    **Arguments:** `ds`: from `Trajectory.to_xarray`; default none, without forces. `axes`: Axes to draw into, two or
-    with `ds` three; default those of a new figure. `length`: of the rail that is drawn [m], from where the run or the
-    rail begins, default that of `ds`, or 25 reference lengths.
+    **Arguments:** `ds`: from `Trajectory.to_xarray`, whose rail is drawn; default none, without forces, and 25
+    reference lengths from where the rail begins.
 
     **Returns:** the Axes, an array.
     """
@@ -34,15 +32,11 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
         first, last = unit * ds["period"].values[[0, -1]]
         extent = float(last - first)
-    if length is not None:
-        extent = number(positive, "length", length, "m")
     places = 4096
     distance = first + np.arange(places) * extent / places
     rows = 2 if ds is None else 3
     with styled():
-        if axes is None:
-            _, axes = plt.subplots(rows, 1, figsize=(7.2, 2.0 * rows), layout="constrained")
-        axes = np.ravel(check_axes(axes, rows))
+        _, axes = plt.subplots(rows, 1, figsize=(7.2, 2.0 * rows), layout="constrained")
         upper, lower = axes[[0, rows - 1]]
         top = 0.0
         draw_irregularity(upper, scene, distance)

@@ -14,7 +14,6 @@ from .branches import DASHED, joined, stable_parts
 from .style import (
     COLORS,
     axis_label,
-    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -34,7 +33,7 @@ RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
 
 
-def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -> Any:
+def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
     """Draw a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
 
     What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
@@ -43,8 +42,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     stretch resolves, or beyond half of the sampling frequency, are blank.
 
     **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
-    whose rail is drawn, default that of the dataset; `axes`: one for each panel; default those of a new figure, with
-    the case as its title.
+    whose rail is drawn, default that of the dataset.
 
     **Returns:** the Axes, an array.
     """
@@ -64,21 +62,19 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     draws: list[Any] = [draw for name, draw in panels.items() if name in ds]
     rows = len(draws) + (scene is not None)
     with styled():
-        if axes is None:
-            size = (7.2, 1.5 * rows + 0.5)
-            figure, axes = plt.subplots(rows, 1, figsize=size, sharex=True, layout="constrained")
-            name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
-        axes = np.ravel(check_axes(axes, rows))
+        size = (7.2, 1.5 * rows + 0.5)
+        figure, grid = plt.subplots(rows, 1, figsize=size, sharex=True, squeeze=False, layout="constrained")
+        name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
+        axes = grid[:, 0]
         if scene is not None:
             _draw_rail(axes[0], ds, check_scene(scene))
         # what the dataset has, below the rail
-        for ax, draw in zip(axes[rows - len(draws) :], draws, strict=False):
+        for ax, draw in zip(axes[rows - len(draws) :], draws, strict=True):
             draw(ax, ds)
         for ax in axes:
             ax.set_xlim(edges_of(ds, "distance")[[0, -1]])
             ax.label_outer(remove_inner_ticks=False)
         axes[-1].set_xlabel("distance [m]")
-        figure = axes[0].figure
         figure.align_ylabels(axes)
         name_status(figure, int(ds["status"]))
     return axes

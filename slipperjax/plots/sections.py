@@ -25,7 +25,7 @@ ARROWS: dict[str, Any] = dict(
 """Arrows whose length is in units of the axes; none where it is zero."""
 
 
-def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> Any:
+def section(scene: Scene, ax: Any = None) -> Any:
     """Draw the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
     Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
@@ -33,16 +33,13 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
 
     **Arguments:**
 
-    - `scene`: its section is drawn to scale, in mm, but for the play.
+    - `scene`: its section is drawn to scale, in mm, but for the play, which is 8 % of the section's height.
     - `ax`: the Axes to draw into; default those of a new figure.
-    - `magnify`: the play is drawn this many times as wide; default 8 % of the section's height.
 
     **Returns:** the Axes.
-
-    **Raises:** `ValueError` for a `magnify` that is not positive.
     """
     shape = known("scene", check_scene(scene)).section
-    magnify = default_magnification(shape) if magnify is None else number(positive, "magnify", magnify)
+    magnify = default_magnification(shape)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
     reach = 1e3 * wall(shape)
     own = ax is None

@@ -19,7 +19,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import REACTIONS, Quantity
-from ..tools.checks import instance, number, positive, require
+from ..tools.checks import instance, number, positive
 from ..tools.files import listed
 
 STYLE: dict[str, Any] = {
@@ -175,14 +175,6 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr
                 f"Argument `{argument}` must be a dataset of {source}, with `{name}`, but has {variables}."
             )
     return ds
-
-
-def check_axes(axes: Any, count: int) -> Any:
-    """Return `axes`; raise `ValueError` unless they are `count` Axes or more, in an array or a list."""
-    flat = np.ravel(np.asarray(axes, object))
-    good = len(flat) >= count and all(isinstance(ax, Axes) for ax in flat)
-    require(good, "axes", f"be {count} Axes of matplotlib", axes)
-    return axes
 
 
 @contextmanager

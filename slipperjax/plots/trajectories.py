@@ -8,12 +8,11 @@ import xarray as xr
 
 from ..flow.status import Status
 from ..model.parameters import quantity
-from ..tools.checks import instance, number, positive, real, require, whole
+from ..tools.checks import number, positive, real, require, whole
 from .style import (
     COLORS,
     POINT_COLORS,
     axis_label,
-    check_axes,
     check_dataset,
     drawing,
     legend_above,
@@ -127,21 +126,19 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     return lines
 
 
-def overview(ds: Any, axes: Any = None) -> Any:
+def overview(ds: Any) -> Any:
     """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
-    **Arguments:** `ds`: a `Trajectory`, or its dataset; `axes`: 7 x 2 Axes; default those of a new figure.
+    **Arguments:** `ds`: a `Trajectory`, or its dataset.
 
-    **Returns:** the Axes, an array.
+    **Returns:** the Axes, an array (7, 2).
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     with styled():
-        if axes is None:
-            figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
-            name_case(figure, ds, full=True)
-        panels = np.reshape(np.ravel(check_axes(axes, 14))[:14], (7, 2))
+        figure, panels = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
+        name_case(figure, ds, full=True)
         # coordinates on the left, their velocities on the right
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
         for name, ax in zip(names, panels.ravel(), strict=False):
@@ -156,8 +153,8 @@ def overview(ds: Any, axes: Any = None) -> Any:
         period = ds["period"].values
         history(ds, "drive_force", panels[6, 0])
         history(ds.isel(time=period >= period[-1] - last - 1e-9), "drive_force", panels[6, 1])
-        name_status(panels[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
-    return axes
+        name_status(figure, int(ds.attrs.get("status", Status.FINITE)))
+    return panels
 
 
 def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> Any:
@@ -196,7 +193,6 @@ def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", hi
     density = np.asarray(real("density", density), float)
     good = frequency.ndim == 1 and frequency.shape == density.shape
     require(good, "density", "be of the shape of `frequency`, along one axis", shown=f"of shape {density.shape}")
-    instance("unit", unit, str, "a text")
     end = np.inf if highest is None else number(positive, "highest", highest)
     drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:

@@ -3,7 +3,6 @@
 import json
 from types import SimpleNamespace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -226,9 +225,6 @@ def test_a_page_has_all_panels():
     assert axes[5].get_xlabel() == "change of the parameter [%]"
     assert len(plots.design_overview(ds)) == 4
     assert len(plots.design_overview(ds, margins=margins())) == 5
-    panels = plt.subplots(2, 2)[1]
-    assert plots.design_overview(ds, axes=panels) is panels
-    assert panels[0, 0].figure.get_suptitle() == ""
 
 
 @pytest.mark.parametrize(
