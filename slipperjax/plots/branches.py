@@ -35,7 +35,12 @@ DASHED = (0, (3.0, 1.4))
 """Line style of unstable motions; stable ones are solid."""
 
 
-def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax: Any = None) -> Any:
+def branches(
+    ds: Any,
+    quantity: str = "v_z",
+    brute: xr.Dataset | None = None,
+    ax: Any = None,
+) -> Any:
     """Draw branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
 
     Colours tell periods apart. An event has a marker at each value that its orbit has.
@@ -195,7 +200,14 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
             # one entry for all curves of a label
             entries[text] = Line2D([], [], color=color, lw=1.4, label=text)
         if any(np.any(one["outside"].values) for one in curves):
-            entries["outside"] = Line2D([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
+            entries["outside"] = Line2D(
+                [],
+                [],
+                color="black",
+                lw=1.1,
+                ls=DASHED,
+                label="others outside, too",
+            )
         legend_above(ax, [*entries.values(), *handles])
     return ax
 
@@ -328,7 +340,16 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
 def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[Any]:
     """Draw grey dots of simulations; return the entries of the legend."""
     bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, ms=3.4)
-    dots = Line2D([], [], ls="", marker=".", ms=5, color=COLORS["grey"], mew=0, label="from simulation")
+    dots = Line2D(
+        [],
+        [],
+        ls="",
+        marker=".",
+        ms=5,
+        color=COLORS["grey"],
+        mew=0,
+        label="from simulation",
+    )
     return [dots] + [cross(label=FLAGGED_LABEL)] * bool(flagged(brute, name).any())
 
 

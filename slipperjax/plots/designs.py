@@ -31,7 +31,16 @@ from .style import (
     with_unit,
 )
 
-OPTIMUM: dict[str, Any] = dict(ls="", marker="*", ms=10, mfc="#ffd23f", mec="black", mew=0.7, zorder=6, label="best")
+OPTIMUM: dict[str, Any] = dict(
+    ls="",
+    marker="*",
+    ms=10,
+    mfc="#ffd23f",
+    mec="black",
+    mew=0.7,
+    zorder=6,
+    label="best",
+)
 """Marker of the best design."""
 
 
@@ -99,12 +108,30 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
         # markers by kind of motion
         for kind, marker, at in (("periodic", "o", periodic), ("irregular", "D", ~periodic)):
             if np.isfinite(y[at]).any():
-                ax.plot(x[at], y[at], marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4, label=kind)
+                ax.plot(
+                    x[at],
+                    y[at],
+                    marker,
+                    ms=4.5,
+                    mew=0.5,
+                    mec="white",
+                    color=color,
+                    zorder=4,
+                    label=kind,
+                )
     error = np.nan_to_num(q.shown(ds["objective_stderr"].values))
     # orbits have no standard error
     unsure = error > 0
     if unsure.any():
-        ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
+        ax.errorbar(
+            x[unsure],
+            best[unsure],
+            error[unsure],
+            fmt="none",
+            lw=0.8,
+            capsize=2,
+            color=blue,
+        )
     total = q.shown(ds.attrs["objective"])
     # of one case the total is the case
     if ds.sizes["case"] > 1:
@@ -121,7 +148,16 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
     # with one variable the objective is drawn upwards
     x, y = places if len(places) > 1 else (*places, total)
     taken = ds["trial_taken"].values.astype(bool)
-    first: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4, label="start")
+    first: dict[str, Any] = dict(
+        ls="",
+        marker="s",
+        ms=6.5,
+        mfc="none",
+        mec="black",
+        mew=0.8,
+        zorder=4,
+        label="start",
+    )
     # a line through what each start took, and a square where it began
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
@@ -144,7 +180,13 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
     legend_above(ax)
 
 
-def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, norm: Normalize) -> Any:
+def _scatter_trials(
+    ds: xr.Dataset,
+    ax: Any,
+    x: np.ndarray,
+    y: np.ndarray,
+    norm: Normalize,
+) -> Any:
     """Draw trials coloured by what is minimised, grey without a motion, as triangles where they violate a constraint.
 
     **Returns:** what a colour bar needs.
@@ -155,7 +197,14 @@ def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, norm:
     dots = None
     # each kind of trial has its own marker and entry
     for label, marker, at in (("constraint violated", "v", ~kept), ("trial", "o", kept)):
-        style: dict[str, Any] = dict(marker=marker, cmap=colors, norm=norm, lw=0, zorder=3, plotnonfinite=True)
+        style: dict[str, Any] = dict(
+            marker=marker,
+            cmap=colors,
+            norm=norm,
+            lw=0,
+            zorder=3,
+            plotnonfinite=True,
+        )
         dots = ax.scatter(x[at], y[at], 16, total[at], label=label if at.any() else "", **style)
     return dots
 
@@ -225,7 +274,15 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
             # a row for each parameter, with the cases' bars beneath each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
-            ax.plot([0, change], [row] * 2, color=color, lw=3.5, alpha=0.35, solid_capstyle="butt", label=text)
+            ax.plot(
+                [0, change],
+                [row] * 2,
+                color=color,
+                lw=3.5,
+                alpha=0.35,
+                solid_capstyle="butt",
+                label=text,
+            )
             # the side without an event has a bar alone
             if label:
                 text = f"{label} {EVENT_NAMES[label]}"
@@ -244,10 +301,20 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
 
 def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
-    grid = check_dataset(surroundings, "slipperjax.design.surroundings", "total", argument="surroundings")
+    grid = check_dataset(
+        surroundings,
+        "slipperjax.design.surroundings",
+        "total",
+        argument="surroundings",
+    )
     over = [str(name) for name in ds["variable"].values if name in grid["total"].dims]
     need = f"be over some of {', '.join(map(str, ds['variable'].values))}"
-    require(over, "surroundings", need, shown=f"over {', '.join(map(str, grid['total'].dims))}")
+    require(
+        over,
+        "surroundings",
+        need,
+        shown=f"over {', '.join(map(str, grid['total'].dims))}",
+    )
     # of more than two variables the further ones are as near the best design as the grid has them
     grid = grid.sel({name: float(ds["design"].sel(variable=name)) for name in over[2:]}, method="nearest")
     variables = [_parameter(ds, name) for name in over[:2]]
@@ -261,7 +328,12 @@ def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
         ax.set_ylabel(_smooth_label(ds))
     else:
         colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
-        mesh = ax.pcolormesh(*places, np.ma.masked_invalid(total.T), cmap=colors, norm=color_norm(total))
+        mesh = ax.pcolormesh(
+            *places,
+            np.ma.masked_invalid(total.T),
+            cmap=colors,
+            norm=color_norm(total),
+        )
         color_bar(ax, mesh, _smooth_label(ds))
         ax.set_ylabel(name_label(variables[1]))
         ax.grid(False)

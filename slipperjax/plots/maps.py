@@ -148,7 +148,15 @@ def category_map(
     """Draw categories over two parameters, `index` into `colors` or NaN; otherwise as `map_over`."""
     # each index has one colour
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
-    return map_over(ds, over, index, ax, ListedColormap(list(colors)), lambda values: norm, bad)
+    return map_over(
+        ds,
+        over,
+        index,
+        ax,
+        ListedColormap(list(colors)),
+        lambda values: norm,
+        bad,
+    )
 
 
 def map_over(
@@ -219,7 +227,12 @@ def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     unresolved = regimes_of(ds, *over) == "unresolved"
     if unresolved.any():
         y, x = np.meshgrid(*(shown(ds, name) for name in over), indexing="ij")
-        style = dict(color="black", ms=2.5, mew=0.6, label="unresolved: estimates\ndisagree or are not sure")
+        style = dict(
+            color="black",
+            ms=2.5,
+            mew=0.6,
+            label="unresolved: estimates\ndisagree or are not sure",
+        )
         handles.insert(0, ax.add_line(cross(x[unresolved], y[unresolved], **style)))
     return handles
 
@@ -248,7 +261,12 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` where `ds` is not swept over two parameters.
     """
-    check_dataset(ds, "lyapunov_sweep, or of a sweep with `kind` and `period` of its attractors", "kind", "period")
+    check_dataset(
+        ds,
+        "lyapunov_sweep, or of a sweep with `kind` and `period` of its attractors",
+        "kind",
+        "period",
+    )
     over = swept(ds["kind"], count=2)
     with drawing(ax, ds, 3.5, 3.3) as ax:
         legend_above(ax, draw_attractors(ds, over, ax))
@@ -258,7 +276,14 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     """Draw as `attractor_map`, without the legend, whose entries are returned."""
     index, colors = categories(ds, motions_of(ds, *over))
-    _, handles = category_map(ds, over, index, list(colors.values()), ax, MOTION_COLORS[FLAGGED_LABEL])
+    _, handles = category_map(
+        ds,
+        over,
+        index,
+        list(colors.values()),
+        ax,
+        MOTION_COLORS[FLAGGED_LABEL],
+    )
     edge = dict(edgecolor=COLORS["grey"], linewidth=0.4)
     colors.pop(FLAGGED_LABEL, None)  # which the map has of its own
     return [Patch(facecolor=color, label=name, **edge) for name, color in colors.items()] + handles
@@ -372,7 +397,14 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
         for (name, color), marker in zip(REGIME_COLORS.items(), "oDs^v", strict=True):
             at = (regimes == name) & ~absent
             if at.any():
-                bars = dict(fmt=marker, ms=3.5, mew=0, elinewidth=0.8, color=color, label=lasting(name, life))
+                bars = dict(
+                    fmt=marker,
+                    ms=3.5,
+                    mew=0,
+                    elinewidth=0.8,
+                    color=color,
+                    label=lasting(name, life),
+                )
                 ax.errorbar(x[at], y[at], SURE * error[at], **bars)
         mark_cases(ax, x[absent], "no exponent")
         legend_above(ax)

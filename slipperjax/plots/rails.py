@@ -52,7 +52,13 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
-                axes[1].plot(ds["period"].values * unit, line.force, lw=0.7, label=line.name, **line.style)
+                axes[1].plot(
+                    ds["period"].values * unit,
+                    line.force,
+                    lw=0.7,
+                    label=line.name,
+                    **line.style,
+                )
             axes[1].set(ylabel=axis_label("contact_force"))
             legend_above(axes[1])
         for ax in axes[: rows - 1]:
@@ -68,5 +74,10 @@ def _shade_band(scene: Scene, ax: Any) -> None:
         longest = max(2 * float(scene.value("clearance")) / slope, slipper)
         ax.axvspan(1 / longest, 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
         middle = 1 / np.sqrt(longest * slipper)
-        style: dict[str, Any] = dict(transform=ax.get_xaxis_transform(), ha="center", va="top", fontsize=7)
+        style: dict[str, Any] = dict(
+            transform=ax.get_xaxis_transform(),
+            ha="center",
+            va="top",
+            fontsize=7,
+        )
         ax.text(middle, 0.95, "band of\nthe slipper", **style)

@@ -48,7 +48,12 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
     """
     check_dataset(ds, RUN_SOURCE, "distance", "seconds", "status")
     dims = ds["status"].dims
-    require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, dims))}")
+    require(
+        not dims,
+        "ds",
+        "be of one run, as is ds.isel(...)",
+        shown=f"over {', '.join(map(str, dims))}",
+    )
     if scene is None and "scene" in ds.attrs:
         scene = load_scene(ds)
     ds = _stretches_of(ds)
@@ -63,7 +68,14 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
     rows = len(draws) + (scene is not None)
     with styled():
         size = (7.2, 1.5 * rows + 0.5)
-        figure, grid = plt.subplots(rows, 1, figsize=size, sharex=True, squeeze=False, layout="constrained")
+        figure, grid = plt.subplots(
+            rows,
+            1,
+            figsize=size,
+            sharex=True,
+            squeeze=False,
+            layout="constrained",
+        )
         name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
         axes = grid[:, 0]
         if scene is not None:
@@ -128,7 +140,13 @@ def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
     beside = ax.twinx()
     seconds = ds["seconds"].values
     begin = seconds[0] - ds.attrs["window [m]"] / speed[0]  # zero, or later in a part of a run
-    beside.plot(edges, np.append(begin, seconds), lw=0.9, color=COLORS["orange"], label="time")
+    beside.plot(
+        edges,
+        np.append(begin, seconds),
+        lw=0.9,
+        color=COLORS["orange"],
+        label="time",
+    )
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
     _from_zero(ax)
@@ -138,7 +156,14 @@ def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
 
 def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
     force = quantity("peak_force")
-    _draw_steps(ax, ds, "distance", highest(ds, "peak_force", "distance"), "each window", COLORS["grey"])
+    _draw_steps(
+        ax,
+        ds,
+        "distance",
+        highest(ds, "peak_force", "distance"),
+        "each window",
+        COLORS["grey"],
+    )
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
         values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
@@ -189,13 +214,26 @@ def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
     bands = ds["band"].values[rows]
     half = 10 ** (1 / 20)  # from the middle of a third octave to its end
     edges = np.append(bands / half, bands[-1] * half)
-    mesh = ax.pcolormesh(edges_of(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
+    mesh = ax.pcolormesh(
+        edges_of(ds, "stretch"),
+        edges,
+        values[rows],
+        norm=color_norm(values),
+        rasterized=True,
+    )
     ax.set(yscale="log", ylim=edges[[0, -1]])
     set_log_ticks(ax.yaxis)
     color_bar(ax, mesh, "RMS [m/s$^{2}$]", cax=ax.inset_axes([1.015, 0, 0.015, 1]))
 
 
-def _draw_steps(ax: Any, ds: xr.Dataset, along: str, heights: np.ndarray, label: str, color: str) -> None:
+def _draw_steps(
+    ax: Any,
+    ds: xr.Dataset,
+    along: str,
+    heights: np.ndarray,
+    label: str,
+    color: str,
+) -> None:
     """Draw a number of each window or stretch."""
     width = 0.5 if along == "distance" else 0.9
     ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
@@ -241,7 +279,14 @@ def passing(
     with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
         style: dict[str, Any] = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
-            check_dataset(brute, "follow over the speed", quantity, "speed", "status", argument="brute")
+            check_dataset(
+                brute,
+                "follow over the speed",
+                quantity,
+                "speed",
+                "status",
+                argument="brute",
+            )
             values = highest(brute, quantity, *brute["status"].dims)
             good = brute["status"].copy(data=np.where(brute["status"].values == 0, values, np.nan))
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))

@@ -40,7 +40,12 @@ def section(scene: Scene, ax: Any = None) -> Any:
     """
     shape = known("scene", check_scene(scene)).section
     magnify = default_magnification(shape)
-    still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
+    still = drawn_points(
+        shape,
+        np.asarray(shape.play)[shape.face_of_point],
+        np.zeros(len(shape.names)),
+        magnify,
+    )
     reach = 1e3 * wall(shape)
     own = ax is None
     with drawing(ax, None, 3.5, 2.35) as ax:
@@ -49,7 +54,12 @@ def section(scene: Scene, ax: Any = None) -> Any:
             ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
         draw_rail(shape, ax, shape.names)
         ax.fill(*outline(shape, still).T, **SLIPPER_STYLE)
-        ax.quiver(*(1e3 * still.T), *(reach * np.asarray(shape.normals).T), color=colors_of(shape), **ARROWS)
+        ax.quiver(
+            *(1e3 * still.T),
+            *(reach * np.asarray(shape.normals).T),
+            color=colors_of(shape),
+            **ARROWS,
+        )
         ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
         frame(ax, still[None], 1.3 * reach)
     return ax
@@ -151,7 +161,13 @@ def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> No
     """Sets axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
     low = 1e3 * points.min(axis=(0, 1)) - margin
     high = 1e3 * points.max(axis=(0, 1)) + margin
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$y$ [mm]", ylabel="$z$ [mm]", aspect="equal")
+    ax.set(
+        xlim=(low[0], high[0]),
+        ylim=(low[1], high[1]),
+        xlabel="$y$ [mm]",
+        ylabel="$z$ [mm]",
+        aspect="equal",
+    )
     ax.grid(False)
     ax.tick_params(color=COLORS["grey"])
 
@@ -197,7 +213,13 @@ def animate(
     frames = range(0, len(picture.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
-    return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
+    return FuncAnimation(
+        picture.figure,
+        picture.show,
+        frames,
+        init_func=lambda: [],
+        interval=interval,
+    )
 
 
 def instant(
@@ -281,7 +303,14 @@ class _Picture:
             axes["R"].set_ylabel("")
             contact_forces(frames.ds, axes["H"], last=None)
             self.cursor = axes["H"].axvline(self.period[0], lw=0.9, color="black")
-            self.time = axes["F"].text(0.02, 0.97, "", transform=axes["F"].transAxes, va="top", fontsize=7)
+            self.time = axes["F"].text(
+                0.02,
+                0.97,
+                "",
+                transform=axes["F"].transAxes,
+                va="top",
+                fontsize=7,
+            )
             longest = f"longest arrow {float(self.force.max()) / 1e3:.3g} kN"
             scales = f"play and displacement × {frames.magnify:g}, {longest}"
             self.figure.suptitle("; ".join(filter(None, [case_title(frames.ds), scales])), fontsize=7.5)

@@ -287,10 +287,22 @@ def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
     return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
 
 
-def mark_cases(ax: Any, x: np.ndarray, label: str, color: str = COLORS["grey"], height: float = 0.04) -> None:
+def mark_cases(
+    ax: Any,
+    x: np.ndarray,
+    label: str,
+    color: str = COLORS["grey"],
+    height: float = 0.04,
+) -> None:
     """Draw crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
     if len(x):
-        marks = cross(x, np.full(len(x), height), color=color, label=label, transform=ax.get_xaxis_transform())
+        marks = cross(
+            x,
+            np.full(len(x), height),
+            color=color,
+            label=label,
+            transform=ax.get_xaxis_transform(),
+        )
         ax.add_line(marks)
 
 

@@ -47,7 +47,13 @@ def history(ds: Any, name: str, ax: Any = None) -> Any:
     return ax
 
 
-def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None = 4.0) -> Any:
+def contact_forces(
+    ds: Any,
+    ax: Any = None,
+    *,
+    most: int = 4,
+    last: float | None = 4.0,
+) -> Any:
     """Draw the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in all of `ds`, over every integration step where `ds` has that, and
@@ -172,12 +178,26 @@ def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> A
     share = q[at] / (q[at] - q[at + 1])
     with drawing(ax, ds, 3.5, 3.0, full=False) as ax:
         ax.plot(q, v, lw=0.35, color=COLORS["blue"])
-        ax.plot(0 * at, v[at] + share * (v[at + 1] - v[at]), ".", color=COLORS["red"], ms=4, mew=0)
+        ax.plot(
+            0 * at,
+            v[at] + share * (v[at + 1] - v[at]),
+            ".",
+            color=COLORS["red"],
+            ms=4,
+            mew=0,
+        )
         ax.set(xlabel=axis_label(coordinate), ylabel=axis_label(velocity))
     return ax
 
 
-def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", highest: float | None = None) -> Any:
+def spectrum(
+    frequency: Any,
+    density: Any,
+    ax: Any = None,
+    *,
+    unit: str = "",
+    highest: float | None = None,
+) -> Any:
     """Draw a power spectral density over frequency, with a logarithmic scale.
 
     **Arguments:**
@@ -192,7 +212,12 @@ def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", hi
     frequency = np.asarray(real("frequency", frequency), float)
     density = np.asarray(real("density", density), float)
     good = frequency.ndim == 1 and frequency.shape == density.shape
-    require(good, "density", "be of the shape of `frequency`, along one axis", shown=f"of shape {density.shape}")
+    require(
+        good,
+        "density",
+        "be of the shape of `frequency`, along one axis",
+        shown=f"of shape {density.shape}",
+    )
     end = np.inf if highest is None else number(positive, "highest", highest)
     drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:
