@@ -39,5 +39,4 @@ from .shooting import minimal_period as minimal_period
 from .shooting import shoot as shoot
 from .spectra import find_line as find_line
 from .spectra import power_spectral_density as power_spectral_density
-from .spectra import spectral_lines as spectral_lines
 from .step_error import with_step_error as with_step_error

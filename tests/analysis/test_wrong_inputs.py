@@ -24,7 +24,7 @@ OF_NUMBERS = {
     "least_mean_life": [lambda life: analysis.lasting("chaotic", life)],
 }
 OTHERS = {
-    "spectrum": [plain(analysis.spectral_lines), lambda spectrum: plain(analysis.find_line)(spectrum, 3.0)],
+    "spectrum": [lambda spectrum: plain(analysis.find_line)(spectrum, 3.0)],
     "equations": [lambda equations: plain(analysis.continue_motion)(equations, (0.0, 1.0), (0.0, 2.0))],
     "branch": [
         lambda branch: plain(analysis.extend)(branch, (0.0, 1.0)),
