@@ -183,9 +183,9 @@ class _Case:
         """Returns the number of periods at the end over which a residual is judged."""
         return max(n, self.periods // 10)
 
-    def fit(self, n, floor, start=0):
-        """Returns the decay of the residual over n periods, from `start` on; NaN where the record is too short."""
-        residual = self.residuals[n][max(start - n, 0) :]
+    def fit(self, n, floor):
+        """Return the decay of the residual over n periods; NaN where the record is too short."""
+        residual = self.residuals[n]
         windows = len(residual) // max(n, 4)
         return _decay(residual, min(12, windows), floor) if windows >= 6 else _Decay()
 
@@ -223,20 +223,12 @@ class _Case:
     def decaying(self):
         """Returns a verdict where the residual over some period decays to zero."""
         for n in self.lags:
-            # the whole record, or its second half where the first had other transients
-            for start in (0, self.periods // 2):
-                decay = self.fit(n, self.floor, start)
-                if not decay.convincing:
-                    continue
-                # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
-                falls = [self.fit(m, self.floor, start).fall for m in _divisors(n)]
-                if all(abs(fall) < 0.3 * decay.fall for fall in falls):
-                    speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
-                    return self.result(
-                        Regime.PERIODIC,
-                        n,
-                        f"residual over {n} periods decays by {speed}",
-                    )
+            decay = self.fit(n, self.floor)
+            # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
+            falls = [self.fit(m, self.floor).fall for m in _divisors(n)]
+            if decay.convincing and all(abs(fall) < 0.3 * decay.fall for fall in falls):
+                speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
+                return self.result(Regime.PERIODIC, n, f"residual over {n} periods decays by {speed}")
         return None
 
     def irregular(self):
@@ -371,7 +363,8 @@ def _neighbours(x, most=30, window=10):
     ahead = min(most, periods // 5)
     # of states that can be followed ahead, pairs that are near in space and not in time
     index = np.arange(periods)
-    apart = np.where(_near_in_time(index, window), np.inf, distance)
+    lag = np.abs(index[:, None] - index)
+    apart = np.where(lag < window, np.inf, distance)
     count = periods - ahead
     other = np.argmin(apart[:count, :count], axis=1)
     steps = np.arange(ahead + 1)[:, None]
@@ -379,14 +372,9 @@ def _neighbours(x, most=30, window=10):
     # without the first period, in which the distance to the nearest neighbour, a minimum, grows in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
     half = periods // 2
-    own = np.where(_near_in_time(index[half:], 1), np.inf, distance[half:, half:]).min(1)
+    own = np.where(lag == 0, np.inf, distance)[half:, half:].min(1)
     mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
     return float(mean[1] - mean[0]), float(growth), float(np.median(apart.min(1))), float(mixing)
-
-
-def _near_in_time(index, window):
-    """Tells which pairs are fewer than `window` periods apart."""
-    return np.abs(index[:, None] - index) < window
 
 
 def _drift(x):
