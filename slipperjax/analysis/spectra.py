@@ -26,7 +26,7 @@ class Line(NamedTuple):
     frequency: float
     """Refined frequency of the peak, or of the strongest bin where there is no peak [Hz]."""
     power: float
-    """Mean square in the bins of the main lobe [unit^2], with or without a line; a sine of amplitude a has a^2 / 2."""
+    """Mean square in the bins of the main lobe [unit^2], line or not; a sine of amplitude a has a^2 / 2."""
     prominence: float
     """Height above the local floor [dB], with or without a line."""
     present: bool
