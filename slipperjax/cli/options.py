@@ -264,6 +264,7 @@ def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(case=case, **given)
 
     # decorators add options from the last to the first
+    # decorators apply from the last, so that help lists the first one first
     for name, add in reversed(CASE.items()):
         call = call if name in own else add(call)
     return call
@@ -322,6 +323,7 @@ def make_scene(
         scene = dataclasses.replace(scene, track=track)
     numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
     # each text is a name and a value, with or without a unit
+    # each text is a name and a value
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
         require(equals, "--set", "be a name and a value, as in mass=15", text)

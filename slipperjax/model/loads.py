@@ -58,6 +58,7 @@ class TabulatedLoad(AbstractLoad):
         check_table(self, "speed", "force", "moment")
 
     def wrench(self, speed):
+        # `interp` takes one component at a time
         row = lambda table: jnp.stack([jnp.interp(speed, self.speed, table[:, k]) for k in range(3)])
         return row(self.force), row(self.moment)
 

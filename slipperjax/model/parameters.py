@@ -102,6 +102,7 @@ class Entry(Parameter):
         shape = np.shape(leaf)
         of_cases = len(shape) - len(self.index)
         cases = jnp.broadcast_shapes(np.shape(value), shape[:of_cases])
+        # cases of the value and of the array make common leading axes
         every = jnp.broadcast_to(leaf, (*cases, *shape[of_cases:]))
         return every.at[(..., *self.index)].set(value)
 
@@ -199,6 +200,7 @@ def quantity(name: str) -> Quantity:
     **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
     """
     instance("name", name, str, "the name of a quantity")
+    # datasets name what varies at the start so
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
     for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
@@ -231,6 +233,7 @@ def _at_path(path: str, scene: Any) -> Parameter:
     words = path.split(".")
     part = owner = scene
     fields = []
+    # down the modules; what is left of the path are places in an array
     while words and dataclasses.is_dataclass(part):
         owner = part
         numbers = [f.name for f in dataclasses.fields(owner) if not f.metadata.get("static", False)]

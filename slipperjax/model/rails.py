@@ -62,6 +62,7 @@ class SplineTrack(AbstractTrack):
 
     @at_once
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        # the four cubic B-splines that reach into an interval, and their derivatives
         (a, b, c, d), u, s = self._interval(distance)
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
         slope = (u**2 * d - (1 - u) ** 2 * a + (3 * u - 4) * u * b + (1 + 2 * u - 3 * u**2) * c) / 2 / self.spacing
@@ -320,6 +321,7 @@ def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dic
     channels = {"lateral": finite("lateral", "m")(lateral), "vertical": finite("vertical", "m")(vertical)}
     if roll is not None:
         channels["roll"] = finite("roll", "rad")(roll)
+    # single numbers hold everywhere, and two distances say nothing of the number of samples
     lengths = {len(array) for array in channels.values() if array.ndim == 1}
     if len(places) > 2 or not lengths:
         lengths.add(len(places))
@@ -334,6 +336,7 @@ def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dic
 
 def _check_closed(channels: dict[str, Array]) -> None:
     """Raise `ValueError` where a rail that repeats does not end as it begins."""
+    # traced samples cannot be compared
     for name, array in channels.items():
         if not is_traced(array):
             values = np.asarray(array)
@@ -422,6 +425,7 @@ class TrackSet(AbstractRail):
         index, known = chosen(self)
         at = lambda values: jnp.stack(values)[index]
         most = max(len(spline.coefficients) for spline in splines)
+        # shorter rails are filled up with coefficients that are never read
         longer = [jnp.pad(s.coefficients, ((0, most - len(s.coefficients)), (0, 0))) for s in splines]
         coefficients = jnp.where(known, at(longer), jnp.nan)
         first = at([s.first for s in splines])

@@ -215,6 +215,7 @@ class RandomTrack(AbstractRail):
             """Return the coefficients of one direction, with one at each end that belongs to the neighbours."""
             if spectrum is None:
                 return jnp.zeros(count + 3)
+            # amplitudes of the variance in each wavenumber's share of the band
             waves = jnp.sqrt(spectrum.density(k) / self.length) / share * (deviates[0] - 1j * deviates[1])
             every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
             around = jnp.fft.irfft(every, n=count) * count / 2
@@ -222,12 +223,14 @@ class RandomTrack(AbstractRail):
 
         seed, known = chosen(self)
         vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3])
+        # the lateral deviates share a part with the vertical ones
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
         if self.roll is not None:
             rows.append(coefficients(self.roll, roll))
         rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
+        # distances to the nearer end of the rail, also of the coefficients beyond it
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail

@@ -109,6 +109,7 @@ class Scene(ShapeChecked):
         """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
             return Travel(self.speed, self.track.wavelength)
+        # a programme goes by distance
         distance = jnp.asarray(phase, float) * self.track.wavelength
         return Travel(self.speed.at(distance), self.track.wavelength, self.speed.acceleration(distance))
 
@@ -162,6 +163,7 @@ class Scene(ShapeChecked):
         scene = self
         parameters = [parameter(name, self) for name in values]
         check_no_overlap(parameters, self)
+        # one after the other, so that a part may follow the whole
         for p, value in zip(parameters, values.values(), strict=True):
             checked = p.check(value)
             require(np.size(checked) != 0, p.name, "be one or more values", value)

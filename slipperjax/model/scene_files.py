@@ -130,6 +130,7 @@ class _Reader:
         """Return the scene, its start and its run."""
         with self.placed(""):
             self.check_names()
+            # what the file leaves out is that of its base
             inherited = {} if self.tables.get("base") is None else describe(paper_scene())
             values = {name: inherited[name] for name in NUMBERS if inherited.get(name) is not None}
             for name in NUMBERS:
@@ -174,6 +175,7 @@ class _Reader:
                 if "play" in table:
                     raise ValueError("`clearance` and `play` must not both be given.")
                 clearance = quantity("clearance", table.pop("clearance"), PARAMETERS["clearance"].unit)
+                # each face has half of the clearance
                 faces = len(table.get("faces", values.get("faces", Section.faces)))
                 values["play"] = half_play(np.asarray(clearance), faces)
             return made(kind, values | self.written(kind, table), name)
@@ -195,6 +197,7 @@ class _Reader:
         table = dict(self.tables["speed"])
         with self.placed("speed"):
             begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
+            # stages, speeds at times, or speeds at places
             if "stages" in table:
                 start = quantity("start", table.pop("start", None), "m/s")
                 programme = SpeedProgramme.stages(self.stages(table.pop("stages")), start=start, **begin)
@@ -269,6 +272,7 @@ class _Reader:
         """Return the line where a name gets its value, or else where its table begins."""
         path = ".".join(filter(None, (table, name)))
         now, header = "", None
+        # a key belongs to the last header before it
         for at, line in enumerate(self.lines, 1):
             match = re.match(r"""\s*(\[?)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value
             if match:

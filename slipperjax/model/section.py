@@ -99,6 +99,7 @@ class Section(ShapeChecked):
     @property
     def normals(self) -> Float[Array, "points 2"]:
         """Unit normal (y, z) at each point, out of the rail head [1]."""
+        # both corners of a face have its normal, to the left of the way from the first to the second
         start, end = self._corners
         along = self.points[end] - self.points[start]
         normal = jnp.stack([-along[:, 1], along[:, 0]], axis=1)

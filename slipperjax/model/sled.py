@@ -41,6 +41,7 @@ class SledMass(ShapeChecked):
         force = self.stiffness * deflection + self.damping * rate
         if self.travel is None or self.stop_stiffness is None:
             return force
+        # the stops act beside the springs, on either side of the free travel
         beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
         return force + self.stop_stiffness * beyond
 
@@ -51,5 +52,6 @@ class SledMass(ShapeChecked):
         weight, spring = self.mass * gravity, self.stiffness[1]
         if self.travel is None or self.stop_stiffness is None:
             return -weight / spring
+        # what the spring does not carry within its travel, spring and stop carry together
         free, travel, stop = weight / spring, self.travel[1], self.stop_stiffness[1]
         return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))

@@ -42,6 +42,7 @@ class AbstractTrack(ShapeChecked):
     @at_once
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
         """Return displacements at `distance` [m], and their slopes per metre of travel."""
+        # the slope is the derivative along one metre of travel
         here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
         return instance("irregularity", here, Irregularity, "a slipperjax.Irregularity"), slope
 
@@ -134,6 +135,7 @@ def least_common_count(unit: Any, lengths: Any, most: int = 100) -> Float[Array,
     traced = is_traced((unit, lengths))
     xp = jnp if traced else np
     counts = xp.arange(1.0, most + 1)
+    # a count fits where it makes whole numbers of all lengths
     times = xp.outer(counts, xp.asarray(unit) / xp.asarray(lengths))
     nearest = xp.round(times)
     whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0)
@@ -344,6 +346,7 @@ class LocalTrack(AbstractTrack):
     @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         x = distance[..., None] - _row(self.place, distance)
+        # the distance from the nearest of those that come again
         if self.every is not None:
             x = x - self.every * jnp.round(x / self.every)
         form = SHAPES[self.shape](2 * x / self.length)
@@ -358,6 +361,7 @@ class LocalTrack(AbstractTrack):
     @property
     def steepest_slope(self) -> Float[Array, ""]:
         """That of the highest shape [1], from samples."""
+        # one shape alone, as high as the highest
         u = jnp.linspace(-0.5, 0.5, 401) * self.length
         own = LocalTrack(jnp.zeros(1), jnp.max(jnp.abs(self.height))[None], self.length, self.shape, "vertical")
         return jnp.max(jnp.abs(own.motion(u)[1].vertical))
@@ -399,6 +403,7 @@ class SumTrack(AbstractTrack):
     @property
     def recurrence(self) -> Float[Array, ""]:
         """The least number of first wavelengths after which both recur."""
+        # the sum recurs where both do
         lengths = [track.recurrence * track.wavelength for track in (self.one, self.other)]
         return least_common_count(self.wavelength, jnp.stack(lengths))
 

@@ -48,7 +48,9 @@ class Stage(ShapeChecked):
         acceleration = float(self.acceleration)
         if self.length is not None:
             length = float(self.length)
+            # what would turn back ends at zero, which no programme may have
             return length, float(np.sqrt(max(speed**2 + 2 * acceleration * length, 0.0)))
+        # the way is that of the mean speed
         if self.duration is not None:
             end = speed + acceleration * float(self.duration)
             return float(self.duration) * (speed + end) / 2, end
@@ -91,6 +93,7 @@ class SpeedProgramme(ShapeChecked):
         need = f"have one value per time, {time.shape}"
         require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
         require(np.all(np.diff(time) > 0), "time", "increase", time)
+        # between two times the mean speed is that of both ends
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
         return cls(number(finite, "begin", begin, "m") + np.concatenate([[0.0], way]), speed)
 
@@ -105,6 +108,7 @@ class SpeedProgramme(ShapeChecked):
         instance("stages", stages, Sequence, "a list of slipperjax.Stage")
         distance = [number(finite, "begin", begin, "m")]
         speed = [number(positive, "start", start, "m/s")]
+        # each stage begins where the one before ended
         for stage in stages:
             length, end = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
             distance.append(distance[-1] + length)
@@ -123,12 +127,14 @@ class SpeedProgramme(ShapeChecked):
         """Return the speed [m/s] at some distances from the start [m], of shape (*places,)."""
         distance = jnp.asarray(distance, float)
         k, share = self._place(distance)
+        # at constant acceleration the square of the speed is linear in distance
         square = self.speed**2
         return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
 
     @at_once
     def least(self, begin: Any, end: Any) -> Float[Array, ""]:
         """Return the least speed [m/s] between two distances from the start [m]."""
+        # the least is at one of both ends or at a place between them
         between = (self.distance > begin) & (self.distance < end)
         inside = self.scale * jnp.min(jnp.where(between, self.speed, jnp.inf))
         return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
@@ -140,6 +146,7 @@ class SpeedProgramme(ShapeChecked):
         k, _ = self._place(distance)
         square = self.speed**2
         inside = (distance >= self.distance[0]) & (distance < self.distance[-1])
+        # half the slope of the speed's square is the acceleration
         slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
@@ -156,6 +163,7 @@ class SpeedProgramme(ShapeChecked):
         lengths = jnp.diff(self.distance)
         durations = 2 * lengths / (self.speed[1:] + self.speed[:-1])
         before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(durations)])
+        # before the first place and after the last the speed is constant
         beyond = jnp.minimum(distance - self.distance[0], 0.0) + jnp.maximum(distance - self.distance[-1], 0.0)
         time = before[k] + 2 * share * lengths[k] / (self.speed[k] + here) + beyond / here
         return time / self.scale

@@ -40,6 +40,7 @@ class Wear(AbstractWear):
     """Volume worn off per work of friction [m^3/J]."""
 
     def added(self, section, length, distance, work):
+        # the worn volume, spread over the area of each face
         return self.volume_per_work * work / (section.widths * length)
 
 
