@@ -273,7 +273,11 @@ def _swept(
 
 def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
     """Return the function that draws a sweep, where it has few enough parameters for a picture."""
-    return partial(picture, show=show) if ds["status"].ndim <= 2 else None
+    from ..plots.maps import quantity_map
+    from ..plots.picture import plot
+
+    draw = plot if show is None else partial(quantity_map, name=show)
+    return draw if ds["status"].ndim <= 2 else None
 
 
 def _write(ds: Any, files: Outputs, show: str | None) -> None:
@@ -307,14 +311,6 @@ def summary(ds: Any, seconds: float) -> str:
     meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
     parts.append(f"{wrong.size} cases flagged" + (f" ({meanings})" if meanings else ""))
     return "; ".join(parts)
-
-
-def picture(ds: Any, show: str | None = None) -> Any:
-    """Draw a named variable, or what suits a dataset."""
-    from ..plots.maps import quantity_map
-    from ..plots.picture import plot
-
-    return plot(ds) if show is None else quantity_map(ds, show)
 
 
 @app.group(no_args_is_help=False)

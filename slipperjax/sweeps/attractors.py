@@ -42,7 +42,12 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
     **Raises:** `ValueError` for other datasets.
     """
-    require("strobe" in ds, "ds", "come from a sweep that recorded sections or strobe", shown="another dataset")
+    require(
+        "strobe" in ds,
+        "ds",
+        "come from a sweep that recorded sections or strobe",
+        shown="another dataset",
+    )
     states = ds["strobe"].values
     if "status" in ds:
         states = np.where(ds["status"].values[..., None, None] == Status.FINITE, states, np.nan)

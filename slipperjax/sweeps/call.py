@@ -48,5 +48,10 @@ def refined(refine: int, steps_per_period: Any) -> int:
     **Raises:** `ValueError` where it is none, or steps are given besides.
     """
     refine = whole("refine", refine, 1, 1000)
-    require(refine == 1 or steps_per_period is None, "refine", "be 1 where steps_per_period is given", refine)
+    require(
+        refine == 1 or steps_per_period is None,
+        "refine",
+        "be 1 where steps_per_period is given",
+        refine,
+    )
     return refine

@@ -54,7 +54,12 @@ def explain(
     if np.ptp(steps):
         # the same for all, so that the probe is one batch
         used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS
-    options |= dict(workers=1, progress=False, product=False, chunk=options.get("chunk") or LARGEST_CHUNK)
+    options |= dict(
+        workers=1,
+        progress=False,
+        product=False,
+        chunk=options.get("chunk") or LARGEST_CHUNK,
+    )
     options["steps_per_period"] = used
     seconds = []
     ds = xr.Dataset()

@@ -161,7 +161,12 @@ def run_longer_motions(
     # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
     regular = (motions_of(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
-    return LongerMotions(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted
+    return LongerMotions(
+        chosen,
+        by_case(history),
+        np.sum(by_case(regular), axis=1),
+        first,
+    ), run.interrupted
 
 
 def least_mean_life(measured: int) -> float:
@@ -420,10 +425,22 @@ class LyapunovExponents(ContinuedRecord):
         if len(index) and not interrupted:
             periods = measured_periods(blocks) * (2 if self.certify else 1)
             name = f"exponents of {len(index)} cases"
-            run = run_cases(plan, work, index=index, periods=periods, tangents=True, name=name, **options)
+            run = run_cases(
+                plan,
+                work,
+                index=index,
+                periods=periods,
+                tangents=True,
+                name=name,
+                **options,
+            )
             interrupted = run.interrupted
             if run.results is not None:
-                for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
+                for of_all, of_index in zip(
+                    jax.tree.leaves(measured),
+                    jax.tree.leaves(run.results),
+                    strict=True,
+                ):
                     of_all[index] = of_index
         longer = LongerMotions.not_run(np.zeros(0, int), self.count)
         exponent = measured.history.mean(axis=1)[:, 0]
@@ -431,13 +448,31 @@ class LyapunovExponents(ContinuedRecord):
         chosen = np.flatnonzero(chaotic & (measured.status == Status.FINITE))
         if self.certify and not interrupted and len(chosen):
             epoch = plan.periods + measured_periods(blocks)
-            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, options)
+            longer, interrupted = run_longer_motions(
+                plan,
+                chosen,
+                measured.state,
+                epoch,
+                blocks,
+                self.count,
+                options,
+            )
             unfinished = longer.status == Status.NOT_RUN
             measured.status[chosen[unfinished]] = Status.NOT_RUN
             longer = LongerMotions(*(array[~unfinished] for array in longer))
         good = measured.status == Status.FINITE
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
-        return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
+        return (
+            exponent_variables(
+                plan.periods,
+                measured,
+                reached,
+                by_orbit,
+                longer,
+            ),
+            status,
+            interrupted,
+        )
 
     def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
         """Return the exponents of cases before they are measured."""

@@ -41,7 +41,12 @@ class Grid:
         side.
         """
         self.scene = check_scene(scene)
-        require(isinstance(grid, Mapping) and grid, "grid", "name one or more parameters with their values", grid)
+        require(
+            isinstance(grid, Mapping) and grid,
+            "grid",
+            "name one or more parameters with their values",
+            grid,
+        )
         known("scene", scene)
         known("grid", dict(grid))
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
@@ -191,7 +196,10 @@ class Cases(Grid):
         spread = lambda v: np.broadcast_to(np.asarray(v, float), self.count)
         self.starts = type(motion)(**{name: spread(v) for name, v in of_start.items()})
         if isinstance(start, State):
-            alike = jax.tree.map(lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))), start)
+            alike = jax.tree.map(
+                lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))),
+                start,
+            )
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
@@ -263,7 +271,12 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
-    require(isinstance(path, Mapping) and len(path) == 1, "path", "name one parameter with increasing values", path)
+    require(
+        isinstance(path, Mapping) and len(path) == 1,
+        "path",
+        "name one parameter with increasing values",
+        path,
+    )
     grid = Grid(scene, path)
     name, values = next(iter(grid.axes.items()))
     increase = name not in STARTS and not np.any(np.diff(values) <= 0)
@@ -298,7 +311,12 @@ def sample_box(
     """
     from scipy.stats import qmc
 
-    require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
+    require(
+        isinstance(box, Mapping) and box,
+        "box",
+        "name one or more parameters with their bounds",
+        box,
+    )
     count = whole("count", count, 1)
     scene = paper_scene() if scene is None else check_scene(scene)
     listed = isinstance(log, Collection) and not isinstance(log, str) and all(isinstance(name, str) for name in log)
@@ -326,13 +344,23 @@ def _spread(quantity: Parameter, name: str, ends: Any, share: np.ndarray, log: b
     pair = values.shape == (2,) and values[0] < values[1]
     require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
     low, high = map(float, values)
-    require(not log or low > 0, "log", "name parameters above zero", shown=f"{name}, which begins at {low:g}")
+    require(
+        not log or low > 0,
+        "log",
+        "name parameters above zero",
+        shown=f"{name}, which begins at {low:g}",
+    )
     return low * (high / low) ** share if log else low + (high - low) * share
 
 
 def _drawn(name: str, distribution: Any, share: np.ndarray, log: bool) -> np.ndarray:
     """Return the values of a parameter below which a distribution has these shares."""
-    require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
+    require(
+        not log,
+        "log",
+        "name parameters with two bounds",
+        shown=f"{name}, which has a distribution",
+    )
     need = f"have a distribution of {name} with all its parameters"
     # a share may be 0, of which the value may be infinite: take half the spacing of Sobol points
     share = np.maximum(share, 2.0**-31)

@@ -112,7 +112,16 @@ class Maps(NamedTuple):
         return self._of_blocks(functools.partial(self._looked, capacity), index, rows)
 
     def _advanced(self, at: float, scenes: Batched[Scene], states: State) -> np.ndarray:
-        return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), solver=self.solver, periods=1).state)
+        return rows_of(
+            advance(
+                scenes,
+                states,
+                at,
+                dynamic_steps(self.steps),
+                solver=self.solver,
+                periods=1,
+            ).state
+        )
 
     def _derived(self, scenes: Batched[Scene], states: State) -> np.ndarray:
         steps = dynamic_steps(self.steps)
@@ -122,8 +131,22 @@ class Maps(NamedTuple):
     def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
         stepping = ConstantSteps(capacity, as_argument(self.steps))
         options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL)
-        seen = advance(scenes, states, self.epoch, stepping, records=RecordSet((ContactChecks(),)), **options)
-        return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
+        seen = advance(
+            scenes,
+            states,
+            self.epoch,
+            stepping,
+            records=RecordSet((ContactChecks(),)),
+            **options,
+        )
+        return np.asarray(
+            judged_by_contacts(
+                scenes,
+                seen.status,
+                *seen.carried,
+                most_stability_number(self.solver),
+            )
+        )
 
     def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
         """Return `call(scenes, *states)` over the cases in blocks of one size."""
@@ -149,7 +172,11 @@ def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
 def _weights(scenes: Batched[Scene], states: State) -> State:
     def one(scene, state):
         weights = tangent_weights(scene)(state)
-        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, weights)
+        return jax.tree.map(
+            lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape),
+            state,
+            weights,
+        )
 
     return scenes.map(one, states)
 
@@ -282,7 +309,11 @@ class _Search:
         rows = self.rows
         everyone = np.arange(len(rows))
         status = np.asarray(_statuses(maps.states(rows)))
-        status = np.where((status == Status.FINITE) & ~(self.residual <= tolerance), int(Status.NO_ORBIT), status)
+        status = np.where(
+            (status == Status.FINITE) & ~(self.residual <= tolerance),
+            int(Status.NO_ORBIT),
+            status,
+        )
         mu = np.full(rows.shape, np.nan + 0j)
         growth = np.full(len(rows), np.nan)
         good = np.flatnonzero(status == Status.FINITE)
@@ -295,7 +326,16 @@ class _Search:
             rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
         self.inverse[~np.isin(everyone, good)] = np.nan
         state = maps.states(rows)
-        return Orbits(state, self.residual, self.iterations, self.jacobians, mu, growth, self.inverse, status)
+        return Orbits(
+            state,
+            self.residual,
+            self.iterations,
+            self.jacobians,
+            mu,
+            growth,
+            self.inverse,
+            status,
+        )
 
 
 def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
@@ -389,11 +429,21 @@ class NearestOrbit(ContinuedRecord):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         over = (*dims, "multiplier")
         return {
-            "orbit": column((*dims, "coordinate"), strobe, "", f"state at the start of a period: {text}"),
+            "orbit": column(
+                (*dims, "coordinate"),
+                strobe,
+                "",
+                f"state at the start of a period: {text}",
+            ),
             "orbit_state": column((*dims, "number"), state, "", "all numbers of the orbit's state"),
             "multiplier_real": column(over, mu.real, "1", "Floquet multipliers, real parts"),
             "multiplier_imag": column(over, mu.imag, "1", "Floquet multipliers, imaginary parts"),
-            "orbit_exponent": column(dims, exponent, "1/period", "ln of the largest multiplier's modulus"),
+            "orbit_exponent": column(
+                dims,
+                exponent,
+                "1/period",
+                "ln of the largest multiplier's modulus",
+            ),
             "stable": column(dims, stable, "", "whether no multiplier lies outside the unit circle"),
             "residual": column(dims, residual, "1", "scaled residual"),
             "iterations": column(dims, iterations, "1", "iterations of Newton's method"),

@@ -84,14 +84,22 @@ def over_rails(
         fine, same = (_of_rails(part, quantile) for part in _same_rails(finer, rows, dim))
         check_quantile(quantile, len(fine))
         pairs = _fit(np.concatenate([fine, same], axis=1), quantile)
-        change, drawn = bootstrap(lambda weights: np.divide(*np.split(pairs(weights), 2)) - 1, len(fine), **draws)
+        change, drawn = bootstrap(
+            lambda weights: np.divide(*np.split(pairs(weights), 2)) - 1,
+            len(fine),
+            **draws,
+        )
         error = drawn.std(axis=0, ddof=1)
         columns["step_change"] = change, "1", "relative change by more steps"
         columns["step_change_stderr"] = error, "1", "standard error of the relative change"
     shape = [rows.sizes[name] for name in others]
     data = {name: column(others, array.reshape(shape), *words) for name, (array, *words) in columns.items()}
     if finer is not None:
-        status = with_accuracy(np.zeros(shape, int), np.abs(data["step_change"][1]), data["step_change_stderr"][1])
+        status = with_accuracy(
+            np.zeros(shape, int),
+            np.abs(data["step_change"][1]),
+            data["step_change_stderr"][1],
+        )
         data["status"] = column(others, status, "", "status", meaning=MEANINGS)
     coords = {name: values.coords[name] for name in others if name in values.coords}
     facts = dict(rails=len(numbers), quantile="none" if quantile is None else quantile)
@@ -128,5 +136,10 @@ def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.D
     require(set(finer.dims) == set(rows.dims), "finer", need, shown=", ".join(map(str, finer.dims)))
     fine = finer.transpose(*rows.dims)
     good = fine.shape[1:] == rows.shape[1:] and fine[dim].isin(rows[dim]).all()
-    require(good, "finer", "be of the same cases, on rails that are among those of `values`", shown="of others")
+    require(
+        good,
+        "finer",
+        "be of the same cases, on rails that are among those of `values`",
+        shown="of others",
+    )
     return fine, rows.sel({dim: fine[dim]})

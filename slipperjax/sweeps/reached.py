@@ -35,7 +35,12 @@ class ReachedOrbits(NamedTuple):
 def nothing_reached(states: State, count: int) -> ReachedOrbits:
     """Return those of cases for which no orbit was looked for."""
     cases = len(states.motion.y)
-    return ReachedOrbits(np.zeros(cases, int), np.full((cases, count), np.nan), np.full(cases, np.nan), states)
+    return ReachedOrbits(
+        np.zeros(cases, int),
+        np.full((cases, count), np.nan),
+        np.full(cases, np.nan),
+        states,
+    )
 
 
 def reached_orbits(
@@ -60,7 +65,11 @@ def reached_orbits(
     is asked for: below it rounding errors are not told well enough.
     """
     nothing = nothing_reached(states, count)
-    period = np.where((maps.periods > 0) & np.asarray(_recurs(maps.scenes, states)), likely_periods(strobe), 0)
+    period = np.where(
+        (maps.periods > 0) & np.asarray(_recurs(maps.scenes, states)),
+        likely_periods(strobe),
+        0,
+    )
     if not period.any():
         return nothing
     # from so near, three to eight iterations are typical
@@ -101,7 +110,10 @@ def likely_periods(
     lags = min(longest, periods // 4)
     finite = np.where(np.all(np.isfinite(strobe), axis=(1, 2), keepdims=True), strobe, np.nan)
     series = recurrence(finite / COORDINATE_SCALES, lags)
-    missed = np.stack([apart[:, -max(n, periods // 10) :].max(axis=1) for n, apart in series.items()], axis=1)
+    missed = np.stack(
+        [apart[:, -max(n, periods // 10) :].max(axis=1) for n, apart in series.items()],
+        axis=1,
+    )
     missed = np.where(np.isfinite(missed), missed, np.inf)
     best = missed.min(axis=1, keepdims=True)
     close = missed <= np.maximum(3 * best, FLOOR)

@@ -77,7 +77,12 @@ class MotionKind(AbstractRecord):
         words = Regime.kind_names(values.kind)
         return {
             "kind": column(dims, words, "", "kind of motion, by recurrence"),
-            "period": column(dims, values.period, "1", "forcing periods of a periodic motion, 0 for others"),
+            "period": column(
+                dims,
+                values.period,
+                "1",
+                "forcing periods of a periodic motion, 0 for others",
+            ),
         }, {}
 
 
@@ -134,7 +139,12 @@ class LargestExponent(ContinuedRecord):
     def label(self, scene, dims, values: OneExponent) -> Labelled:
         text = "standard error of the largest Lyapunov exponent"
         return {
-            "exponent": column(dims, values.exponent, "1/period", "largest Lyapunov exponent, uncertified"),
+            "exponent": column(
+                dims,
+                values.exponent,
+                "1/period",
+                "largest Lyapunov exponent, uncertified",
+            ),
             "exponent_stderr": column(dims, values.stderr, "1/period", text),
         }, {}
 

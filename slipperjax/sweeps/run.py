@@ -218,7 +218,11 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet 
 
 def _steps_and_saves(cases: Cases, call: Call) -> tuple[Any, int]:
     """Return steps per period, one number or one for each case, and saves per period."""
-    return step_plan(lambda: call.refine * cases.default_steps(), call.steps_per_period, call.saves_per_period)
+    return step_plan(
+        lambda: call.refine * cases.default_steps(),
+        call.steps_per_period,
+        call.saves_per_period,
+    )
 
 
 def _epoch(cases: Cases, begin: float) -> float:
@@ -327,17 +331,35 @@ def run_chunk(
         if kept is records and plan.probed:
             # the program of the transient, which is there already, serves this one period, too
             once = dict(used=as_argument(1), earlier=initial_carry(early, scenes, states))
-            probe = half_step_change(scenes, states, period, steps, **once, **options_of(plan.transient, early))
+            probe = half_step_change(
+                scenes,
+                states,
+                period,
+                steps,
+                **once,
+                **options_of(plan.transient, early),
+            )
         carry = initial_carry(kept, scenes, states)
         used = as_argument(calls.length)
         for _ in range(calls.count):
             on_progress(0)
-            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options_of(calls, kept))
+            passed = advance(
+                scenes,
+                states,
+                period,
+                chosen,
+                used=used,
+                earlier=carry,
+                **options_of(calls, kept),
+            )
             states = passed.state
             carry = passed.carried
             status = first_problem(status, passed.status)
             # a program serves several numbers of periods: samples of periods beyond its use are cut off
-            samples.add(kept, jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples))
+            samples.add(
+                kept,
+                jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples),
+            )
             on_progress(calls.length)
             period += calls.length
     kept = samples.joined()
@@ -440,7 +462,16 @@ def run_cases(
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> Any:
         lanes = listed[chunk.index]
-        return work(ChunkInputs(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
+        return work(
+            ChunkInputs(
+                *plan.cases.take(lanes),
+                lanes,
+                chunk.index,
+                chunk.cases,
+                chunk.steps,
+                on_progress,
+            )
+        )
 
     return run_chunks(chunks, threads, of_chunk, periods=periods, progress=progress, name=name)
 
@@ -498,7 +529,10 @@ def run_chunks(
             # not joined: after Ctrl-C their calls may last for a long time
             pool.shutdown(wait=False, cancel_futures=True)
     errors = [future.exception() for future in futures if future.done() and not future.cancelled()]
-    error = next((error for error in errors if error is not None and not isinstance(error, _Stopped)), None)
+    error = next(
+        (error for error in errors if error is not None and not isinstance(error, _Stopped)),
+        None,
+    )
     if error is not None and not interrupted:
         raise error
     return _in_order(chunks, list(parts), interrupted)

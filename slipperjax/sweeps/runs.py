@@ -165,7 +165,17 @@ def run(
     if grid is None:
         require(store is None, "store", "come with a grid", store)
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
-    return run_or_store(_computed, _estimated, call, scene, grid, first, store=store, executor=executor, **how)
+    return run_or_store(
+        _computed,
+        _estimated,
+        call,
+        scene,
+        grid,
+        first,
+        store=store,
+        executor=executor,
+        **how,
+    )
 
 
 def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
@@ -354,7 +364,16 @@ def _run_windows(
         if k in probed:
             now = _opened(scenes, carry[count].play) if wears else scenes
             over = dict(used=as_argument(around), periods=capacity_for(around))
-            errors.append(half_step_change(now, states, at, steps, solver=plan.solver, **over)[: part.cases])
+            errors.append(
+                half_step_change(
+                    now,
+                    states,
+                    at,
+                    steps,
+                    solver=plan.solver,
+                    **over,
+                )[: part.cases]
+            )
         stepping = ConstantSteps(steps)
         if np.ptp(profile):
             stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
@@ -402,7 +421,12 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     text = "all numbers of the state at the end of each stretch"
     data = {
         "state": column((*along_stretch, "number"), of_grid(results.marks), "", text),
-        "steps_per_window": column(along_stretch, of_grid(profiles), "1", "integration steps per window"),
+        "steps_per_window": column(
+            along_stretch,
+            of_grid(profiles),
+            "1",
+            "integration steps per window",
+        ),
     }
     for one, values in zip(plan.records.records, results.record, strict=True):
         over = (*dims, "distance") if isinstance(one, PerWindow) else along_stretch

@@ -77,7 +77,12 @@ class Store:
     """(i, n): compute the i-th of n shares only, i from 1 to n, while other processes compute the others."""
 
     def __post_init__(self):
-        require(isinstance(self.path, str | os.PathLike), "store", "be a path that ends in .zarr", self.path)
+        require(
+            isinstance(self.path, str | os.PathLike),
+            "store",
+            "be a path that ends in .zarr",
+            self.path,
+        )
         object.__setattr__(self, "path", user_path(self.path))
         require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:
@@ -85,13 +90,28 @@ class Store:
         yes_or_no("fresh", self.fresh)
         if self.share is not None:
             pair = isinstance(self.share, tuple | list) and [type(number) for number in self.share] == [int, int]
-            require(pair and 1 <= self.share[0] <= self.share[1], "share", "be (i, n) with i from 1 to n", self.share)
-            require(not self.fresh, "fresh", "be False for a share, whose store others write to", self.fresh)
+            require(
+                pair and 1 <= self.share[0] <= self.share[1],
+                "share",
+                "be (i, n) with i from 1 to n",
+                self.share,
+            )
+            require(
+                not self.fresh,
+                "fresh",
+                "be False for a share, whose store others write to",
+                self.fresh,
+            )
 
     @classmethod
     def of(cls, store: Any) -> "Store":
         """Return the store of an argument, a path or a `Store`."""
-        require(isinstance(store, str | Path | Store), "store", "be a path or a slipperjax.Store", store)
+        require(
+            isinstance(store, str | Path | Store),
+            "store",
+            "be a path or a slipperjax.Store",
+            store,
+        )
         return store if isinstance(store, Store) else Store(Path(store))
 
     @property
@@ -206,7 +226,12 @@ class Archive(NamedTuple):
         with readable(self.path, "zarr store"):
             ds = xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
         lost = sorted({*self.variables, *self.coords} - set(ds.variables))
-        require(not lost, "store", "be whole", shown=f"without {', '.join(lost)}: start over with fresh=True")
+        require(
+            not lost,
+            "store",
+            "be whole",
+            shown=f"without {', '.join(lost)}: start over with fresh=True",
+        )
         return ds
 
     def write(self, number: int, ds: xr.Dataset) -> None:
@@ -373,7 +398,13 @@ def store_status(path: Any) -> StoreStatus:
     archive = _open_archive(user_path(path))
     done = int(archive.complete_tiles().sum())
     size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
-    return StoreStatus(archive.tiles.count, done, math.prod(archive.shape), archive.complete_cases(), size)
+    return StoreStatus(
+        archive.tiles.count,
+        done,
+        math.prod(archive.shape),
+        archive.complete_cases(),
+        size,
+    )
 
 
 def check_store(path: Any) -> list[int]:

@@ -130,7 +130,15 @@ def _computed(call: Call, scene: Scene, grid: Mapping[str, Any], start: Motion |
     def work(part: ChunkInputs) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
         first = bool(part.row[0] == 0)  # most chunks share their programs
-        return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases, first=first)
+        return run_chunk(
+            plan,
+            part.scenes,
+            states,
+            part.steps,
+            part.on_progress,
+            cases=part.cases,
+            first=first,
+        )
 
     run = run_cases(plan, work, periods=plan.periods, **how)
     if run.results is not None and plan.records.continues:
@@ -270,7 +278,12 @@ def sweep_dataset(
     if results.probe is not None:
         text = "what half the step changes in a forcing period, in scales"
         data["probe_error"] = column(dims, results.probe.reshape(shape), "1", text)
-    data["steps_per_period"] = column(dims, steps.reshape(shape), "1", "integration steps per forcing period")
+    data["steps_per_period"] = column(
+        dims,
+        steps.reshape(shape),
+        "1",
+        "integration steps per forcing period",
+    )
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")

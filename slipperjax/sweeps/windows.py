@@ -252,7 +252,12 @@ class ThirdOctaves(AbstractRecord):
     def label(self, scene, dims, values):
         data = {}
         for k, name in enumerate(self.variables):
-            data[name] = column((*dims, "band"), values[..., k], "m/s^2", "root mean square in a third octave")
+            data[name] = column(
+                (*dims, "band"),
+                values[..., k],
+                "m/s^2",
+                "root mean square in a third octave",
+            )
         return data, {"band": column("band", BANDS, "Hz", "middle of a third octave")}
 
 
@@ -277,7 +282,13 @@ def _bands(
     rate = SAMPLES_PER_WINDOW / seconds.mean(axis=1)  # [Hz], of each case
     count = signal.shape[1]
     # in cycles per sample; densities per cycle per sample
-    frequency, density = scipy.signal.periodogram(signal, 1.0, window="hann", detrend="constant", axis=1)
+    frequency, density = scipy.signal.periodogram(
+        signal,
+        1.0,
+        window="hann",
+        detrend="constant",
+        axis=1,
+    )
     density = density / np.sinc(frequency)[:, None] ** 8
     result = np.full((len(signal), len(BANDS), 2), np.nan)
     for k, middle in enumerate(BANDS):
