@@ -11,6 +11,7 @@ import json
 import math
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import threading
@@ -237,8 +238,10 @@ class Archive(NamedTuple):
     def write(self, number: int, ds: xr.Dataset) -> None:
         """Write the results of a tile, its mark last.
 
-        **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
+        **Raises:** `OSError` where the disk is full or protected; the tile is absent then. `ValueError` where a store
+        of another call was put in this one's place.
         """
+        _open_archive(self.path, self.call)
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
@@ -312,6 +315,17 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
     zarr.open_group(path, mode="r+").update_attributes({MARK: json.dumps(mark)})
 
 
+def _check_replaceable(path: Path) -> None:
+    """Raise `ValueError` where something is there but a store of ours, with nothing else in it."""
+    if not path.exists():
+        return
+    _open_archive(path)
+    own = re.compile(r"([^/]+/)?(zarr\.json|marks/\d+|c(/\d+)*)(\..+\.partial)?")
+    for file in path.rglob("*"):
+        good = file.is_dir() or own.fullmatch(file.relative_to(path).as_posix())
+        require(good, "store", "have no other files where it is made anew", shown=str(file))
+
+
 def _make_archive(path: Path, *contents: Any) -> Archive:
     """Make an empty store, whole or not at all, in place of one of ours that may be there.
 
@@ -319,10 +333,10 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
 
     **Raises:** `ValueError` where something else is there.
     """
+    _check_replaceable(path)
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
         if path.exists():
-            _open_archive(path)
             os.rename(path, Path(part, "old"))
         os.rename(Path(part, "new"), path)
     return _open_archive(path)
@@ -441,6 +455,8 @@ def _writing(store: Store) -> Iterator[None]:
     **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
     """
     with _held(_lock_path(store.path, store.share)):
+        if store.path.exists() and not os.access(store.path, os.W_OK):
+            raise PermissionError(f"{store.path} is protected against writing")
         shares = [] if store.share else store.path.resolve().parent.glob(f"{store.path.name}.*-of-*.lock")
         for other in shares:
             with _held(other):
@@ -501,6 +517,10 @@ def run_or_store(
         return compute(call, scene, grid, start, **how)
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
+    # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
+    start_method = getattr(getattr(executor, "_mp_context", None), "get_start_method", lambda: "")()
+    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
+    require(start_method != "fork", "executor", need, shown="one that forks this one, in whose copies JAX hangs")
     cases = Grid(scene, grid, product=call.product)
     context = copy_context()
     context.run(TOLD.set, set())  # each kind of warning once
@@ -553,6 +573,7 @@ def _stored(
                 shared = not alone or store.share is not None
                 of_store = dict(tiles=tiles, workers=threads, shared=shared, free=store.free_bytes)
                 replace(estimate(call, grid, start), **of_store).check()
+                _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:
                     like = work_on(tuple(slice(1) for _ in grid.shape))()

@@ -3,13 +3,14 @@
 import errno
 import itertools
 import json
+import multiprocessing
 import os
 import random
 import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -355,10 +356,39 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
+    for name in ("thesis.tex", "notes/thesis.tex", "v_z/c/3/0/0.tex", "thesis.partial", ".git/config"):
+        file = stored / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("years of work")
+        with pytest.raises(ValueError, match=f"must have no other files .* but has .*{name}"):
+            call(stored, fresh=True)
+        assert file.read_text() == "years of work"
+        file.unlink()
+        if not any(file.parent.iterdir()):
+            file.parent.rmdir()
     (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of a process that was killed")
     (stored / "status" / "marks" / "4").unlink()
     call(stored)
     assert files(stored) == whole
+
+
+def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
+    old = module._open_archive(stored)._replace(call={"function": "another"})
+    ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
+    with pytest.raises(ValueError, match="must be of the same call"):
+        old.write(2, ds)
+    assert files(stored) == whole
+
+
+def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stored, monkeypatch):
+    (stored / "status" / "marks" / "4").unlink()
+    before = files(stored)
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != stored)  # as for all but root
+    monkeypatch.setattr(module, "_run_tasks", None)
+    for fresh in (False, True):
+        with pytest.raises(PermissionError, match=r"map\.zarr is protected against writing"):
+            call(stored, fresh=fresh)
+    assert files(stored) == before
 
 
 @pytest.mark.parametrize("name", ["v_z", "speed", "point"])
@@ -556,7 +586,9 @@ def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_pat
 
 def test_what_is_no_executor_or_no_store_is_named(tmp_path):
     path, asked = tmp_path / "m.zarr", lambda **how: made_up.made_up(sj.paper_scene(), a_grid(), **how)
+    forked = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork"))  # which starts none by itself
     for make, words in (
+        (lambda: asked(executor=forked, store=path), "must start new processes, .* but is one that forks"),
         (lambda: asked(executor=3, store=path), "must be a dask.distributed.Client or"),
         (lambda: asked(executor=ThreadPoolExecutor(1)), "`executor` must come with `store`"),
         (lambda: asked(store=7), "must be a path or a slipperjax.Store"),
