@@ -255,7 +255,8 @@ class Interrupted(KeyboardInterrupt):
 
     def __str__(self) -> str:
         total = "" if self.of is None else f" of {self.of}"
-        return f"{self.finished}{total} {self.unit} were finished, see the attribute `result` of this exception"
+        kept = "" if self.result is None else ", see the attribute `result` of this exception"
+        return f"{self.finished or 'none'}{total} {self.unit} were finished{kept}"
 
 
 def blank(result, lanes: int):

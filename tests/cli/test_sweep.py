@@ -114,7 +114,7 @@ def test_wrong_options_are_named(stored, folder, capsys):
         ([*TEN, *new], "Missing option '--over'"),
         (
             ["--over", "speed", 900, 1000, 3, "--by", "clearance", 1, *TEN],
-            "--by: `clearance` must be a number with a unit",
+            "`clearance` must be a number with a unit",
         ),
         (["--over", "speed", 900, 1000, 3, "--by", "speed", 900, 1000, 3, *TEN], "speed"),
     ):

@@ -134,10 +134,10 @@ def test_nothing_is_computed_in_32_bits(call):
     [
         ("simulate --clearance -1", "`clearance` must be zero or positive, but is -0.001 m"),
         ("simulate --spede 100", "No such option"),
-        ("simulate --speed fast", "--speed"),
+        ("simulate --speed fast", "`speed` must be a number"),
         ("simulate --solver AbstractERK", "`solver` must be one of RK4"),
         ("simulate --memory none", "'--memory': 'none' is not one of 'event', 'smooth'"),
-        ("bifurcation --over width 1 2 3", "--over must begin with one of speed"),
+        ("bifurcation --over width 1 2 3", "`width` is no parameter; the names are speed"),
         ("bifurcation --over speed 100 2500 0", "'--over': 0 is not in the range x>=1"),
         ("bifurcation --over speed -100 2500 3", "`speed` must be positive, but is -100 m/s"),
         (f"simulate --out {__file__}/run", "--out must name a place that can be written"),

@@ -244,7 +244,7 @@ def test_files_are_written_and_read(tmp_path):
     (tmp_path / "bom.toml").write_text("\ufeff" + text, encoding="utf-8")
     assert eqx.tree_equal(sj.load_scene(tmp_path / "bom.toml"), scene)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"bad\.toml: must be UTF-8 text"):
+    with pytest.raises(ValueError, match=r"bad\.toml is no UTF-8 text"):
         sj.load_scene(tmp_path / "bad.toml")
     with pytest.raises(OSError, match=r"none\.toml"):
         sj.load_scene(tmp_path / "none.toml")

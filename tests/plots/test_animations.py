@@ -170,7 +170,7 @@ def test_datasets_are_shown_with_their_scene(run):
 def test_wrong_arguments_of_an_animation_are_named(run):
     ds = run.to_xarray()
     for arguments, words in (
-        (dict(run=ds.drop_attrs(), scene=None), "has no attribute `scene`"),
+        (dict(run=ds.drop_attrs(), scene=None), "no attribute `scene`"),
         (dict(run=ds["y"]), "`run` must be a dataset of one case over time"),
         (dict(run=ds.drop_vars("contact_force")), "`run` must be .*, with `contact_force`, but has"),
         (dict(run=xr.concat([ds, ds], "case")), "`run` must be one case over time, but is over case"),

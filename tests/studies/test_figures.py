@@ -116,4 +116,3 @@ def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
     assert entries >= {"period 1", "period 2", "stable", "unstable", "LP fold", "PD flip", "GR grazing"}
     top = panels[0]
     assert {line.get_color() for line in top.lines if line.get_linestyle() == "-"} == {COLORS["blue"], COLORS["red"]}
-    assert {"PD", "LP"} <= set(texts(top))

@@ -109,7 +109,7 @@ def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interr
         run(fails, 2)
     interrupt_after(0)
     _, done = run(lambda chunk, on_progress: time.sleep(0.05))
-    with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:
+    with pytest.raises(sj.Interrupted, match="none of 12 cases were finished") as stop:
         done.checked(lambda: done.results)
     assert stop.value.result is None
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
