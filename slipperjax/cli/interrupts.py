@@ -30,18 +30,32 @@ class Signals:
                 # what the caller ignores, as nohup does, stays ignored
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     self._before[number] = signal.signal(number, self._interrupt)
+            self._hook = sys.unraisablehook
+            sys.unraisablehook = self._unraisable
         return self
 
     def __exit__(self, *_: Any) -> None:
         # the caller's handlers again
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        if self._before:
+            sys.unraisablehook = self._hook
         ASKED.clear()
 
     def _interrupt(self, number: int, frame: Any) -> None:
         self.code = 128 + number
         ASKED.set()  # in case the exception is lost
         raise KeyboardInterrupt
+
+    def _unraisable(self, event: Any) -> None:
+        """Deliver an interrupt once more that fell into a callback, such as JAX has in the garbage collector."""
+        if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
+            # from another thread and later, for here nothing can be raised either
+            again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
+            again.daemon = True
+            again.start()
+        else:
+            self._hook(event)
 
 
 def ignore_signals() -> None:
@@ -51,7 +65,7 @@ def ignore_signals() -> None:
 
 
 def leave(code: int) -> None:
-    """Ends the process at once.
+    """End the process at once.
 
     Threads inside XLA cannot be stopped, and last for as long as their call. They must not meet the interpreter's
     shutdown, which takes away what they use.
@@ -62,7 +76,7 @@ def leave(code: int) -> None:
 
 
 def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
-    """Calls on another thread, so that the main one answers signals while XLA compiles or computes.
+    """Call on another thread, so that the main one answers signals while XLA compiles or computes.
 
     **Arguments:** `patience`: seconds to wait after a signal for a call that ends then by itself, with what it found.
     """

@@ -1,5 +1,6 @@
 """Signals from outside, and what a command leaves behind."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.cli.interrupts import on_thread
+from slipperjax.cli.interrupts import Signals, on_thread
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import SECTIONS
 
@@ -165,3 +166,23 @@ def test_calls_on_a_thread_give_what_they_give():
     assert on_thread(lambda: 3) == 3
     with pytest.raises(ValueError, match="seen"):
         on_thread(lambda: (_ for _ in ()).throw(ValueError("seen")))
+
+
+@pytest.mark.usefixtures("python_s_own_interrupts")
+def test_an_interrupt_that_falls_into_a_callback_is_delivered_again():
+    class Dropped:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            for _ in range(1000):  # the handler runs here, where nothing can be raised
+                pass
+
+    def go():
+        dropped = Dropped()
+        del dropped
+        for _ in range(100):
+            time.sleep(0.01)
+
+    with Signals() as signals, pytest.raises(KeyboardInterrupt):
+        go()
+    assert signals.code == 130
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
