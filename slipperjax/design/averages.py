@@ -20,7 +20,7 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
-from ..sweeps.run import ChunkInputs, make_plan, run_cases, run_chunk
+from ..sweeps.run import Part, make_plan, run_cases, run_chunk
 from .ensembles import Plane, box_corners
 from .gradients import PeriodValues, totals
 from .objectives import Evaluation, EvaluationPlan
@@ -110,20 +110,20 @@ def _run_members(
     """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
     courses = plan.of_courses
     exponents = plan.indices(exponents=True)
-    # first all numbers of courses as one record, then the exponents
-    records = [PeriodValues(courses)] if courses else []
-    records += [plan.objectives[k] for k in exponents]
+    # all numbers of courses as one record
+    records = RecordSet((PeriodValues(courses),) if courses else ())
+    stages = tuple(plan.objectives[k] for k in exponents)
     ensemble = plan.ensemble
     options = Call(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
     cases = Grid(plan.scene, grid, product=False)
-    runs = make_plan(cases, plan.start, options, RecordSet(tuple(records)))
+    runs = make_plan(cases, plan.start, options, records, stages)
     structure = jax.tree.structure(MOTION_SCALES)
     runs.cases.starts = jax.tree.unflatten(structure, list(motions.T))
 
-    def work(part: ChunkInputs) -> _RunValues:
+    def work(part: Part) -> _RunValues:
         # starts of runs may be deep inside contacts, which is no oversight
         states = states_and_penetrations(part.scenes, part.starts)[0]
-        run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)
+        run = run_chunk(part, states)
         values = np.empty((len(run.status), len(plan.objectives)))
         if courses:
             kept = jax.tree.map(jnp.asarray, run.record[0])

@@ -28,7 +28,7 @@ from ..sweeps.call import Call
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
-from ..sweeps.run import Chunk, OnProgress, Plan, make_plan, run_chunk, run_chunks
+from ..sweeps.run import Chunk, OnProgress, Part, Plan, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.compile import ahead
 from ..tools.limits import cores
@@ -195,7 +195,8 @@ class _Batch:
         lanes = filled(index, min(LANES_PER_CALL, len(cases.state)))
         scenes = self.scenes.take(lanes)
         states = self.maps(cases.period).states(cases.state[lanes])
-        run = run_chunk(transient, scenes, states, plan.steps, self.on_progress)
+        part = Part(transient, scenes, states, lanes, lanes, count, plan.steps, self.on_progress)
+        run = run_chunk(part, states)
         strobe = run.record[0][:, -LAST:]
         ends = jax.tree.map(np.asarray, run.state)
         # only motions that stay on the rail can have reached an orbit

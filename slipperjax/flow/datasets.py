@@ -33,7 +33,7 @@ from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, readable, user_path
 from ..tools.limits import refuse_impossible
 from .course import over_periods
-from .record import AbstractRecord, History, HistoryValues
+from .record import AbstractOutput, History, HistoryValues
 from .status import MEANINGS
 
 
@@ -211,7 +211,7 @@ def load_call(source: Any) -> dict[str, Any]:
         lineax.AbstractLinearSolver,
         Motion,
         SpeedProgramme,
-        AbstractRecord,
+        AbstractOutput,
     )
     return {name: build(value, kinds, name) for name, value in call.items()}
 

@@ -2,25 +2,26 @@
 
 A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
 however long the run is (peaks, means); its samples of each period are joined end to end (strobes,
-Poincare sections, histories, loads of each period). Afterwards it may run on, and it names its arrays for datasets.
+Poincare sections, histories, loads of each period). Afterwards it names its arrays for datasets.
 """
 
 import abc
-from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from diffrax import AbstractSolver
 from jaxtyping import Float, Int
 
 from ..model.dynamics import State, reactions
 from ..model.kinematics import Motion
 from ..model.layout import coordinate_rows, coordinates
-from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Quantity
+from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS
 from ..model.scene import Scene
+from ..tools.batching import Batched
 from ..tools.checks import require, whole, yes_or_no
 from ..tools.columns import column
 from .course import Course
@@ -43,24 +44,11 @@ class RecordedSpan(NamedTuple):
     """`slipperjax.Status` codes."""
 
 
-class AbstractRecord(abc.ABC):
-    """Something to keep of each case of a run.
-
-    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers defines `begin`
-    and `add`, one that samples periods defines `sample`; both define `finish` and `label`. Of a chunk `begin`, `add`
-    and `sample` of each period, `after` and `finish` are called in this order, then `continue_cases` and `label`.
-    """
+class AbstractOutput(abc.ABC):
+    """Something of each case that becomes variables of a dataset."""
 
     name: str
     """The name in the attribute `record` of datasets."""
-    inside: bool = True
-    """Whether it looks at states inside periods, and not only at their ends."""
-    from_start: bool = False
-    """Whether it samples the transient, too."""
-    tangents: bool = False
-    """Whether derivatives are taken after the recorded span."""
-    continues: bool = False
-    """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -71,16 +59,30 @@ class AbstractRecord(abc.ABC):
     def values(self, scene: Scene, periods: int) -> int:
         """Estimate how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
 
+    def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
+        """Raise `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
+
+    @abc.abstractmethod
+    def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
+        """Return a dataset's variables and coordinates, from its arrays of shape (*grid, ...)."""
+
+
+class AbstractRecord(AbstractOutput):
+    """Something to keep of each case of a run.
+
+    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers defines `begin`
+    and `add`, one that samples periods defines `sample`; both define `finish` and `label`. Of a chunk `begin`, `add`
+    and `sample` of each period, `judge` and `finish` are called in this order, then `label`.
+    """
+
+    inside: bool = True
+    """Whether it looks at states inside periods, and not only at their ends."""
+    from_start: bool = False
+    """Whether it samples the transient, too."""
+
     def last(self, periods: int) -> int:
         """Return how many of the last recorded periods need their samples kept."""
         return periods
-
-    def with_saves(self, saves: int) -> "AbstractRecord":
-        """Return the same, of so many saves per period where it leaves that to the run."""
-        return self
-
-    def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
-        """Raise `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
 
     def begin(self, scene: Scene, state: State) -> Any:
         """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
@@ -101,35 +103,13 @@ class AbstractRecord(abc.ABC):
         """Return the scene in the period `epoch`, where earlier periods change it."""
         return scene
 
-    def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
-        """Continue the motions of a chunk after the recorded span, or judge them; return carry and `Status` codes.
-
-        **Arguments:** `samples`: (cases, periods, ...); `run`: the chunk, a `slipperjax.sweeps.run.RecordedChunk`.
-        """
-        return carried, status
-
-    def periods_continuing(self, periods: int) -> int:
-        """Return for how many forcing periods cases run on after so many recorded ones."""
-        return 0
-
-    def continue_cases(
-        self, values: Any, status: np.ndarray, plan: Any, options: Any, interrupted: bool
-    ) -> tuple[Any, np.ndarray, bool]:
-        """Simulate some of the cases further after all chunks; return values, `Status` codes, and whether the run was
-        interrupted. Cases that were not finished have `Status.NOT_RUN`.
-
-        **Arguments:** `values`: of `finish`, (cases, ...); `plan`: a `slipperjax.sweeps.run.Plan`; `options`: for
-        `slipperjax.sweeps.run.run_cases`; `interrupted`: whether the run was, so that nothing is simulated.
-        """
-        return values, status, interrupted
+    def judge(self, carried: Any, status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver) -> np.ndarray:
+        """Return the `Status` codes (cases,) of a chunk after the recorded span."""
+        return status
 
     @abc.abstractmethod
     def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
         """Return arrays (cases, ...) from the carry (cases, ...) and samples (cases, periods, ...)."""
-
-    @abc.abstractmethod
-    def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
-        """Return a dataset's variables and coordinates, from the arrays of `finish` of shape (*grid, ...)."""
 
 
 class Unlabelled(AbstractRecord):
@@ -164,38 +144,6 @@ class RecordSet:
         """Those that sample the transient, too."""
         return RecordSet(tuple(r for r in self.records if r.from_start))
 
-    @property
-    def tangents(self) -> bool:
-        """Whether derivatives are taken after the recorded span."""
-        return any(r.tangents for r in self.records)
-
-    @property
-    def name(self) -> str:
-        """The attribute `record` of datasets."""
-        return ", ".join(r.name for r in self.records if r.name)
-
-    def values(self, scene: Scene, transient: int, periods: int) -> int:
-        """Estimate how many numbers of a case are kept, from the shapes of a scene."""
-        return sum(r.values(scene, periods + (transient if r.from_start else 0)) for r in self.records)
-
-    def with_saves(self, saves: int) -> "RecordSet":
-        """Return the same, of so many saves per period where they leave that to the run."""
-        return RecordSet(tuple(r.with_saves(saves) for r in self.records))
-
-    def check(self, scene: Scene, periods: int, steps: int, existing: Collection[str] = ()) -> None:
-        """Raise `ValueError` where records do not suit a run, or each other.
-
-        **Arguments:** `periods`: recorded; `steps`: in each, at least; `existing`: names that the dataset has.
-        """
-        # names of variables are those of the dataset
-        for name, count in Counter(name for r in self.records for name in r.variables).items():
-            if count > 1:
-                raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
-            if name in existing:
-                raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
-        for r in self.records:
-            r.check(scene, periods, steps)
-
     def begin(self, scene: Scene, state: State) -> tuple[Any, ...]:
         """Return initial carries of one case."""
         return tuple(r.begin(scene, state) for r in self.records)
@@ -215,33 +163,13 @@ class RecordSet:
             scene = r.feed_back(scene, mine, epoch)
         return scene
 
-    def after(
-        self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any
-    ) -> tuple[tuple[Any, ...], np.ndarray]:
-        """Return carries and `Status` codes after the recorded span."""
-        carries = []
-        for r, mine, kept in zip(self.records, carried, samples, strict=True):
-            mine, status = r.after(mine, kept, status, run)
-            carries.append(mine)
-        return tuple(carries), status
-
-    @property
-    def continues(self) -> bool:
-        """Whether any runs on after all chunks."""
-        return any(r.continues for r in self.records)
-
-    def periods_continuing(self, periods):
-        return max((r.periods_continuing(periods) for r in self.records), default=0)
-
-    def continue_cases(
-        self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
-    ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
-        """Return values and `Status` codes after all that runs on, and whether the run was interrupted."""
-        continued = []
-        for r, mine in zip(self.records, values, strict=True):
-            mine, status, interrupted = r.continue_cases(mine, status, plan, options, interrupted)
-            continued.append(mine)
-        return tuple(continued), status, interrupted
+    def judge(
+        self, carried: tuple[Any, ...], status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver
+    ) -> np.ndarray:
+        """Return the `Status` codes (cases,) of a chunk after the recorded span."""
+        for r, mine in zip(self.records, carried, strict=True):
+            status = r.judge(mine, status, scenes, solver)
+        return status
 
     def finish(
         self,
@@ -252,16 +180,6 @@ class RecordSet:
         """Return the arrays of each record, with a leading axis of cases."""
         parts = zip(self.records, carried, samples, strict=True)
         return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
-
-    def label(self, scene: Scene, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
-        """Return data variables and coordinates of a dataset."""
-        data = {}
-        coords = {}
-        for r, mine in zip(self.records, values, strict=True):
-            more, along = r.label(scene, dims, mine)
-            data |= more
-            coords |= along
-        return data, coords
 
 
 class Samples:
@@ -294,11 +212,6 @@ class Samples:
 def _periods_in(calls: list[Any]) -> int:
     """Return the number of periods that the samples of some calls are of."""
     return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
-
-
-def attributes(unit: str, long_name: str) -> dict[str, str]:
-    """Return the attributes of a data variable."""
-    return Quantity("", unit, long_name).attributes
 
 
 def point_labels(scene: Scene) -> dict[str, Any]:
@@ -394,9 +307,9 @@ class Sections(AbstractRecord):
         packed = lambda values: none.at[at].set(values, mode="drop")
         return SectionPoints(packed(time), packed(velocity), jnp.sum(crossed, axis=1))
 
-    def after(self, carried, samples, status, run):
+    def judge(self, carried, status, scenes, solver):
         dropped = (np.asarray(carried) > self.capacity) & (status == Status.FINITE)
-        return carried, np.where(dropped, int(Status.POINTS_DROPPED), status)
+        return np.where(dropped, int(Status.POINTS_DROPPED), status)
 
     def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
         # periods and their crossings along one axis
@@ -449,9 +362,6 @@ class History(AbstractRecord):
     def __post_init__(self):
         if self.saves is not None:
             whole("saves", self.saves, 1)
-
-    def with_saves(self, saves):
-        return History(saves) if self.saves is None else self
 
     def check(self, scene, periods, steps):
         divides = self.saves is not None and steps % self.saves == 0

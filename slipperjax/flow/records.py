@@ -306,7 +306,7 @@ def judged_by_contacts(
     carried: Any,
     limit: Any,
 ) -> Int[Array, " cases"]:
-    """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
+    """Return `Status` codes by `with_loads`, from carries of `ContactChecks` and the greatest stability number."""
     return scenes.map(
         lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit),
         codes,
@@ -331,9 +331,9 @@ class ContactChecks(Unlabelled):
         deepest = jnp.maximum(deepest, jnp.max(new.penetration))
         return closed, deepest, jnp.maximum(stability_number, new.stability_number)
 
-    def after(self, carried, samples, status, run):
-        limit = most_stability_number(run.plan.solver)
-        return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
+    def judge(self, carried, status, scenes, solver):
+        limit = most_stability_number(solver)
+        return np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carried, limit))
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:

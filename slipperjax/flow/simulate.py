@@ -387,8 +387,9 @@ def simulate(
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
-    records = RecordSet((TrajectoryRecord(saves, loads),))
-    refuse_periods(periods, steps, records.values(scene, 0, periods))
+    record = TrajectoryRecord(saves, loads)
+    records = RecordSet((record,))
+    refuse_periods(periods, steps, record.values(scene, periods))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:  # for both modes of derivatives

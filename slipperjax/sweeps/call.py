@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from diffrax import AbstractSolver
 
-from ..flow.record import AbstractRecord
+from ..flow.record import AbstractOutput
 from ..tools.checks import require, whole
 
 
@@ -26,7 +26,7 @@ class Call:
     """Factor of the default steps [1]."""
     begin: float | None = None
     """Where the run begins [m]; None for where its rail does."""
-    record: str | AbstractRecord | Sequence[str | AbstractRecord] = ()
+    record: str | AbstractOutput | Sequence[str | AbstractOutput] = ()
     loads: bool | None = None
     probe: bool | None = None
     product: bool = True

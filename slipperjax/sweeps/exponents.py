@@ -36,7 +36,7 @@ from ..tools.columns import column
 from .attractors import LAST, motions_of
 from .orbits import Maps, rows_of
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, Calls, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, AbstractStage, Calls, Part, Plan, run_cases, run_chunk
 
 BLOCK = 20
 """Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
@@ -65,27 +65,26 @@ class LocalExponents(NamedTuple):
     state: State  # the states at the end
 
 
-def measure(run: RecordedChunk, blocks: int, count: int, finer: int = 1) -> LocalExponents:
-    """Measure local exponents of a chunk from its states on.
+def measure(part: Part, states: State, epoch: float, blocks: int, count: int, finer: int = 1) -> LocalExponents:
+    """Measure local exponents of a chunk from its states on, `epoch` forcing periods after distance zero.
 
     **Arguments:** `blocks`: of `BLOCK` periods that count; `finer`: 2 for steps half as long.
     """
-    states = run.states
-    tangents = initial_tangents(run.scenes, states, count)
-    stepping = dynamic_steps(finer * run.steps)
+    tangents = initial_tangents(part.scenes, states, count)
+    stepping = dynamic_steps(finer * part.steps)
     status = np.zeros(len(states.motion.y), int)
     rows = []
     strobes = []
     for k in range(blocks + 1):
-        at = run.epoch + k * BLOCK
+        at = epoch + k * BLOCK
         states, tangents, history, strobe, codes = advance_tangents(
-            run.scenes, states, tangents, at, stepping, solver=run.plan.solver, periods=BLOCK
+            part.scenes, states, tangents, at, stepping, solver=part.plan.solver, periods=BLOCK
         )
         status = first_problem(status, codes)
         if k:  # the first block turns the tangents into their directions
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]
-        run.on_progress(BLOCK)
+        part.on_progress(BLOCK)
     return LocalExponents(np.concatenate(rows, axis=1), status, np.concatenate(strobes, axis=1), states)
 
 
@@ -139,13 +138,13 @@ def run_longer_motions(
     during = Calls(PERIODS_PER_CALL, LAST // PERIODS_PER_CALL)
     plan = replace(plan, transient=before, recorded=during)
 
-    def work(part: ChunkInputs) -> LocalExponents:
+    def work(part: Part) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
         # the motions of a case follow one another in the list, and differ in their lateral velocities [m/s]
         apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
-        run = run_chunk(plan, part.scenes, begin, part.steps, part.on_progress, epoch=epoch)
-        local = measure(part.recorded(plan, run.state, epoch + plan.periods), blocks, count)
+        run = run_chunk(part, begin, epoch)
+        local = measure(part, run.state, plan.epoch + epoch + plan.periods, blocks, count)
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
     name = f"longer motions of {len(chosen)} chaotic cases"
@@ -170,7 +169,7 @@ def run_longer_motions(
 
 
 def least_mean_life(measured: int) -> float:
-    """Returns the least mean life of chaos [forcing periods] with 95 % confidence, where none of the longer motions
+    """Return the least mean life of chaos [forcing periods] with 95 % confidence, where none of the longer motions
     became regular, of so many measured periods.
 
     Where they end at a constant rate, one of them would have with 95 % chance in three mean lives.
@@ -296,12 +295,8 @@ def _checked(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-CasesAfterRecord = tuple[State, ReachedOrbits]
-"""Where cases are after the recorded periods, and the orbits that they have reached."""
-
-
 @dataclass(frozen=True)
-class LyapunovExponents(ContinuedRecord):
+class LyapunovExponents(AbstractStage):
     """The largest Lyapunov exponents of each case, each with its certificate, see `slipperjax.lyapunov_sweep`.
 
     They are those of the orbit that a case has reached, or measured after the recorded periods.
@@ -325,7 +320,6 @@ class LyapunovExponents(ContinuedRecord):
         yes_or_no("orbits", self.orbits)
 
     name = "exponents"
-    continues = True
     least_settled = BLOCK
 
     @property
@@ -368,47 +362,39 @@ class LyapunovExponents(ContinuedRecord):
     def variables(self):
         return tuple(self.labels)
 
-    def last(self, periods):
-        return min(LAST, periods)
-
     def values(self, scene, periods):
         measured = measured_periods(counted_blocks(self.periods, periods))
-        return 10 * self.last(periods) + measured * (self.count + self.certify)
+        return measured * (self.count + self.certify)
 
     def check(self, scene, periods, steps):
         check_count(scene, self.count)
         whole("periods", periods, BLOCK)
 
-    def sample(self, course):
-        return course.end.motion
-
-    def periods_continuing(self, periods):
+    def periods_after(self, periods):
         measured = measured_periods(counted_blocks(self.periods, periods))
         return measured + (HOLD + measured) * self.certify
 
-    def after(self, carried, samples, status, run: RecordedChunk):
-        """Look for the orbits that cases of a chunk have reached at the end of the recorded span."""
-        states = jax.tree.map(np.asarray, run.states)
+    def of_chunk(self, part, states, epoch, status, strobe):
+        """Return where a chunk's cases are, and the orbits that they have reached."""
+        states = jax.tree.map(np.asarray, states)
         if not self.orbits:
             return (states, nothing_reached(states, self.count)), status
-        maps = Maps.of(run, run.good(status).astype(int))
-        strobe = coordinates(State(samples, None))
-        reached = reached_orbits(maps, states, strobe, count=self.count, half_step=self.certify)
+        maps = Maps.of(part, part.good(status).astype(int))
+        reached = reached_orbits(
+            maps, states, coordinates(State(strobe, None)), count=self.count, half_step=self.certify
+        )
         periodic = np.flatnonzero(reached.period)
         if len(periodic):
-            maps = Maps.of(run, reached.period, run.epoch)
-            codes = maps.contact_status(periodic, rows_of(reached.state)[periodic], run.capacity)
+            maps = Maps.of(part, reached.period, epoch)
+            codes = maps.contact_status(periodic, rows_of(reached.state)[periodic], part.capacity)
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
         return (states, reached), status
 
-    def finish(self, carried, samples, span) -> CasesAfterRecord:
-        return carried
-
-    def continue_cases(self, values: CasesAfterRecord, status, plan: Plan, options: Mapping[str, Any], interrupted):
+    def of_all(self, values, status, plan, how, interrupted):
         """Measure the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
         after, reached = values
-        no_orbit = status == Status.NO_ORBIT  # the orbit's record found none; the motion itself may be good
+        no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
         blocks = counted_blocks(self.periods, plan.recorded.periods)
@@ -417,62 +403,31 @@ class LyapunovExponents(ContinuedRecord):
         measured.kind[by_orbit] = Regime.PERIODIC
         measured.period[by_orbit] = reached.period[by_orbit]
 
-        def work(part: ChunkInputs) -> CaseExponents:
+        def work(part: Part) -> CaseExponents:
             states = jax.tree.map(lambda a: a[part.index], after)
-            return self._measured(part.recorded(plan, states, plan.periods), blocks, status[part.index])
+            return self._measured(part, states, blocks, status[part.index])
 
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
-            periods = measured_periods(blocks) * (2 if self.certify else 1)
-            name = f"exponents of {len(index)} cases"
-            run = run_cases(
-                plan,
-                work,
-                index=index,
-                periods=periods,
-                tangents=True,
-                name=name,
-                **options,
-            )
+            of_index = dict(index=index, periods=measured_periods(blocks) * (1 + self.certify), tangents=True)
+            run = run_cases(plan, work, name=f"exponents of {len(index)} cases", **of_index, **how)
             interrupted = run.interrupted
             if run.results is not None:
-                for of_all, of_index in zip(
-                    jax.tree.leaves(measured),
-                    jax.tree.leaves(run.results),
-                    strict=True,
-                ):
-                    of_all[index] = of_index
+                for mine, found in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
+                    mine[index] = found
         longer = LongerMotions.not_run(np.zeros(0, int), self.count)
         exponent = measured.history.mean(axis=1)[:, 0]
         chaotic = is_chaotic(exponent, standard_error(measured.history)[:, 0])
         chosen = np.flatnonzero(chaotic & (measured.status == Status.FINITE))
         if self.certify and not interrupted and len(chosen):
             epoch = plan.periods + measured_periods(blocks)
-            longer, interrupted = run_longer_motions(
-                plan,
-                chosen,
-                measured.state,
-                epoch,
-                blocks,
-                self.count,
-                options,
-            )
+            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, how)
             unfinished = longer.status == Status.NOT_RUN
             measured.status[chosen[unfinished]] = Status.NOT_RUN
             longer = LongerMotions(*(array[~unfinished] for array in longer))
         good = measured.status == Status.FINITE
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
-        return (
-            exponent_variables(
-                plan.periods,
-                measured,
-                reached,
-                by_orbit,
-                longer,
-            ),
-            status,
-            interrupted,
-        )
+        return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
 
     def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
         """Return the exponents of cases before they are measured."""
@@ -485,24 +440,25 @@ class LyapunovExponents(ContinuedRecord):
             checks = Checks(unknown[..., :1].copy(), not_run.copy(), np.full(cases, np.nan))
         return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
-    def _measured(self, run: RecordedChunk, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
+    def _measured(self, part: Part, states: State, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
         """Measure a chunk of cases, of some `Status` codes, from its states on."""
-        local = measure(run, blocks, self.count)
-        states = jax.tree.map(np.asarray, local.state)
-        rows = rows_of(states)
-        maps = Maps.of(run, np.zeros(len(status), int), run.epoch + measured_periods(blocks))
-        pressed = maps.contact_status(np.arange(len(rows)), rows, run.capacity)
+        start = part.plan.epoch + part.plan.periods
+        local = measure(part, states, start, blocks, self.count)
+        end = jax.tree.map(np.asarray, local.state)
+        rows = rows_of(end)
+        maps = Maps.of(part, np.zeros(len(status), int), start + measured_periods(blocks))
+        pressed = maps.contact_status(np.arange(len(rows)), rows, part.capacity)
         status = np.asarray(first_problem(first_problem(status, local.status), pressed))
         motion = motions_of(local.strobe, status)
         checks = None
         if self.certify:
-            half = measure(run, blocks, 1, finer=2)
+            half = measure(part, states, start, blocks, 1, finer=2)
             floquet = np.full(len(rows), np.nan)
             periodic = np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
-        return CaseExponents(status, motion.kind, motion.period, local.history, states, checks)
+        return CaseExponents(status, motion.kind, motion.period, local.history, end, checks)
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}

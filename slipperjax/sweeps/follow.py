@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow.period_map import initial_states
-from ..flow.record import AbstractRecord, RecordSet, Strobe
+from ..flow.record import AbstractOutput, RecordSet, Strobe
 from ..flow.simulate import Trajectory, beginning_of, check_rail, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
@@ -17,9 +17,10 @@ from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_steady
 from ..tools.checks import number, one_of, positive, require
 from .call import Call
+from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
-from .run import Chunk, ChunkRun, OnProgress, make_plan, run_chunk, run_chunks
+from .run import Chunk, ChunkRun, OnProgress, Part, heed_interrupts, make_plan, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -30,7 +31,7 @@ def follow(
     scene: Scene,
     path: Mapping[str, Any],
     *,
-    record: str | AbstractRecord | Sequence[str | AbstractRecord] = "sections",
+    record: str | AbstractOutput | Sequence[str | AbstractOutput] = "sections",
     transient: int = 30,
     periods: int = 10,
     steps_per_period: int | None = None,
@@ -61,9 +62,10 @@ def follow(
     call = Call(*lengths, begin=begin, record=record, function="follow")
     start = first_of(start)
     grid, _, values = path_grid(check_steady(scene), path)
-    records = resolved_record(call.record)
-    require(not records.continues, "record", "not run on where cases follow one another", call.record)
-    plan = make_plan(grid, start, call, records)
+    records, stages = resolved_record(call.record)
+    runs_on = any(isinstance(one, LyapunovExponents) for one in stages)
+    require(not runs_on, "record", "not run on where cases follow one another", call.record)
+    plan = make_plan(grid, start, call, records, stages)
     check_rail(scene, plan.periods * len(values), beginning_of(scene, call.begin))
     cases = plan.cases
     ways = len(DIRECTIONS)
@@ -79,9 +81,10 @@ def follow(
 
     def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
-        scenes, starts = cases.take(filled(columns[passed], ways))
-        before = initial_states(scenes, starts, plan.epoch) if states is None else states
-        run = run_chunk(plan, scenes, before, chunk.steps, on_progress, epoch=passed * plan.periods)
+        lanes = filled(columns[passed], ways)
+        part = Part(plan, *cases.take(lanes), lanes, *chunk, on_progress)
+        before = initial_states(part.scenes, part.starts, plan.epoch) if states is None else states
+        run = run_chunk(part, before, passed * plan.periods)
         states = run.state
         passed += 1
         return run
@@ -164,9 +167,9 @@ def find_jump(
     def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch
         plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
-        scenes, starts = plan.cases.take(lanes)
-        state = initial_states(scenes, starts, plan.epoch) if state is None else state
-        done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
+        part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.most_steps, heed_interrupts)
+        state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
+        done = run_chunk(part, state, epoch)
         epoch += plan.periods
         mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
         return _HeldMotion(done.state, mark, Status(int(done.status[0])))

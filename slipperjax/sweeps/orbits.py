@@ -34,7 +34,7 @@ from ..tools.checks import number, positive, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .grid import filled
-from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
+from .run import PERIODS_PER_CALL, AbstractStage, OnProgress, Part
 
 # --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
 
@@ -55,10 +55,10 @@ class Maps(NamedTuple):
     epoch: float = 0.0  # forcing period at which the maps begin
 
     @classmethod
-    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float | None = None) -> "Maps":
+    def of(cls, part: Part, periods: Int[np.ndarray, " cases"], epoch: float | None = None) -> "Maps":
         """Return maps of the cases of a chunk, by default from where its plan begins."""
-        epoch = run.plan.epoch if epoch is None else epoch
-        return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, epoch)
+        epoch = part.plan.epoch if epoch is None else epoch
+        return cls(part.scenes, part.steps, part.plan.solver, periods, part.on_progress, epoch)
 
     def states(self, rows: np.ndarray) -> State:
         """Return rows of numbers as states."""
@@ -369,7 +369,7 @@ def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: 
 
 
 @dataclass(frozen=True)
-class NearestOrbit(ContinuedRecord):
+class NearestOrbit(AbstractStage):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
 
     Cases whose iterations end elsewhere have `Status.NO_ORBIT`.
@@ -409,16 +409,13 @@ class NearestOrbit(ContinuedRecord):
     def check(self, scene, periods, steps):
         check_forcing(scene)
 
-    def after(self, carried, samples, status, run: RecordedChunk):
-        maps = Maps.of(run, np.where(run.good(status), self.period, 0))
-        states = jax.tree.map(np.asarray, run.states)
+    def of_chunk(self, part, states, epoch, status, strobe):
+        maps = Maps.of(part, np.where(part.good(status), self.period, 0))
+        states = jax.tree.map(np.asarray, states)
         orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
-        strobe = coordinates(orbits.state)
-        kept = strobe, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
+        start = coordinates(orbits.state)
+        kept = start, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
         return kept, first_problem(status, orbits.status)
-
-    def finish(self, carried, samples, span):
-        return carried
 
     def label(self, scene, dims, values) -> Labelled:
         strobe, state, mu, residual, iterations = values

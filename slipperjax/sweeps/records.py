@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
 from jaxtyping import Float
 
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import one_motion_standard_error
-from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
+from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State
@@ -20,7 +19,7 @@ from ..tools.columns import column
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
-from .run import ContinuedRecord, RecordedChunk
+from .run import AbstractStage, LastStrobes
 
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
@@ -94,7 +93,7 @@ class OneExponent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LargestExponent(ContinuedRecord):
+class LargestExponent(AbstractStage):
     """The largest Lyapunov exponent [1/period] with its standard error, uncertified.
 
     It is measured by a tangent after the recorded span, over as many periods again and 20 more before, in which
@@ -128,13 +127,11 @@ class LargestExponent(ContinuedRecord):
     def values(self, scene, periods):
         return 2
 
-    def after(self, carried, samples, status, run: RecordedChunk):
-        local = measure(run, counted_blocks(self.periods, run.plan.recorded.periods), 1)
-        return local.history, first_problem(status, local.status)
-
-    def finish(self, carried, samples, span) -> OneExponent:
-        history = np.asarray(carried)
-        return OneExponent(history.mean(axis=1)[:, 0], one_motion_standard_error(history)[:, 0])
+    def of_chunk(self, part, states, epoch, status, strobe):
+        blocks = counted_blocks(self.periods, part.plan.recorded.periods)
+        local = measure(part, states, epoch, blocks, 1)
+        found = local.history.mean(axis=1)[:, 0], one_motion_standard_error(local.history)[:, 0]
+        return OneExponent(*found), first_problem(status, local.status)
 
     def label(self, scene, dims, values: OneExponent) -> Labelled:
         text = "standard error of the largest Lyapunov exponent"
@@ -149,7 +146,7 @@ class LargestExponent(ContinuedRecord):
         }, {}
 
 
-OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
+OTHERS: dict[str, tuple[AbstractOutput, ...]] = {
     "sections": (Sections(), Strobe(from_start=True)),
     "strobe": (Strobe(),),
     "history": (History(),),
@@ -163,8 +160,8 @@ NAMES = (*OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
 
-def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
-    """Records from a user's argument: a name, a record, or a list of both.
+def resolved_record(record: Any, loads: bool | None = None) -> tuple[RecordSet, tuple[AbstractStage, ...]]:
+    """Return records and stages from a user's argument: a name, a record, or a list of both.
 
     **Arguments:** `loads`: whether contact loads come with the others, None for with sections and histories. Statuses
     that follow from loads come with any load.
@@ -173,22 +170,26 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
     """
     listed = list(record) if isinstance(record, list | tuple) else [record]
     require(listed, "record", f"name at least one of {', '.join(NAMES)}", record)
-    records = [one for item in listed for one in _records(item)]
-    series = any(isinstance(one, Sections | History) for one in records)
+    outputs = [one for item in listed for one in _outputs(item)]
+    series = any(isinstance(one, Sections | History) for one in outputs)
     if yes_or_no("loads", series if loads is None else loads):
-        records += [RECORDS[name] for name in LOADS]
-    if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in records):
-        records.append(ContactChecks())
-    return RecordSet(tuple(dict.fromkeys(records)))
+        outputs += [RECORDS[name] for name in LOADS]
+    if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in outputs):
+        outputs.append(ContactChecks())
+    if any(isinstance(one, LyapunovExponents) for one in outputs):
+        outputs.append(LastStrobes(LAST))
+    outputs = list(dict.fromkeys(outputs))
+    records = tuple(one for one in outputs if isinstance(one, AbstractRecord))
+    return RecordSet(records), tuple(one for one in outputs if isinstance(one, AbstractStage))
 
 
 OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 
-def _records(record: Any) -> tuple[AbstractRecord, ...]:
-    """The records of a name, or a record as it is."""
-    if isinstance(record, AbstractRecord):
+def _outputs(record: Any) -> tuple[AbstractOutput, ...]:
+    """Return the records and stages of a name, or one as it is."""
+    if isinstance(record, AbstractOutput):
         return (record,)
     need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
     require(isinstance(record, str) and record in NAMES, "record", need, record)

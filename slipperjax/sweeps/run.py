@@ -1,9 +1,12 @@
 """The one way in which many cases are run: planned, cut into chunks, and computed on threads with progress."""
 
+import abc
+import functools
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -17,7 +20,7 @@ from diffrax import AbstractSolver
 from jaxtyping import Bool, Float, Int
 
 from ..flow.period_map import advance
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
+from ..flow.record import AbstractOutput, History, Labelled, RecordedSpan, RecordSet, Samples, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, step_plan
 from ..flow.status import Interrupted, Status, Stop, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
@@ -106,8 +109,14 @@ class Plan:
     steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
     transient: Calls  # periods that pass before anything is recorded
     recorded: Calls
+    stages: "tuple[AbstractStage, ...]" = ()  # what is measured after the recorded periods
     probed: bool = False  # whether the first recorded period is repeated with half the step, for its error
     epoch: float = 0.0  # forcing periods from distance zero to where the run begins
+
+    @property
+    def outputs(self) -> tuple[AbstractOutput, ...]:
+        """All that becomes variables of a dataset."""
+        return (*self.records.records, *self.stages)
 
     @property
     def most_steps(self) -> int:
@@ -125,16 +134,42 @@ class Plan:
 
     def estimate(self, count: int) -> Estimate:
         """Return the estimate of `count` cases such as these."""
-        recorded = self.recorded.periods
-        periods = self.periods + self.records.periods_continuing(recorded)
+        periods = self.periods + periods_after(self.stages, self.recorded.periods)
         steps = periods * float(np.mean(self.steps))
-        values = self.records.values(self.cases.scene, self.transient.periods, recorded)
+        early = self.records.from_start.records
+        values = 0
+        for one in self.outputs:
+            kept = self.periods if one in early else self.recorded.periods
+            values += one.values(self.cases.scene, kept)
         return Estimate.counted(count, steps, values, f" of {periods} forcing periods")
+
+    @property
+    def record(self) -> str:
+        """The attribute `record` of datasets."""
+        return ", ".join(one.name for one in self.outputs if one.name)
+
+    def check(self) -> None:
+        """Raise `ValueError` where outputs do not suit the run, or each other."""
+        labels = map(self.cases.label, self.cases.axes)
+        check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *labels))
+        for one in self.outputs:
+            one.check(self.cases.scene, self.recorded.periods, int(self.steps.min()))
+
+    def label(self, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
+        """Return variables and coordinates of a dataset from the values of all outputs, (*dims, ...)."""
+        data = {}
+        coords = {}
+        for one, mine in zip(self.outputs, values, strict=True):
+            more, along = one.label(self.cases.scene, dims, mine)
+            data |= more
+            coords |= along
+        return data, coords
 
     def strobes(self, periods: int) -> "Plan":
         """Return the same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
         recorded = Calls(PERIODS_PER_CALL, math.ceil(periods / PERIODS_PER_CALL))
-        return replace(self, records=RecordSet((Strobe(),)), transient=Calls(1, 0), recorded=recorded)
+        records = RecordSet((Strobe(),))
+        return replace(self, records=records, stages=(), transient=Calls(1, 0), recorded=recorded)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """Cut the cases into chunks, those of most steps first; return them and the number of their threads.
@@ -145,7 +180,7 @@ class Plan:
         `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
-        tangents = tangents or self.records.tangents
+        tangents = tangents or bool(self.stages)
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
@@ -178,7 +213,81 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     return min((batch_size(share) for share in shares), key=duration)
 
 
-def sampled_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet = RecordSet()) -> Plan:
+class AbstractStage(AbstractOutput):
+    """Something that is measured of the motions after the recorded span, for which derivatives are taken there.
+
+    Subclasses are frozen dataclasses.
+    """
+
+    def periods_after(self, periods: int) -> int:
+        """Return for how many forcing periods motions run on after so many recorded ones."""
+        return 0
+
+    @abc.abstractmethod
+    def of_chunk(
+        self,
+        part: "Part",
+        states: State,
+        epoch: float,
+        status: Int[np.ndarray, " lanes"],
+        strobe: Float[np.ndarray, "lanes periods coordinates"] | None,
+    ) -> tuple[Any, Int[np.ndarray, " lanes"]]:
+        """Return arrays (lanes, ...) and `Status` codes of a chunk.
+
+        **Arguments:** `states`: at the end of the recorded span, `epoch` forcing periods after distance zero;
+        `strobe`: states once per period before, with `LastStrobes` among the records.
+        """
+
+    def of_all(
+        self, values: Any, status: np.ndarray, plan: Plan, how: Any, interrupted: bool
+    ) -> tuple[Any, np.ndarray, bool]:
+        """Continue from what `of_chunk` gave of all cases; return values, `Status` codes, and whether it was
+        interrupted. Cases that were not finished have `Status.NOT_RUN`.
+
+        **Arguments:** `how`: of `run_cases`; `interrupted`: whether the run was, so that nothing is simulated.
+        """
+        return values, status, interrupted
+
+
+def periods_after(stages: Sequence[AbstractStage], periods: int) -> int:
+    """Return for how many forcing periods motions run on after so many recorded ones."""
+    return max((one.periods_after(periods) for one in stages), default=0)
+
+
+@dataclass(frozen=True)
+class LastStrobes(Unlabelled):
+    """States once per period at the end of the recorded span, for stages."""
+
+    periods: int
+
+    inside = False
+
+    def last(self, periods):
+        return min(self.periods, periods)
+
+    def values(self, scene, periods):
+        return 10 * self.last(periods)
+
+    def sample(self, course):
+        return course.end.motion
+
+
+def check_variables(outputs: Sequence[AbstractOutput], existing: Collection[str]) -> None:
+    """Raise `ValueError` where two outputs, or an output and a dataset that has `existing`, share a variable."""
+    for name, count in Counter(name for one in outputs for name in one.variables).items():
+        if count > 1:
+            raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
+        if name in existing:
+            raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
+
+
+def sampled_plan(
+    grid: Grid,
+    start: Motion | State,
+    call: Call,
+    records: RecordSet = RecordSet(),
+    stages: tuple[AbstractStage, ...] = (),
+) -> Plan:
     """Return the plan of some thousand cases spread over a grid, which tells what all of them need.
 
     **Raises:** `ValueError` that names the argument which is wrong.
@@ -190,19 +299,21 @@ def sampled_plan(grid: Grid, start: Motion | State, call: Call, records: RecordS
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
     steps, saves = _steps_and_saves(cases, call)
     solver = resolve_solver(grid.scene, call.solver)
+    # histories leave their saves to the run
+    kept = (History(saves) if one == History() else one for one in records.records)
     lengths = Calls.of(transient), Calls.of(call.measured)
-    plan = Plan(cases, solver, records.with_saves(saves), np.atleast_1d(steps), *lengths)
+    plan = Plan(cases, solver, RecordSet(tuple(kept)), np.atleast_1d(steps), *lengths, stages)
     begin = beginning_of(grid.scene, call.begin)
-    check_rail(grid.scene, plan.periods, begin, transient, records.periods_continuing(call.measured))
+    check_rail(grid.scene, plan.periods, begin, transient, periods_after(stages, call.measured))
     return plan
 
 
-def make_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet = RecordSet()) -> Plan:
-    """Return the plan of a run from a user's arguments and records.
+def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: Any) -> Plan:
+    """Return the plan of a run from a user's arguments, records and stages.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    plan = sampled_plan(grid, start, call, records)
+    plan = sampled_plan(grid, start, call, *outputs)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
     cases = plan.cases
     steps = plan.steps
@@ -211,8 +322,7 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet 
         steps, _ = _steps_and_saves(cases, call)
     epoch = _epoch(cases, beginning_of(grid.scene, call.begin))
     plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count), epoch=epoch)
-    labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
-    plan.records.check(grid.scene, call.measured, int(plan.steps.min()), labels)
+    plan.check()
     return plan
 
 
@@ -241,24 +351,17 @@ def _epoch(cases: Cases, begin: float) -> float:
 # --- one chunk ------------------------------------------------------------------------------------------------------
 
 
-class ChunkRun(NamedTuple):
-    """A chunk of cases after its run."""
-
-    state: State  # the states at the end, with a leading axis of lanes
-    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
-    record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of lanes
-    probe: Float[np.ndarray, " lanes"] | None = None  # errors by half the step [1]; None where not measured
-
-
-class RecordedChunk(NamedTuple):
-    """A chunk of cases at the end of its recorded span, for records that run on from there."""
+class Part(NamedTuple):
+    """A chunk of cases at work."""
 
     plan: Plan
     scenes: Batched[Scene]
-    states: State
-    epoch: float  # forcing periods before
-    steps: int  # integration steps per forcing period
+    starts: Motion | State
+    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
+    # Indices into the list of those that this run takes, in whose order the results are.
+    row: Int[np.ndarray, " lanes"]
     cases: int  # how many lanes count; the others fill the batch up
+    steps: int  # integration steps per forcing period
     on_progress: OnProgress
 
     @property
@@ -267,19 +370,17 @@ class RecordedChunk(NamedTuple):
         return self.plan.capacity(self.steps)
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
-        """Whether each lane counts, and nothing is wrong with it."""
+        """Return whether each lane counts, and nothing is wrong with it."""
         return (status == Status.FINITE) & (np.arange(len(status)) < self.cases)
 
 
-class ContinuedRecord(AbstractRecord):
-    """A record of the motions after the recorded span, for which derivatives are taken there.
+class ChunkRun(NamedTuple):
+    """A chunk of cases after its run."""
 
-    For each chunk `after` continues from the states at the end of the span and gives a carry, of which `finish` makes
-    the arrays that are kept of each case.
-    """
-
-    inside = False
-    tangents = True
+    state: State  # the states at the end, with a leading axis of lanes
+    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
+    record: tuple[Any, ...]  # arrays of the plan's outputs, with a leading axis of lanes
+    probe: Float[np.ndarray, " lanes"] | None = None  # errors by half the step [1]; None where not measured
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
@@ -288,33 +389,25 @@ def heed_interrupts(periods: float = 0.0) -> None:
         raise KeyboardInterrupt
 
 
-def run_chunk(
-    plan: Plan,
-    scenes: Batched[Scene],
-    states: State,
-    steps: int,
-    on_progress: OnProgress = heed_interrupts,
-    epoch: float = 0.0,
-    cases: int | None = None,
-    first: bool = False,
-) -> ChunkRun:
-    """Run a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
-    where the plan begins.
+def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
+    """Run a chunk of cases through its plan, from `epoch` forcing periods behind the place where the plan begins.
 
     Times in records count from there.
 
-    **Arguments:** `cases`: how many lanes count, default all; `first`: whether it is the first chunk of its run, of
-    which the program that records is compiled while that of the transient is.
+    **Arguments:** `first`: whether it is the first chunk of its run, of which the program that records is compiled
+    while that of the transient is.
     """
+    plan = part.plan
+    scenes = part.scenes
     records = plan.records
     period = plan.epoch + epoch
     status = np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
-    number = as_argument(steps)  # an array, so that one compiled program serves every number of steps
+    number = as_argument(part.steps)  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
     if records.inside:
-        alike = bool(np.all(plan.steps == steps))
-        recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
+        alike = bool(np.all(plan.steps == part.steps))
+        recording = ConstantSteps(part.steps) if alike else ConstantSteps(part.capacity, number)
     early = records.from_start
     probe = None
 
@@ -328,48 +421,35 @@ def run_chunk(
     if first and plan.transient.count and not calls_lapack(plan.solver):
         ahead(compile_recording)
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
+        options = options_of(calls, kept)
         if kept is records and plan.probed:
             # the program of the transient, which is there already, serves this one period, too
             once = dict(used=as_argument(1), earlier=initial_carry(early, scenes, states))
-            probe = half_step_change(
-                scenes,
-                states,
-                period,
-                steps,
-                **once,
-                **options_of(plan.transient, early),
-            )
+            once |= options_of(plan.transient, early)
+            probe = half_step_change(scenes, states, period, part.steps, **once)
         carry = initial_carry(kept, scenes, states)
         used = as_argument(calls.length)
         for _ in range(calls.count):
-            on_progress(0)
-            passed = advance(
-                scenes,
-                states,
-                period,
-                chosen,
-                used=used,
-                earlier=carry,
-                **options_of(calls, kept),
-            )
+            part.on_progress(0)
+            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options)
             states = passed.state
             carry = passed.carried
             status = first_problem(status, passed.status)
             # a program serves several numbers of periods: samples of periods beyond its use are cut off
-            samples.add(
-                kept,
-                jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples),
-            )
-            on_progress(calls.length)
+            cut = jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples)
+            samples.add(kept, cut)
+            part.on_progress(calls.length)
             period += calls.length
-    kept = samples.joined()
-    cases = len(status) if cases is None else cases
-    chunk = RecordedChunk(plan, scenes, states, period, steps, cases, on_progress)
-    carry, status = records.after(carry, kept, status, chunk)
+    status = records.judge(carry, status, scenes, plan.solver)
     if probe is not None:
         status = with_accuracy(status, probe)
-    span = RecordedSpan(plan.recorded.periods, steps, plan.epoch + epoch, status)
-    return ChunkRun(states, status, records.finish(carry, kept, span), probe)
+    span = RecordedSpan(plan.recorded.periods, part.steps, plan.epoch + epoch, status)
+    values = list(records.finish(carry, samples.joined(), span))
+    strobe = next((a for r, a in zip(records.records, values, strict=True) if isinstance(r, LastStrobes)), None)
+    for stage in plan.stages:
+        measured, status = stage.of_chunk(part, states, period, status, strobe)
+        values.append(measured)
+    return ChunkRun(states, status, tuple(values), probe)
 
 
 def half_step_change(
@@ -406,24 +486,6 @@ def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> 
 # --- all chunks -----------------------------------------------------------------------------------------------------
 
 
-class ChunkInputs(NamedTuple):
-    """Inputs of a chunk's work."""
-
-    scenes: Batched[Scene]
-    starts: Motion | State
-    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
-    # Indices into the list of those that this run takes, in whose order the results are.
-    row: Int[np.ndarray, " lanes"]
-    cases: int  # how many lanes count; the others fill the batch up
-    steps: int  # integration steps per forcing period
-    on_progress: OnProgress
-
-    def recorded(self, plan: Plan, states: State, epoch: float) -> RecordedChunk:
-        """The chunk with its states `epoch` forcing periods behind the place where the plan begins."""
-        at = plan.epoch + epoch
-        return RecordedChunk(plan, self.scenes, states, at, self.steps, self.cases, self.on_progress)
-
-
 class Run(NamedTuple):
     """Cases after a run, or after an interrupt."""
 
@@ -443,7 +505,7 @@ class Run(NamedTuple):
 
 def run_cases(
     plan: Plan,
-    work: Callable[[ChunkInputs], Any],
+    work: Callable[[Part], Any],
     *,
     periods: float,
     index: Int[np.ndarray, " some"] | None = None,
@@ -462,16 +524,8 @@ def run_cases(
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> Any:
         lanes = listed[chunk.index]
-        return work(
-            ChunkInputs(
-                *plan.cases.take(lanes),
-                lanes,
-                chunk.index,
-                chunk.cases,
-                chunk.steps,
-                on_progress,
-            )
-        )
+        cases = plan.cases.take(lanes)
+        return work(Part(plan, *cases, lanes, *chunk, on_progress))
 
     return run_chunks(chunks, threads, of_chunk, periods=periods, progress=progress, name=name)
 
@@ -493,53 +547,71 @@ def run_chunks(
     `on_progress(n)` after n forcing periods. That raises where another chunk failed or the user interrupted, so that
     a chunk stops at its next call. `periods`: of one case in all. `progress`, `name`: of `progress_shown`.
     """
-    stop = threading.Event()
-    interrupted = False
     parts: list[Any] = [None] * len(chunks)
     cases = sum(chunk.cases for chunk in chunks)
     total = periods * sum(chunk.steps * chunk.cases for chunk in chunks)
+    interrupted = False
 
-    def one(k: int, chunk: Chunk) -> None:
+    def one(k: int) -> None:
+        chunk = chunks[k]
+
         def on_progress(passed: float) -> None:
-            if stop.is_set():
-                raise _Stopped
+            heed_interrupts()
             shown(chunk.steps * chunk.cases * passed)
 
-        try:
-            parts[k] = work(chunk, on_progress)
-            shown(0.0, chunk.cases)
-        except BaseException:
-            stop.set()
-            raise
+        parts[k] = work(chunk, on_progress)
+        shown(0.0, chunk.cases)
 
-    pool = ThreadPoolExecutor(workers)
-    futures = []
     with progress_shown(total, cases, name, progress) as shown:
-        context = copy_context()
-        if TOLD.get() is None:
-            context.run(TOLD.set, set())
         try:
-            futures += [pool.submit(context.copy().run, one, k, chunk) for k, chunk in enumerate(chunks)]
-            while wait(futures, TICK).not_done:
-                heed_interrupts()
+            gather([functools.partial(one, k) for k in range(len(chunks))], workers)
         except KeyboardInterrupt:
             interrupted = True
-        finally:
-            stop.set()
-            # not joined: after Ctrl-C their calls may last for a long time
-            pool.shutdown(wait=False, cancel_futures=True)
-    errors = [future.exception() for future in futures if future.done() and not future.cancelled()]
-    error = next(
-        (error for error in errors if error is not None and not isinstance(error, _Stopped)),
-        None,
-    )
-    if error is not None and not interrupted:
-        raise error
     return _in_order(chunks, list(parts), interrupted)
 
 
-class _Stopped(Exception):
-    """Ends a chunk's thread after another one failed or the user interrupted."""
+def gather(
+    tasks: Sequence[Callable[[], Any]],
+    threads: int,
+    executor: Executor | None = None,
+    done: Callable[[int], Any] = lambda k: None,
+    patience: float = 0.0,
+) -> None:
+    """Run tasks on threads of this process, or by an executor, the first ones first.
+
+    After Ctrl-C, or an error of a task, the others are cancelled; in those that run `heed_interrupts` raises.
+
+    **Arguments:** `done`: called with the number of each task that has ended; `patience`: how long the end of running
+    threads is waited for after Ctrl-C or an error [s].
+
+    **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
+    """
+    stop = Stop(Stop.here())
+    pool = ThreadPoolExecutor(threads) if executor is None else executor
+    context = copy_context()
+    if TOLD.get() is None:
+        context.run(TOLD.set, set())  # each kind of warning once
+    futures: dict[Future, int] = {}
+    try:
+        for k, task in enumerate(tasks):
+            future = context.run(stop.submit, pool, task) if executor is None else pool.submit(task)
+            futures[future] = k
+        while futures:
+            for future in wait(futures, TICK, "FIRST_COMPLETED").done:
+                future.result()
+                done(futures.pop(future))
+            heed_interrupts()
+    except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
+        raise
+    except BaseException:
+        running = [future for future in futures if not future.cancel()]
+        stop.set()
+        if executor is None:
+            wait(running, patience)
+        raise
+    finally:
+        if executor is None:
+            pool.shutdown(wait=False)
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) -> Run:

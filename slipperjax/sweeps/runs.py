@@ -38,8 +38,9 @@ from .grid import Cases, Grid, filled, with_tracks
 from .records import OF_LOADS
 from .run import (
     Calls,
-    ChunkInputs,
+    Part,
     Plan,
+    check_variables,
     half_step_change,
     initial_carry,
     run_cases,
@@ -186,7 +187,7 @@ def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
     profiles = _step_profiles(cases, call, windows)
     steps, _ = _keys(profiles)
     names = (*cases.dims, "status", "state")
-    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, names)
+    check_variables(records.records, names)
     solver = resolve_solver(scene, call.solver)
     return Plan(cases, solver, records, steps, Calls(1, 0), Calls(windows, 1)), profiles
 
@@ -207,7 +208,7 @@ def _computed(call: RunCall, scene: Scene, grid: Mapping[str, Any], start: Motio
     probed = np.linspace(0, stretches - 1, min(call.probe, stretches))
     probed = np.unique(probed.astype(int))
 
-    def work(part: ChunkInputs) -> _Results:
+    def work(part: Part) -> _Results:
         return _run_windows(plan, call, profile_of[part.steps], part, probed.tolist())
 
     done = run_cases(plan, work, periods=plan.periods, **how)
@@ -328,7 +329,7 @@ def _run_windows(
     plan: Plan,
     call: RunCall,
     profile: np.ndarray,
-    part: ChunkInputs,
+    part: Part,
     probed: list[int],
 ) -> _Results:
     """Run a chunk of cases stretch by stretch.
@@ -456,7 +457,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     attrs = scene_attributes(cases.scene, without=varied)
     whole_call = vars(replace(call, solver=plan.solver))
     attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, varied))
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name, "window [m]": call.window}
+    attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
     ds = xr.Dataset(data, {**coords, **cases.coordinates()}, attrs)
     ds = _with_rates(ds)
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds

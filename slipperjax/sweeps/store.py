@@ -16,7 +16,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow.datasets import versions
-from ..flow.status import Interrupted, Status, Stop
+from ..flow.status import Interrupted, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
@@ -44,7 +44,7 @@ from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
 from .estimate import Estimate
 from .grid import Grid, Tiling
-from .run import LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
+from .run import LARGEST_CHUNK, gather, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its call as JSON, and its tiles."""
@@ -591,13 +591,18 @@ def _stored(
         one_by_one = calls_lapack(solver, True) or jax.default_backend() != "cpu"
         share, shares = store.share or (1, 1)
         tasks = []
+        sizes = []
         for number in np.flatnonzero(~archive.complete_tiles()).tolist():
             if number % shares == share - 1:
                 work = work_on(archive.tiles.region(number))
-                task = functools.partial(_compute_tile, archive, number, work, one_by_one)
-                tasks.append((archive.tiles.cases(number), task))
+                tasks.append(functools.partial(_compute_tile, archive, number, work, one_by_one))
+                sizes.append(archive.tiles.cases(number))
+        total = sum(sizes)
         try:
-            _run_tasks(tasks, executor, threads, progress)
+            with progress_shown(total, total, "", progress) as shown:
+                done = lambda k: shown(sizes[k], sizes[k])
+                # the end of calls that threads are in is waited for, as they write to the store
+                gather(tasks, threads, _pool_of(executor), done, patience=10.0)
         except KeyboardInterrupt:
             raise Interrupted(open_store(archive.path), archive.complete_cases(), grid.count) from None
         except BrokenExecutor as error:
@@ -640,43 +645,12 @@ def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset],
         raise OSError(error.errno or errno.EIO, text) from None
 
 
-def _run_tasks(
-    tasks: list[tuple[int, Callable[[], None]]], executor: Any, threads: int, progress: bool | None
-) -> None:
-    """Run the tasks of tiles, in any order.
-
-    **Arguments:** `tasks`: each with its number of cases; `executor`: a `concurrent.futures.Executor`, a
-    `dask.distributed.Client`, or None for `threads` of this process.
-
-    **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
-    """
-    pool: Any = ThreadPoolExecutor(threads) if executor is None else executor
-    if type(pool).__module__.split(".")[0] == "distributed":
-        # tasks of one function and argument are the same to dask unless they are said to be impure
-        pool = pool.get_executor(pure=False, retries=3)
-    stop = Stop(Stop.here())
-    submit = pool.submit if executor is not None else functools.partial(stop.submit, pool)
-    cases = sum(size for size, _ in tasks)
-    with progress_shown(cases, cases, "", progress) as shown:
-        futures = {submit(task): size for size, task in tasks}
-        try:
-            while futures:
-                for future in wait(futures, TICK, "FIRST_COMPLETED").done:
-                    future.result()
-                    size = futures.pop(future)
-                    shown(size, size)
-                heed_interrupts()
-        except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
-            raise
-        except BaseException:
-            running = [future for future in futures if not future.cancel()]
-            if executor is None:
-                stop.set()
-                wait(running, 10.0)  # for the calls that threads are in
-            raise
-        finally:
-            if executor is None:
-                pool.shutdown(wait=False)
+def _pool_of(executor: Any) -> Any:
+    """Return an executor with `concurrent.futures`' interface, which a client of dask has, too."""
+    if type(executor).__module__.split(".")[0] != "distributed":
+        return executor
+    # tasks of one function and argument are the same to dask unless they are said to be impure
+    return executor.get_executor(pure=False, retries=3)
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:

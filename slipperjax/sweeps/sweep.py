@@ -13,7 +13,7 @@ from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
-from ..flow.record import AbstractRecord, RecordSet
+from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
@@ -30,7 +30,7 @@ from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import PERIODS_PER_CALL, ChunkInputs, ChunkRun, Plan, make_plan, run_cases, run_chunk, sampled_plan
+from .run import PERIODS_PER_CALL, AbstractStage, ChunkRun, Part, Plan, make_plan, run_cases, run_chunk, sampled_plan
 from .store import Store, run_or_store
 
 
@@ -39,7 +39,7 @@ def sweep(
     grid: Mapping[str, Any],
     *,
     product: bool = True,
-    record: str | AbstractRecord | Sequence[str | AbstractRecord] = "sections",
+    record: str | AbstractOutput | Sequence[str | AbstractOutput] = "sections",
     transient: int = 200,
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
@@ -117,34 +117,29 @@ def sweep(
 def _computed(call: Call, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
     """Return the results of a sweep. Arguments as for `run_cases`."""
     cases = Grid(scene, grid, product=call.product)
-    lengths, records = _spans(call)
-    plan = make_plan(cases, start, lengths, records)
+    lengths, *outputs = _spans(call)
+    plan = make_plan(cases, start, lengths, *outputs)
     if call.probe is None:
         # it takes as long as three periods without a record, and a record inside doubles a period's time
-        lasts = plan.transient.periods + (2 if records.inside else 1) * plan.recorded.periods
+        lasts = plan.transient.periods + (2 if plan.records.inside else 1) * plan.recorded.periods
         probed = plan.transient.periods > 0 and lasts >= 30
     else:
         probed = yes_or_no("probe", call.probe)
     plan = replace(plan, probed=probed)
 
-    def work(part: ChunkInputs) -> ChunkRun:
+    def work(part: Part) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
-        first = bool(part.row[0] == 0)  # most chunks share their programs
-        return run_chunk(
-            plan,
-            part.scenes,
-            states,
-            part.steps,
-            part.on_progress,
-            cases=part.cases,
-            first=first,
-        )
+        # most chunks share their programs
+        return run_chunk(part, states, first=bool(part.row[0] == 0))
 
     run = run_cases(plan, work, periods=plan.periods, **how)
-    if run.results is not None and plan.records.continues:
-        of_run = run.results.record, run.results.status, plan, how, run.interrupted
-        record, status, interrupted = plan.records.continue_cases(*of_run)
-        results = run.results._replace(status=status, record=record)
+    if run.results is not None:
+        values = list(run.results.record)
+        status = run.results.status
+        interrupted = run.interrupted
+        for k, stage in enumerate(plan.stages, len(plan.records.records)):
+            values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
+        results = run.results._replace(status=status, record=tuple(values))
         run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
@@ -154,23 +149,23 @@ def _estimated(call: Call, grid: Grid, start: Motion | State) -> Estimate:
     return sampled_plan(grid, start, *_spans(call)).estimate(grid.count)
 
 
-def _spans(call: Call) -> tuple[Call, RecordSet]:
-    """Return a call with the lengths of its transient and its recorded span, and its records.
+def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
+    """Return a call with the lengths of its transient and its recorded span, its records and its stages.
 
     Exponents and orbits begin where a motion has settled: alone, they record the end of the settling.
     """
-    records = resolved_record(call.record, call.loads)
-    if not _begin_settled(records):
-        return call, records
-    settled = whole("transient", call.settled, max(one.least_settled for one in records.records))
-    of_settled = RecordSet(tuple(one.over(call.measured) for one in records.records))
+    records, stages = resolved_record(call.record, call.loads)
+    if not _begin_settled(records, stages):
+        return call, records, stages
+    settled = whole("transient", call.settled, max(one.least_settled for one in stages))
     rounded = -(-settled // PERIODS_PER_CALL) * PERIODS_PER_CALL
-    return replace(call, settled=0, measured=rounded), of_settled
+    return replace(call, settled=0, measured=rounded), records, tuple(one.over(call.measured) for one in stages)
 
 
-def _begin_settled(records: RecordSet) -> bool:
+def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> bool:
     """Return whether all that is measured begins after the recorded span."""
-    return all(isinstance(one, LyapunovExponents | NearestOrbit) for one in records.records)
+    alone = not any(one.variables for one in records.records)
+    return alone and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages)
 
 
 def lyapunov_sweep(
@@ -273,7 +268,7 @@ def sweep_dataset(
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
-    data, coords = plan.records.label(cases.scene, dims, record)
+    data, coords = plan.label(dims, record)
     data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
     if results.probe is not None:
         text = "what half the step changes in a forcing period, in scales"
@@ -292,8 +287,8 @@ def sweep_dataset(
     kept = {**call.kept(plan.solver), **more}
     attrs |= run_attributes(cases.scene, cases.start, kept, map(cases.label, cases.axes))
     attrs |= {"settled": plan.transient.periods, "measured": plan.recorded.periods}
-    if _begin_settled(plan.records):
-        measured = max(one.measured for one in plan.records.records)
+    if _begin_settled(plan.records, plan.stages):
+        measured = max(one.measured for one in plan.stages)
         attrs |= {"settled": plan.recorded.periods, "measured": measured}
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name}
+    attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
     return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)

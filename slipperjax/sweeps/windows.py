@@ -72,7 +72,7 @@ class WindowedTrack(AbstractTrack):
 
 
 def touchdowns(course: Course) -> Float[Array, "2 points"]:
-    """Returns how often the gap of each point closed [1], as the ends of steps show it."""
+    """Return how often the gap of each point closed [1], as the ends of steps show it."""
     closed = course.gap.values < 0
     return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
 
@@ -84,7 +84,7 @@ def _peak(k: int, q: Quantity) -> Record:
 
 
 def _only(values: Any, axis: int = 0) -> Any:
-    """Returns the only one of some values along the first axis, NaN for several."""
+    """Return the only one of some values along the first axis, NaN for several."""
     return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
 
 
@@ -136,7 +136,7 @@ PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 
 
 def run_record(name: Any) -> AbstractNumber | None:
-    """Returns the record of numbers of a name; None for an unknown one."""
+    """Return the record of numbers of a name; None for an unknown one."""
     found = WINDOW_RECORDS.get(name, RECORDS.get(name))
     return found if isinstance(found, AbstractNumber) else None
 
@@ -196,13 +196,13 @@ class Wearing(Unlabelled):
 
 
 def _added(scene: Scene, work: Any, epoch: Any) -> Array:
-    """Play that a scene's wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
+    """Return the play that wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
     assert scene.wear is not None  # looked at before
     return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.track.wavelength, work)
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
-    """Returns the number of the last window of each stretch."""
+    """Return the number of the last window of each stretch."""
     return np.append(np.arange(STRETCH - 1, windows - 1, STRETCH), windows - 1)
 
 
@@ -213,7 +213,7 @@ BANDS = 1000.0 * 10 ** (np.arange(-20, 11) / 10)
 
 
 def _cubic_spline(x: np.ndarray) -> np.ndarray:
-    """Returns the cubic B-spline of unit spacing, area and knots at -2 to 2. Its Fourier transform is sinc(f)^4."""
+    """Return the cubic B-spline of unit spacing, area and knots at -2 to 2. Its Fourier transform is sinc(f)^4."""
     far = np.abs(x)
     return np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, np.maximum(2 - far, 0.0) ** 3 / 6)
 
@@ -262,7 +262,7 @@ class ThirdOctaves(AbstractRecord):
 
 
 def _joined(shares: Float[np.ndarray, "cases windows shares 2"]) -> Float[np.ndarray, "cases samples 2"]:
-    """Returns the samples of a stretch from their shares in each window, less those with a share beyond its ends."""
+    """Return the samples of a stretch from their shares in each window, less those with a share beyond its ends."""
     cases, windows, count, _ = shares.shape
     each = count - 3
     signal = np.zeros((cases, windows * each + 3, 2))
@@ -275,7 +275,7 @@ def _joined(shares: Float[np.ndarray, "cases windows shares 2"]) -> Float[np.nda
 def _bands(
     shares: Float[np.ndarray, "cases windows shares 2"], seconds: Float[np.ndarray, "cases windows"]
 ) -> Float[np.ndarray, "cases bands 2"]:
-    """Returns root mean squares in third octaves of a stretch, at its mean sampling frequency."""
+    """Return root mean squares in third octaves of a stretch, at its mean sampling frequency."""
     import scipy.signal  # here, because importing it takes time
 
     signal = _joined(shares)

@@ -113,7 +113,7 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     np.testing.assert_array_equal(found.velocity[4], [1.0, 3.0])
     assert found.count.tolist() == [3] * 5
     carried = record.add(record.begin(sj.paper_scene(), None), course)
-    status = record.after(np.array([int(carried), 2]), None, np.zeros(2, int), None)[1]
+    status = record.judge(np.array([int(carried), 2]), np.zeros(2, int), None, None)
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
 
 
@@ -180,7 +180,6 @@ def test_memory_is_counted_by_the_points_of_the_section(record, faces):
     found = record.values(scene, 7) / 7
     # counts of crossings are left out, one in 17
     assert found == pytest.approx(kept, rel=0.06 if isinstance(record, Sections) else 1e-12)
-    assert RecordSet((record,)).values(scene, 0, 7) == 7 * found
 
 
 def test_memory_of_numbers_of_a_run_is_counted_by_their_dimensions():

@@ -58,8 +58,8 @@ def motion(monkeypatch):
     """Replaces what a follower computes by a made-up level of its motion and a status at each speed."""
 
     def made_up(level, status=lambda speed: 0):
-        def run_chunk(plan, scenes, states, steps, epoch):
-            speed = float(scenes.varied.speed[0])
+        def run_chunk(part, states, epoch):
+            speed = float(part.scenes.varied.speed[0])
             strobe = np.full((8, 3, 10), level(speed)) * SCALES
             return ChunkRun(states, np.full(8, int(status(speed))), (strobe,))
 

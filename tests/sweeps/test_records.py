@@ -3,6 +3,7 @@
 import functools
 import json
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -18,8 +19,9 @@ from slipperjax.sweeps.attractors import Motions, attractors
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import LargestExponent, MotionKind, resolved_record
-from slipperjax.sweeps.run import make_plan
+from slipperjax.sweeps.run import AbstractStage, make_plan
 from slipperjax.sweeps.sweep import lyapunov_sweep
+from slipperjax.tools.columns import column
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
 RECORD = [
@@ -156,7 +158,7 @@ def test_too_few_periods_to_tell_chaos_are_said_at_the_call(periods):
     """Before anything is compiled, once, and not where only periodic motions are asked for."""
     start = sj.table_2_start()
     grid = Grid(sj.paper_scene(), {"speed": [1250.0]})
-    plan = lambda record, periods: make_plan(grid, start, Call(0, periods), resolved_record(record))
+    plan = lambda record, periods: make_plan(grid, start, Call(0, periods), *resolved_record(record))
     words = f"`periods` is {periods}: motions that are not periodic, chaos too, stay unresolved with fewer than 200"
     with pytest.warns(sj.ImplausibleWarning, match=words) as given:
         plan(["rms", "motion"], periods)
@@ -253,15 +255,15 @@ def test_plans_know_what_is_kept():
     grid, start = Grid(scene, {"speed": [1000.0, 1250.0]}), sj.table_2_start()
 
     def plan(record, periods=100):
-        return make_plan(grid, start, Call(20, periods), resolved_record(record))
+        return make_plan(grid, start, Call(20, periods), *resolved_record(record))
 
     kept = lambda *of: plan(*of).estimate(1).bytes_per_case
     assert kept(["peak_force", "rms"]) == kept(["peak_force", "rms"], 5000)
     assert kept("strobe") == 8 * 1000
     assert not plan("motion").records.inside
-    assert plan(["motion", "exponent"]).records.tangents
+    assert [one.name for one in plan(["motion", "exponent"]).stages] == ["exponent"]
     assert resolved_record("sections") == resolved_record(["sections"])
-    names = lambda *asked, **how: [record.name for record in resolved_record(*asked, **how).records]
+    names = lambda *asked, **how: [record.name for record in resolved_record(*asked, **how)[0].records]
     assert names(["sections", "impulse"]).count("impulse") == 1
     assert names("sections", loads=False) == ["sections", "strobe"]
     assert "peak_force" in names("strobe", loads=True)
@@ -271,6 +273,28 @@ def test_cases_that_were_not_run_are_no_motions():
     blank = Motions(np.zeros(3, int), np.zeros(3, int))
     data, _ = MotionKind().label(sj.paper_scene(), ("case",), blank)
     assert data["kind"][1].tolist() == ["unresolved"] * 3
+
+
+@dataclass(frozen=True)
+class LastHeight(AbstractStage):
+    """The height after the recorded span, as someone may write it who measures something of their own there."""
+
+    name = "last_height"
+
+    def values(self, scene, periods):
+        return 1
+
+    def of_chunk(self, part, states, epoch, status, strobe):
+        return states.motion.z, status
+
+    def label(self, scene, dims, values):
+        return {"last_height": column(dims, values, "m", "height after the record")}, {}
+
+
+def test_stages_of_ones_own_run_after_the_records():
+    ds = swept(["strobe", "motion", LastHeight()])
+    assert ds.attrs["record"] == "strobe, motion, last_height"
+    np.testing.assert_array_equal(ds["last_height"].values, ds["strobe"].values[:, -1, 1])
 
 
 def bad(record):

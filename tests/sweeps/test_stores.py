@@ -384,7 +384,7 @@ def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stor
     (stored / "status" / "marks" / "4").unlink()
     before = files(stored)
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != stored)  # as for all but root
-    monkeypatch.setattr(module, "_run_tasks", None)
+    monkeypatch.setattr(module, "gather", None)
     for fresh in (False, True):
         with pytest.raises(PermissionError, match=r"map\.zarr is protected against writing"):
             call(stored, fresh=fresh)
