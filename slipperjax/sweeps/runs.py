@@ -15,10 +15,10 @@ from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
-from ..flow.records import RECORDS, AbstractNumber, ContactChecks, judged_by_contacts
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Unlabelled
+from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, warn_beyond
-from ..flow.status import MEANINGS, first_problem, most_stability_number, with_accuracy
+from ..flow.status import MEANINGS, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -57,6 +57,7 @@ from .windows import (
     ThirdOctaves,
     Wearing,
     WindowedTrack,
+    Worn,
     run_record,
     stretch_ends,
 )
@@ -183,7 +184,7 @@ def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
     """Return the plan of some runs, and the integration steps in a window of each case and stretch."""
     scene = cases.scene
     windows = _windows(scene, call.length, call.begin, call.window)
-    records = RecordSet((*_records(scene, call.record), ThirdOctaves()))
+    records = _records(scene, call.record)
     profiles = _step_profiles(cases, call, windows)
     steps, _ = _keys(profiles)
     names = (*cases.dims, "status", "state")
@@ -238,21 +239,27 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     return windows
 
 
-def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
-    """Return the records of a user's choice, of each window and of each stretch."""
+def _records(scene: Scene, record: Any) -> RecordSet:
+    """Return the records of a user's choice, of each window, of each stretch, and of the whole run."""
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     if record is None:
         chosen = [*DEFAULT, *PEAKS]
         chosen += ["friction_work"] * (scene.friction is not None)
         chosen += ["spring_force"] * (scene.sled is not None)
-    records: list[AbstractRecord] = []
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
-    for one in chosen:
-        known = run_record(one)
-        require(known is not None, "record", f"{need}, or a record of numbers", one)
-        records.append(PerWindow(known))
+    known = [run_record(one) for one in chosen]
+    for one, of_window in zip(chosen, known, strict=True):
+        require(of_window is not None, "record", f"{need}, or a record of numbers", one)
+    records: list[AbstractRecord] = [PerWindow(of_window) for of_window in known if of_window]
     names = {one.name for one in records}
-    return records + [RECORDS[name] for name in PER_STRETCH if name not in names]
+    records += [RECORDS[name] for name in PER_STRETCH if name not in names]
+    records.append(ThirdOctaves())
+    if scene.wear is not None:
+        records.append(Wearing())
+    # statuses that follow from loads come with any load
+    if OF_LOADS.intersection(known):
+        records.append(ContactChecks())
+    return RecordSet(tuple(records))
 
 
 def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases stretches"]:
@@ -343,15 +350,8 @@ def _run_windows(
     epoch = call.begin / call.window
     states = initial_states(scenes, part.starts, epoch)
     status = np.zeros(len(states.motion.y), int)
-    wears = plan.cases.scene.wear is not None
     records = plan.records
-    count = len(records.records)
-    per_window = [isinstance(one, PerWindow) for one in records.records]
-    # statuses that follow from loads come with any load
-    judged = any(one.record in OF_LOADS for one in records.records if isinstance(one, PerWindow))
-    whole_run = [*([Wearing()] if wears else []), *([ContactChecks()] if judged else [])]
-    looked_at = RecordSet((*records.records, *whole_run))
-    empty = carry = initial_carry(looked_at, scenes, states)
+    empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
     around = max(1, round(float(np.max(plan.cases.scene.track.wavelength)) / call.window))
     pieces = []
@@ -363,42 +363,39 @@ def _run_windows(
         used = min(STRETCH, plan.periods - k * STRETCH)
         at = epoch + k * STRETCH
         if k in probed:
-            now = _opened(scenes, carry[count].play) if wears else scenes
+            now = scenes
+            for worn in _worn_in(carry):
+                now = _opened(scenes, worn.play)
             over = dict(used=as_argument(around), periods=capacity_for(around))
-            errors.append(
-                half_step_change(
-                    now,
-                    states,
-                    at,
-                    steps,
-                    solver=plan.solver,
-                    **over,
-                )[: part.cases]
-            )
+            errors.append(half_step_change(now, states, at, steps, solver=plan.solver, **over))
         stepping = ConstantSteps(steps)
         if np.ptp(profile):
             stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
-        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at)
+        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
         passed = advance(scenes, states, at, stepping, used=as_argument(used), earlier=carry, **options)
         states = passed.state
-        # records of a stretch begin anew with the next one, and those of the whole run go on
-        carry = (*empty[:count], *passed.carried[count:])
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[: part.cases, :n], passed.samples[:count])
-        joined = jax.tree.map(lambda a: np.asarray(a)[: part.cases], passed.carried[:count])
-        made = records.finish(joined, kept, RecordedSpan(used, steps, at, status))
-        pieces.append([a if along else a[:, None] for a, along in zip(made, per_window, strict=True)])
-        marks.append(StateLayout.pack(states)[: part.cases])
-        if wears:
-            plays.append(np.asarray(scenes.varied.section.play + carry[count].play)[: part.cases])
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples)
+        made = records.finish(passed.carried, kept, RecordedSpan(used, steps, at, status))
+        pieces.append([])
+        carry = ()
+        for one, value, new, old in zip(records.records, made, passed.carried, empty, strict=True):
+            # records of a stretch begin anew with the next one, and those of the whole run go on
+            carry += (new if isinstance(one, Unlabelled) else old,)
+            pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
+        marks.append(StateLayout.pack(states))
+        plays += [np.asarray(scenes.varied.section.play + worn.play) for worn in _worn_in(carry)]
         part.on_progress(used)
-    if judged:
-        limit = most_stability_number(plan.solver)
-        status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
-    probe = np.stack(errors, axis=1) if errors else np.empty((part.cases, 0))
-    record = tuple(np.concatenate(of_record, axis=1) for of_record in zip(*pieces, strict=True))
+    status = records.judge(carry, status, scenes, plan.solver)
+    probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
+    record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
     play = np.stack(plays, axis=1) if plays else None
-    return _Results(status[: part.cases], record, np.stack(marks, axis=1), play, probe)
+    return _Results(status, record, np.stack(marks, axis=1), play, probe)
+
+
+def _worn_in(carry: tuple[Any, ...]) -> list[Worn]:
+    """Return what wear has done, where slippers wear."""
+    return [mine for mine in carry if isinstance(mine, Worn)]
 
 
 def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.ndarray, call: RunCall) -> xr.Dataset:
@@ -430,6 +427,8 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
         ),
     }
     for one, values in zip(plan.records.records, results.record, strict=True):
+        if isinstance(one, Unlabelled):
+            continue
         over = (*dims, "distance") if isinstance(one, PerWindow) else along_stretch
         more, along = one.label(cases.scene, over, of_grid(values))
         data |= more
