@@ -26,7 +26,7 @@ from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
-from ..sweeps.run import make_plan
+from ..sweeps.plan import make_plan
 from ..tools.checks import require, whole
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points

@@ -23,7 +23,7 @@ from ..model.dang2024 import paper_scene, table_2_start
 from ..solvers.explicit import RK4
 from ..solvers.rosenbrock import Rodas4
 from ..sweeps.grid import Cases
-from ..sweeps.run import CHUNK_OF_DEVICE, LARGEST_CHUNK
+from ..sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
 from ..tools.checks import one_of, whole
 from ..tools.compile import compiler_options
 from ..tools.files import table_lines

@@ -20,7 +20,8 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
-from ..sweeps.run import Part, make_plan, run_cases, run_chunk
+from ..sweeps.plan import Part, make_plan
+from ..sweeps.run import run_cases, run_chunk
 from .ensembles import Plane, box_corners
 from .gradients import PeriodValues, totals
 from .objectives import Evaluation, EvaluationPlan

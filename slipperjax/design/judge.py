@@ -27,8 +27,9 @@ from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.call import Call
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import Maps, Orbits, find_orbits, rows_of
+from ..sweeps.plan import Chunk, OnProgress, Part, Plan, make_plan
 from ..sweeps.reached import reached_orbits
-from ..sweeps.run import Chunk, OnProgress, Part, Plan, make_plan, run_chunk, run_chunks
+from ..sweeps.run import run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.compile import ahead
 from ..tools.limits import cores

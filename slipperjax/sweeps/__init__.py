@@ -9,9 +9,9 @@ from .follow import Jump as Jump
 from .follow import find_jump as find_jump
 from .orbits import NearestOrbit as NearestOrbit
 from .over_rails import over_rails as over_rails
+from .plan import AbstractStage as AbstractStage
 from .records import LargestExponent as LargestExponent
 from .records import MotionKind as MotionKind
-from .run import AbstractStage as AbstractStage
 from .store import StoreInUse as StoreInUse
 from .store import StoreStatus as StoreStatus
 from .store import WorkerLost as WorkerLost

@@ -15,7 +15,7 @@ from ..tools.limits import cores, shown_time
 from .call import refined
 from .estimate import Estimate
 from .grid import Grid, Tiling
-from .run import LARGEST_CHUNK
+from .plan import LARGEST_CHUNK
 from .store import Store
 
 

@@ -35,8 +35,9 @@ from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, motions_of
 from .orbits import Maps, rows_of
+from .plan import PERIODS_PER_CALL, AbstractStage, Calls, Part, Plan
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, AbstractStage, Calls, Part, Plan, run_cases, run_chunk
+from .run import run_cases, run_chunk
 
 BLOCK = 20
 """Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""

@@ -19,8 +19,9 @@ from ..tools.checks import number, one_of, positive, require
 from .call import Call
 from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
+from .plan import Chunk, OnProgress, Part, make_plan
 from .records import resolved_record
-from .run import Chunk, ChunkRun, OnProgress, Part, heed_interrupts, make_plan, run_chunk, run_chunks
+from .run import ChunkRun, heed_interrupts, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}

@@ -34,7 +34,7 @@ from ..tools.checks import number, positive, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .grid import filled
-from .run import PERIODS_PER_CALL, AbstractStage, OnProgress, Part
+from .plan import PERIODS_PER_CALL, AbstractStage, OnProgress, Part
 
 # --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
 

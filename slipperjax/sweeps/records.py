@@ -19,7 +19,7 @@ from ..tools.columns import column
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
-from .run import AbstractStage, LastStrobes
+from .plan import AbstractStage, LastStrobes
 
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""

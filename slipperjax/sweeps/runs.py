@@ -35,17 +35,9 @@ from ..tools.compile import as_argument, jit
 from .call import refined
 from .estimate import Estimate
 from .grid import Cases, Grid, filled, with_tracks
+from .plan import Calls, Part, Plan, check_variables, shared_capacity
 from .records import OF_LOADS
-from .run import (
-    Calls,
-    Part,
-    Plan,
-    check_variables,
-    half_step_change,
-    initial_carry,
-    run_cases,
-    shared_capacity,
-)
+from .run import half_step_change, initial_carry, run_cases
 from .store import Store, run_or_store
 from .windows import (
     DEFAULT,

@@ -44,7 +44,8 @@ from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
 from .estimate import Estimate
 from .grid import Grid, Tiling
-from .run import LARGEST_CHUNK, gather, progress_shown
+from .plan import LARGEST_CHUNK
+from .run import gather, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its call as JSON, and its tiles."""

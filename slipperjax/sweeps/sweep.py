@@ -29,8 +29,9 @@ from .estimate import Estimate
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
+from .plan import PERIODS_PER_CALL, AbstractStage, Part, Plan, make_plan, sampled_plan
 from .records import resolved_record
-from .run import PERIODS_PER_CALL, AbstractStage, ChunkRun, Part, Plan, make_plan, run_cases, run_chunk, sampled_plan
+from .run import ChunkRun, run_cases, run_chunk
 from .store import Store, run_or_store
 
 

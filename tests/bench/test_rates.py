@@ -10,7 +10,7 @@ from slipperjax.bench.rates import Rate, rows, throughput, timed
 from slipperjax.model.dang2024 import paper_scene, table_2_start
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.run import CHUNK_OF_DEVICE, make_plan
+from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
 
 from ..cli.commands import call
 

@@ -15,8 +15,8 @@ from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.records import resolved_record
-from slipperjax.sweeps.run import make_plan
 from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark

@@ -15,7 +15,7 @@ from slipperjax.solvers.named import OWN_SOLVERS
 from slipperjax.solvers.twostep import two_step_weights
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.run import make_plan
+from slipperjax.sweeps.plan import make_plan
 
 from ..common import cases, scaled_errors, scene_of
 

@@ -15,7 +15,8 @@ from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.plots.maps import bifurcations
 from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.run import Chunk, run_chunks
+from slipperjax.sweeps.plan import Chunk
+from slipperjax.sweeps.run import run_chunks
 
 
 class Found(NamedTuple):

@@ -10,7 +10,7 @@ import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Cases, Grid
-from slipperjax.sweeps.run import Calls, _best_chunk, make_plan
+from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
 
 HISTORY = RecordSet((History(),))
 

@@ -18,8 +18,8 @@ from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTI
 from slipperjax.sweeps.attractors import Motions, attractors
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.plan import AbstractStage, make_plan
 from slipperjax.sweeps.records import LargestExponent, MotionKind, resolved_record
-from slipperjax.sweeps.run import AbstractStage, make_plan
 from slipperjax.sweeps.sweep import lyapunov_sweep
 from slipperjax.tools.columns import column
 

@@ -25,7 +25,7 @@ from slipperjax.flow.status import ASKED
 from slipperjax.model.quantities import Quantity
 from slipperjax.sweeps import run
 from slipperjax.sweeps.grid import Tiling
-from slipperjax.sweeps.run import Chunk
+from slipperjax.sweeps.plan import Chunk
 from slipperjax.sweeps.store import Store, StoreInUse, WorkerLost, check_store, store_status
 from slipperjax.tools.checks import warn
 
