@@ -12,16 +12,13 @@ from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..tools.checks import one_of, require
-from .maps import bifurcation, draw_attractors, draw_regimes
+from .maps import attractor_map, bifurcation, regime_map
 from .style import (
     COLORS,
-    FLAGGED_LABEL,
     axis_label,
     check_dataset,
     color_bar,
-    cross,
     drawing,
-    flagged,
     legend_above,
     line_color,
     shown,
@@ -69,9 +66,8 @@ def branches(
     colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
     used = set()
     with drawing(ax, points[0], 3.5, 2.9) as ax:
-        handles = []
         if brute is not None:
-            handles = _draw_brute(ax, brute, name, quantity)
+            bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, label="from simulation")
         # the lines of all branches, with their events
         for one, threads, period in zip(points, lines, periods, strict=True):
             x = shown(one, name)
@@ -87,6 +83,7 @@ def branches(
                     ax.plot(np.full(len(values), x[k]), values, **_marker(label, colors[period]), zorder=4)
         ax.set(xlabel=axis_label(name, points[0]), ylabel=axis_label(quantity, points[0]))
         ax.margins(x=0.03, y=0.08)
+        handles = ax.get_legend_handles_labels()[0]
         # colours are explained where there are several
         if len(colors) > 1:
             handles += [Line2D([], [], color=color, lw=1.3, label=f"period {p}") for p, color in colors.items()]
@@ -179,60 +176,39 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
         good = label in colors and len(names) == 2 and set(names) == set(over)
         need = f"be curves of {', '.join(colors)} over the same two parameters"
         require(good, "ds", need, shown=f"of {label} over {' and '.join(names)}")
+    draw = regime_map
     if regimes is not None:
-        over = _map_parameters(regimes, over)
+        # attractors without exponents
+        if isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes:
+            draw = attractor_map
+        name = "kind" if draw is attractor_map else "regime"
+        own = swept(check_dataset(regimes, "lyapunov_sweep", name)[name], count=2)
+        need = f"be swept over {' and '.join(over)}, as the curves are"
+        require(set(own) == set(over), "regimes", need, shown=f"over {' and '.join(own)}")
+        over = own
     base = curves[0] if regimes is None else regimes
     with drawing(ax, base, 3.5, 3.3 if regimes is None else 3.9) as ax:
-        handles = []
         if regimes is None:
             ax.set(xlabel=axis_label(over[1], base), ylabel=axis_label(over[0], base))
             ax.margins(0.05)
         else:
-            handles = (draw_regimes if "regime" in regimes else draw_attractors)(regimes, over, ax)
+            draw(regimes, ax)
             ax.axis(ax.axis())  # only the area of the map is shown
-        entries = {}
         for one in curves:
             label = one.attrs["label"]
-            color = colors[label]
-            _draw_curve(ax, one, over, color)
             period = int(one.attrs.get("orbit_period", 1))
             text = f"{label} {EVENT_NAMES[label]}" + (f" of period {period}" if period > 1 else "")
-            # one entry for all curves of a label
-            entries[text] = Line2D([], [], color=color, lw=1.4, label=text)
+            places = shown(one, over[1]), shown(one, over[0])[None]
+            # a part is solid where both its ends bound a stable motion
+            single = one["outside"].values == 0
+            solid = single[1:] & single[:-1]
+            style: dict[str, Any] = dict(color=colors[label], zorder=4)
+            ax.plot(*joined(*places, solid), lw=1.4, label=text, **style)
+            ax.plot(*joined(*places, ~solid), lw=1.1, ls=DASHED, **style)
         if any(np.any(one["outside"].values) for one in curves):
-            entries["outside"] = Line2D(
-                [],
-                [],
-                color="black",
-                lw=1.1,
-                ls=DASHED,
-                label="others outside, too",
-            )
-        legend_above(ax, [*entries.values(), *handles])
+            ax.plot([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
+        legend_above(ax)
     return ax
-
-
-def _map_parameters(regimes: xr.Dataset, over: Sequence[str]) -> Sequence[str]:
-    """Return the parameters of a map, the one upwards first; raise `ValueError` where the curves have others."""
-    kinds = isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes
-    name = "kind" if kinds else "regime"
-    check_dataset(regimes, "lyapunov_sweep", name)
-    own = swept(regimes[name], count=2)
-    if set(own) != set(over):
-        names = f"{' and '.join(over)}, as the curves are, but is over {' and '.join(own)}"
-        raise ValueError(f"Argument `regimes` must be swept over {names}.")
-    return own
-
-
-def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str], color: str) -> None:
-    """Draw one curve, its points in their order; a part is solid where both its ends are."""
-    x = shown(ds, over[1])
-    y = shown(ds, over[0])
-    # where the curve bounds a stable motion
-    single = ds["outside"].values == 0
-    solid = single[1:] & single[:-1]
-    ax.plot(*joined(x, y[None], solid), lw=1.4, color=color, zorder=4)
-    ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, color=color, zorder=4)
 
 
 def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
@@ -335,22 +311,6 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
     gap = np.full(threads.shape, np.nan)
     xs = np.broadcast_to(x, threads.shape)
     return np.stack([xs, gap], axis=-1)[keep], np.stack([threads, gap], axis=-1)[keep]
-
-
-def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[Any]:
-    """Draw grey dots of simulations; return the entries of the legend."""
-    bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, ms=3.4)
-    dots = Line2D(
-        [],
-        [],
-        ls="",
-        marker=".",
-        ms=5,
-        color=COLORS["grey"],
-        mew=0,
-        label="from simulation",
-    )
-    return [dots] + [cross(label=FLAGGED_LABEL)] * bool(flagged(brute, name).any())
 
 
 def _marker(label: str, color: str) -> dict[str, Any]:

@@ -1,11 +1,11 @@
 """Designs: objective in each case, trials, progress, sensitivities, margins to events, and the objective nearby."""
 
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
-from matplotlib.colors import Normalize
 
 from ..flow.datasets import varied_names
 from ..model.parameters import PARAMETERS
@@ -68,26 +68,27 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, *, margins:
     **Raises:** `ValueError` for another kind of dataset.
     """
     ds = _design(ds)
-    count = 4 + (surroundings is not None) + (margins is not None)
-    rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[count]
-    size = (7.2, 5.8 if count == 4 else 8.7)
+    draws: list[Any] = [_draw_cases, _draw_trials, _draw_progress, _draw_slopes]
+    if surroundings is not None:
+        draws.append(partial(_draw_map, surroundings=surroundings))
+    if margins is not None:
+        draws.append(partial(design_margins, margins=margins))
+    rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[len(draws)]
+    size = (7.2, 5.8 if len(draws) == 4 else 8.7)
     with styled():
         figure, panels = plt.subplot_mosaic(rows, figsize=size, layout="constrained")
         figure.suptitle(_title(ds), fontsize=7)
         axes = np.array([panels[label] for label in sorted(panels)])
-        # the panels that every design has, and those of the checks behind them
-        for draw, ax in zip((_draw_cases, _draw_trials, _draw_progress, _draw_slopes), axes, strict=False):
-            draw(ds, ax)
-        if surroundings is not None:
-            _draw_map(ds, surroundings, axes[4])
-        if margins is not None:
-            design_margins(ds, margins, axes[-1])
+        for draw, ax in zip(draws, axes, strict=True):
+            draw(ds, ax=ax)
     return axes
 
 
 def _design(ds: Any) -> xr.Dataset:
-    """Return the dataset of a design, or of a result that has one."""
-    return check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
+    """Return the dataset of a design, or of a result that has one, with NaN where an objective is infinite."""
+    ds = check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
+    names = ["objective", "trial_objective", "trial_smooth"]
+    return ds.assign({name: ds[name].where(np.isfinite(ds[name])) for name in names})
 
 
 def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
@@ -95,8 +96,8 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
     x, label = _over_cases(ds)
     order = np.argsort(x)
     q = quantity_of("objective", ds)
-    best = _scaled(q, ds["objective"])
-    first = _scaled(q, ds["trial_objective"].isel(trial=0))
+    best = shown(ds, "objective")
+    first = shown(ds.isel(trial=0), "trial_objective")
     drawn = (
         (first, ds["trial_regime"].values[0], COLORS["grey"], "first design"),
         (best, ds["regime"].values, blue, "best design"),
@@ -108,10 +109,7 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
         # markers by kind of motion
         for kind, marker, at in (("periodic", "o", periodic), ("irregular", "D", ~periodic)):
             if np.isfinite(y[at]).any():
-                ax.plot(
-                    x[at],
-                    y[at],
-                    marker,
+                style: dict[str, Any] = dict(
                     ms=4.5,
                     mew=0.5,
                     mec="white",
@@ -119,22 +117,16 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
                     zorder=4,
                     label=kind,
                 )
-    error = np.nan_to_num(q.shown(ds["objective_stderr"].values))
+                ax.plot(x[at], y[at], marker, **style)
+    error = q.shown(ds["objective_stderr"].values)
     # orbits have no standard error
     unsure = error > 0
     if unsure.any():
-        ax.errorbar(
-            x[unsure],
-            best[unsure],
-            error[unsure],
-            fmt="none",
-            lw=0.8,
-            capsize=2,
-            color=blue,
-        )
-    total = q.shown(ds.attrs["objective"])
+        style = dict(fmt="none", lw=0.8, capsize=2, color=blue)
+        ax.errorbar(x[unsure], best[unsure], error[unsure], **style)
     # of one case the total is the case
-    if ds.sizes["case"] > 1:
+    if len(x) > 1:
+        total = q.shown(ds.attrs["objective"])
         ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=ds.attrs["robust"])
     ax.set(xlabel=label, ylabel=name_label(q))
     fit_scale(ax, np.concatenate([first, best]))
@@ -142,15 +134,13 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
 
 
 def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
-    variables = [_parameter(ds, name) for name in ds["variable"].values[:2].tolist()]
-    total = _smooth(ds, ds["trial_smooth"])
+    variables = _variables(ds)[:2]
+    total = shown(ds, "trial_smooth")
     places = [one.shown(ds["trial_design"].sel(variable=one.name).values) for one in variables]
     # with one variable the objective is drawn upwards
-    x, y = places if len(places) > 1 else (*places, total)
+    x, y = [*places, total][:2]
     taken = ds["trial_taken"].values.astype(bool)
     first: dict[str, Any] = dict(
-        ls="",
-        marker="s",
         ms=6.5,
         mfc="none",
         mec="black",
@@ -162,37 +152,46 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
         ax.plot(x[own & taken], y[own & taken], lw=0.7, color=COLORS["grey"], zorder=1)
-        ax.plot(x[own][:1], y[own][:1], **first)
-    dots = _scatter_trials(ds, ax, x, y, color_norm(total))
-    ax.plot(*_best_place(ds, variables), **OPTIMUM)
+        ax.plot(x[own][:1], y[own][:1], "s", **first)
+    dots = _scatter_trials(ds, ax, x, y)
     # bounds of each variable across its axis
     for one, line in zip(variables, (ax.axvline, ax.axhline), strict=False):
         for end in ("low", "high"):
             bound = one.shown(ds[end].sel(variable=one.name).item())
             line(bound, ls=":", lw=0.9, color=COLORS["red"], zorder=1, label="bound")
-    ax.set_xlabel(name_label(variables[0]))
-    if len(places) > 1:
-        ax.set_ylabel(name_label(variables[1]))
-        color_bar(ax, dots, _smooth_label(ds))
-    else:
-        ax.set_ylabel(_smooth_label(ds))
+    _finish_plane(ds, ax, variables, total, dots)
+
+
+def _finish_plane(
+    ds: xr.Dataset,
+    ax: Any,
+    variables: list[Quantity],
+    total: np.ndarray,
+    drawn: Any,
+) -> None:
+    """Mark the best design, and label a plane of two variables, or of one with the objective upwards."""
+    place = [one.shown(ds["design"].sel(variable=one.name).item()) for one in variables]
+    labels = [name_label(one) for one in variables]
+    objective = _smooth_label(ds)
+    if len(variables) == 1:
+        place.append(quantity_of("smooth", ds).shown(ds.attrs["smooth"]))
+        labels.append(objective)
         fit_scale(ax, total)
+    else:
+        color_bar(ax, drawn, objective)
+    ax.plot(*place, **OPTIMUM)
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     legend_above(ax)
 
 
-def _scatter_trials(
-    ds: xr.Dataset,
-    ax: Any,
-    x: np.ndarray,
-    y: np.ndarray,
-    norm: Normalize,
-) -> Any:
+def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray) -> Any:
     """Draw trials coloured by what is minimised, grey without a motion, as triangles where they violate a constraint.
 
     **Returns:** what a colour bar needs.
     """
-    total = _smooth(ds, ds["trial_smooth"])
+    total = shown(ds, "trial_smooth")
     colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
+    norm = color_norm(total)
     kept = _kept(ds)
     dots = None
     # each kind of trial has its own marker and entry
@@ -215,12 +214,12 @@ def _kept(ds: xr.Dataset) -> np.ndarray:
 
 
 def _draw_progress(ds: xr.Dataset, ax: Any) -> None:
-    total = _smooth(ds, ds["trial_smooth"])
+    total = shown(ds, "trial_smooth")
     x = ds["trial_simulated"].values
     # trials that break a constraint are no progress
     lowest = np.fmin.accumulate(np.where(_kept(ds), total, np.nan))
     ax.plot(x, lowest, lw=1.2, color=COLORS["blue"], drawstyle="steps-post", label="lowest")
-    _scatter_trials(ds, ax, x, total, color_norm(total))
+    _scatter_trials(ds, ax, x, total)
     mark_cases(ax, x[np.isnan(total)], "no motion")
     ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds))
     fit_scale(ax, total)
@@ -263,8 +262,8 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
     ds = _design(ds)
     check_dataset(margins, "event_margins", "parameter", "relative", "label")
     cases = list(dict.fromkeys(margins["case"].values))
-    names = list(dict.fromkeys(margins["parameter"].values))
-    parameters = {name: _parameter(ds, name) for name in names}
+    parameters = {name: _parameter(ds, name) for name in dict.fromkeys(margins["parameter"].values)}
+    names = list(parameters)
     over = [(_parameter(ds, name), ds[name].values) for name in varied_names(ds)]
     with drawing(ax, None, 3.5, 2.9) as ax:
         rows = margins[["case", "parameter", "label", "value", "relative"]].to_dataframe()
@@ -274,15 +273,8 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
             # a row for each parameter, with the cases' bars beneath each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
-            ax.plot(
-                [0, change],
-                [row] * 2,
-                color=color,
-                lw=3.5,
-                alpha=0.35,
-                solid_capstyle="butt",
-                label=text,
-            )
+            bar: dict[str, Any] = dict(lw=3.5, alpha=0.35, solid_capstyle="butt")
+            ax.plot([0, change], [row] * 2, color=color, label=text, **bar)
             # the side without an event has a bar alone
             if label:
                 text = f"{label} {EVENT_NAMES[label]}"
@@ -299,7 +291,7 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
     return ax
 
 
-def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
+def _draw_map(ds: xr.Dataset, ax: Any, surroundings: xr.Dataset) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
     grid = check_dataset(
         surroundings,
@@ -307,37 +299,29 @@ def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
         "total",
         argument="surroundings",
     )
-    over = [str(name) for name in ds["variable"].values if name in grid["total"].dims]
+    dims = grid["total"].dims
+    over = [one for one in _variables(ds) if one.name in dims]
     need = f"be over some of {', '.join(map(str, ds['variable'].values))}"
-    require(
-        over,
-        "surroundings",
-        need,
-        shown=f"over {', '.join(map(str, grid['total'].dims))}",
-    )
+    require(over, "surroundings", need, shown=f"over {', '.join(map(str, dims))}")
     # of more than two variables the further ones are as near the best design as the grid has them
-    grid = grid.sel({name: float(ds["design"].sel(variable=name)) for name in over[2:]}, method="nearest")
-    variables = [_parameter(ds, name) for name in over[:2]]
-    places = [q.shown(grid[q.name].values) for q in variables]
-    total = _smooth(ds, grid["total"].transpose(*over[:2]))
-    ax.plot(*_best_place(ds, variables), **OPTIMUM)
-    ax.set_xlabel(name_label(variables[0]))
+    nearest = {one.name: float(ds["design"].sel(variable=one.name)) for one in over[2:]}
+    variables = over[:2]
+    values = grid["total"].sel(nearest, method="nearest").transpose(*(one.name for one in variables))
+    places = [one.shown(grid[one.name].values) for one in variables]
+    total = quantity_of("smooth", ds).shown(values.where(np.isfinite(values)).values)
+    drawn = None
     if len(variables) == 1:
         ax.plot(*places, total, ".-", lw=0.8, color=COLORS["blue"], zorder=1)
-        fit_scale(ax, total)
-        ax.set_ylabel(_smooth_label(ds))
     else:
         colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
-        mesh = ax.pcolormesh(
+        drawn = ax.pcolormesh(
             *places,
-            np.ma.masked_invalid(total.T),
+            total.T,
             cmap=colors,
             norm=color_norm(total),
         )
-        color_bar(ax, mesh, _smooth_label(ds))
-        ax.set_ylabel(name_label(variables[1]))
         ax.grid(False)
-    legend_above(ax)
+    _finish_plane(ds, ax, variables, total, drawn)
 
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
@@ -349,14 +333,14 @@ def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
     return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
 
 
-def _smooth(ds: xr.Dataset, array: xr.DataArray) -> np.ndarray:
-    """Return values of what is minimised in its display unit; NaN in place of infinities."""
-    return _scaled(quantity_of("smooth", ds), array)
-
-
 def _smooth_label(ds: xr.Dataset) -> str:
     """Return the label of what is minimised."""
     return name_label(quantity_of("smooth", ds)) + _reduction(ds, "\n")
+
+
+def _variables(ds: xr.Dataset) -> list[Quantity]:
+    """Return the quantities of the parameters that were chosen."""
+    return [_parameter(ds, name) for name in ds["variable"].values.tolist()]
 
 
 def _parameter(ds: xr.Dataset, name: str) -> Quantity:
@@ -364,12 +348,6 @@ def _parameter(ds: xr.Dataset, name: str) -> Quantity:
     if name in ds or name in PARAMETERS:
         return quantity_of(name, ds)
     return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
-
-
-def _scaled(q: Quantity, array: Any) -> np.ndarray:
-    """Return values [SI unit] in their display unit; NaN in place of infinities."""
-    values = np.asarray(q.shown(np.asarray(array, float)))
-    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _name(q: Quantity) -> str:
@@ -386,15 +364,9 @@ def _reduction(ds: xr.Dataset, before: str) -> str:
     return f"{before}{ds.attrs['robust']} of {ds.sizes['case']} cases" if ds.sizes["case"] > 1 else ""
 
 
-def _best_place(ds: xr.Dataset, variables: list[Quantity]) -> list[float]:
-    """Return the coordinates of the best design [display units]: two variables, or one and the objective."""
-    place = [float(one.shown(ds["design"].sel(variable=one.name))) for one in variables]
-    return place if len(place) > 1 else [*place, quantity_of("smooth", ds).shown(ds.attrs["smooth"])]
-
-
 def _title(ds: xr.Dataset) -> str:
     """Return the fixed parameters, and the best design."""
-    pairs = zip(ds["variable"].values.tolist(), ds["design"].values, strict=True)
-    design = ", ".join(_stated(_parameter(ds, name), value) for name, value in pairs)
-    best = f"{ds.attrs['status']}: {design}; {_stated(quantity_of('objective', ds), ds.attrs['objective'])}"
-    return f"{case_title(ds, full=True)}\n{best}{_reduction(ds, ', ')}".strip()
+    stated = [_stated(q, value) for q, value in zip(_variables(ds), ds["design"].values, strict=True)]
+    objective = _stated(quantity_of("objective", ds), ds.attrs["objective"])
+    best = f"{ds.attrs['status']}: {', '.join(stated)}; {objective}{_reduction(ds, ', ')}"
+    return f"{case_title(ds, full=True)}\n{best}".strip()

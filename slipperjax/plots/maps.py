@@ -6,8 +6,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
-from matplotlib.colors import BoundaryNorm, Colormap, FuncNorm, ListedColormap, Normalize
-from matplotlib.patches import Patch
+from matplotlib.colors import Colormap, FuncNorm, ListedColormap, Normalize
 
 from ..analysis.kinds import Regime, lasting
 from ..analysis.lyapunov import LEAST, SURE
@@ -23,12 +22,12 @@ from .style import (
     check_dataset,
     color_bar,
     color_norm,
-    cross,
     drawing,
     fit_scale,
     flagged,
     highest,
     legend_above,
+    legend_patch,
     mark_cases,
     name_case,
     shown,
@@ -97,7 +96,6 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> Any:
             ax.set_xlabel("")
         if ways or flagged(ds, *ds["status"].dims).any():
             legend_above(axes[0])
-            plt.setp(axes[0].get_legend().legend_handles, markersize=5)
     return axes
 
 
@@ -142,23 +140,6 @@ def motions_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     return np.where(flagged(ds, *dims), FLAGGED_LABEL, motion)
 
 
-def category_map(
-    ds: xr.Dataset, over: Sequence[str], index: np.ndarray, colors: Sequence[str], ax: Any, bad: str = COLORS["grey"]
-) -> tuple[Any, list[Any]]:
-    """Draw categories over two parameters, `index` into `colors` or NaN; otherwise as `map_over`."""
-    # each index has one colour
-    norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
-    return map_over(
-        ds,
-        over,
-        index,
-        ax,
-        ListedColormap(list(colors)),
-        lambda values: norm,
-        bad,
-    )
-
-
 def map_over(
     ds: xr.Dataset,
     over: Sequence[str],
@@ -167,16 +148,14 @@ def map_over(
     colors: Colormap,
     norm: Callable[[Any], Normalize],
     bad_color: str = COLORS["grey"],
-) -> tuple[Any, list[Any]]:
-    """Draw values over two parameters as colours of cells.
+) -> Any:
+    """Draw values over two parameters as colours of cells; return what a colour bar needs.
 
     Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
     store does not have yet, are white.
 
     **Arguments:** `over`: dimensions of `values`, the first drawn upwards; `norm`: makes the scale of `colors` from
     the values that are drawn.
-
-    **Returns:** what a colour bar needs, and entries of a legend.
     """
     y, x = (shown(ds, name) for name in over)
     missing = status_of(ds, *over) == Status.NOT_RUN
@@ -184,17 +163,26 @@ def map_over(
     values = np.ma.masked_invalid(np.where(bad | missing, np.nan, values))
     style: dict[str, Any] = dict(cmap=colors.with_extremes(bad=bad_color), norm=norm(values), rasterized=True)
     drawn = ax.pcolormesh(x, y, values, **style)
-    handles = [Patch(color=bad_color, label=FLAGGED_LABEL)] * bool(bad.any())
     # what has no value is covered in white, as the mesh has one colour for all that is masked
     white = np.ma.getmaskarray(values) & ~bad
     if white.any():
         blank = np.ma.masked_where(~white, np.zeros(white.shape))
         ax.pcolormesh(x, y, blank, cmap=ListedColormap(["white"]), rasterized=True)
+    if bad.any():
+        legend_patch(ax, FLAGGED_LABEL, color=bad_color)
     if missing.any():
-        handles.append(Patch(facecolor="white", edgecolor="black", lw=0.5, label=NOT_RUN_LABEL))
+        legend_patch(ax, NOT_RUN_LABEL, facecolor="white", edgecolor="black", lw=0.5)
     ax.grid(False)
     ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
-    return drawn, handles
+    return drawn
+
+
+def draw_categories(
+    ds: xr.Dataset, over: Sequence[str], index: np.ndarray, colors: Sequence[str], ax: Any, bad: str = COLORS["grey"]
+) -> None:
+    """Draw categories over two parameters, `index` into `colors` or NaN; otherwise as `map_over`."""
+    norm = Normalize(-0.5, len(colors) - 0.5)  # each index has one colour
+    map_over(ds, over, index, ax, ListedColormap(list(colors)), lambda values: norm, bad)
 
 
 def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
@@ -214,27 +202,17 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
     check_dataset(ds, "lyapunov_sweep", "regime")
     over = swept(ds["regime"], count=2)
     with drawing(ax, ds, 3.5, 3.3) as ax:
-        legend_above(ax, draw_regimes(ds, over, ax))
+        # a cross on each case that is unsure
+        unresolved = regimes_of(ds, *over) == "unresolved"
+        if unresolved.any():
+            y, x = np.meshgrid(*(shown(ds, name) for name in over), indexing="ij")
+            label = "unresolved: estimates\ndisagree or are not sure"
+            ax.plot(x[unresolved], y[unresolved], "x", color="black", ms=2.5, mew=0.6, label=label)
+        exponent = ds["exponent"].isel(count=0).transpose(*over).values
+        drawn = map_over(ds, over, exponent, ax, plt.get_cmap("RdBu_r"), _signed_norm)
+        color_bar(ax, drawn, EXPONENT_LABEL)
+        legend_above(ax)
     return ax
-
-
-def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
-    """Draw as `regime_map`, without the legend, whose entries are returned."""
-    exponent = ds["exponent"].isel(count=0).transpose(*over).values
-    drawn, handles = map_over(ds, over, exponent, ax, plt.get_cmap("RdBu_r"), _signed_norm)
-    color_bar(ax, drawn, EXPONENT_LABEL)
-    # a cross on each case that is unsure
-    unresolved = regimes_of(ds, *over) == "unresolved"
-    if unresolved.any():
-        y, x = np.meshgrid(*(shown(ds, name) for name in over), indexing="ij")
-        style = dict(
-            color="black",
-            ms=2.5,
-            mew=0.6,
-            label="unresolved: estimates\ndisagree or are not sure",
-        )
-        handles.insert(0, ax.add_line(cross(x[unresolved], y[unresolved], **style)))
-    return handles
 
 
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
@@ -268,25 +246,15 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
         "period",
     )
     over = swept(ds["kind"], count=2)
-    with drawing(ax, ds, 3.5, 3.3) as ax:
-        legend_above(ax, draw_attractors(ds, over, ax))
-    return ax
-
-
-def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
-    """Draw as `attractor_map`, without the legend, whose entries are returned."""
     index, colors = categories(ds, motions_of(ds, *over))
-    _, handles = category_map(
-        ds,
-        over,
-        index,
-        list(colors.values()),
-        ax,
-        MOTION_COLORS[FLAGGED_LABEL],
-    )
-    edge = dict(edgecolor=COLORS["grey"], linewidth=0.4)
-    colors.pop(FLAGGED_LABEL, None)  # which the map has of its own
-    return [Patch(facecolor=color, label=name, **edge) for name, color in colors.items()] + handles
+    with drawing(ax, ds, 3.5, 3.3) as ax:
+        for name, color in colors.items():
+            # the map has its own entry of flagged cases
+            if name != FLAGGED_LABEL:
+                legend_patch(ax, name, facecolor=color, edgecolor=COLORS["grey"], lw=0.4)
+        draw_categories(ds, over, index, list(colors.values()), ax, MOTION_COLORS[FLAGGED_LABEL])
+        legend_above(ax)
+    return ax
 
 
 def categories(ds: xr.Dataset, words: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
@@ -315,17 +283,16 @@ def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
     most = len(colors)
     periods = ds["basin_period"].values
     shares = ds["share"].values
-    entries = []
-    # entries of the largest basins
-    for color, period, share in zip(colors, periods, shares, strict=False):
-        kind = f"period {period}" if period else "no period"
-        entries.append(Patch(color=color, label=f"{kind}: {share:.0%}"))
-    if len(periods) > most:
-        entries.append(Patch(color=COLORS["grey"], label=f"{len(periods) - most} others: {shares[most:].sum():.0%}"))
     with drawing(ax, ds, 3.5, 3.3) as ax:
+        # entries of the largest basins
+        for color, period, share in zip(colors, periods, shares, strict=False):
+            kind = f"period {period}" if period else "no period"
+            legend_patch(ax, f"{kind}: {share:.0%}", color=color)
+        if len(periods) > most:
+            legend_patch(ax, f"{len(periods) - most} others: {shares[most:].sum():.0%}", color=COLORS["grey"])
         index = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
-        _, handles = category_map(ds, over, index, [*colors, COLORS["grey"]], ax)
-        legend_above(ax, entries + handles)
+        draw_categories(ds, over, index, [*colors, COLORS["grey"]], ax)
+        legend_above(ax)
     return ax
 
 
@@ -352,7 +319,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
     values = highest(ds, name, *over)
     with drawing(ax, ds, 3.5, 2.8 if len(over) == 1 else 3.3) as ax:
         if len(over) == 2:
-            drawn, handles = map_over(ds, over, values, ax, plt.get_cmap("viridis"), color_norm)
+            drawn = map_over(ds, over, values, ax, plt.get_cmap("viridis"), color_norm)
             color_bar(ax, drawn, axis_label(name, ds))
         else:
             x = shown(ds, over[0])
@@ -365,8 +332,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
             ax.margins(x=0.03)
             ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(name, ds))
             fit_scale(ax, values)
-            handles = None
-        legend_above(ax, handles)
+        legend_above(ax)
     return ax
 
 

@@ -302,7 +302,6 @@ def passing(
             ax.plot(*joined(x, y, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
         ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
         legend_above(ax)
-        plt.setp([h for h in ax.get_legend().legend_handles if h.get_marker() == "."], markersize=5)
     return ax
 
 

@@ -13,7 +13,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status
@@ -195,6 +194,8 @@ def drawing(
 def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
     """Draw a legend above the axes, in as many columns as its longest entry allows; none without entries.
 
+    Small dots are larger there.
+
     **Arguments:** `handles`: its entries; default what has a label in the axes, each label once.
     """
     if handles is None:
@@ -207,7 +208,7 @@ def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
     # a letter is about half as wide as the font is high; marker and spaces are as wide as six letters
     column = 0.45 * font_size * (max(map(len, lines)) + 6)
     width = 72 * ax.get_position().width * ax.figure.canvas.figure.get_figwidth()
-    ax.legend(
+    legend = ax.legend(
         handles=handles,
         ncols=int(np.clip(width / column, 1, len(handles))),
         loc="lower center",
@@ -219,23 +220,27 @@ def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
         columnspacing=1.2,
         handlelength=1.6,
     )
+    dots = [line for line in legend.get_lines() if line.get_marker() == "."]
+    plt.setp(dots, markersize=5)
 
 
-def is_wide(values: np.ndarray, ratio: float = 8.0) -> bool:
-    """Return whether values are drawn on a logarithmic scale: positive, the greatest `ratio` times the least."""
+def legend_patch(ax: Any, label: str, **style: Any) -> None:
+    """Add an area to the legend of the axes, which is drawn nowhere else."""
+    ax.fill([], [], label=label, **style)
+
+
+def is_wide(values: np.ndarray) -> bool:
+    """Return whether values are drawn on a logarithmic scale: positive, the greatest eight times the least."""
     finite = values[np.isfinite(values)]
-    return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > ratio * np.min(finite))
+    return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > 8 * np.min(finite))
 
 
 def color_norm(values: np.ndarray) -> Normalize:
     """Return the scale of colours over finite values, logarithmic where they are wide."""
-    finite = np.ma.compressed(np.ma.masked_invalid(values))
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
-    # one value still needs a range
-    if low == high:
-        low = 0.99 * low - 1e-12
-        high = 1.01 * high + 1e-12
-    return LogNorm(low, high) if is_wide(finite) else Normalize(low, high)
+    finite = np.ma.masked_invalid(values).compressed()
+    norm = LogNorm() if is_wide(finite) else Normalize()
+    norm.autoscale(finite)
+    return norm
 
 
 def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
@@ -282,28 +287,11 @@ def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
     return status_of(ds, *dims) != Status.FINITE
 
 
-def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
-    """Return small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
-    return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
-
-
-def mark_cases(
-    ax: Any,
-    x: np.ndarray,
-    label: str,
-    color: str = COLORS["grey"],
-    height: float = 0.04,
-) -> None:
-    """Draw crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
+def mark_cases(ax: Any, x: np.ndarray, label: str, color: str = COLORS["grey"]) -> None:
+    """Draw crosses near the bottom of the axes at `x` [display unit]."""
     if len(x):
-        marks = cross(
-            x,
-            np.full(len(x), height),
-            color=color,
-            label=label,
-            transform=ax.get_xaxis_transform(),
-        )
-        ax.add_line(marks)
+        y = np.full(len(x), 0.04)  # of the height of the axes
+        ax.plot(x, y, "x", ms=3, mew=0.7, color=color, label=label, transform=ax.get_xaxis_transform())
 
 
 def png(figure: Any, dpi: int) -> bytes:

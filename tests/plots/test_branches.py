@@ -271,7 +271,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
     assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     np.testing.assert_allclose(lines(ax, "-")[0][:2], [[1, 1], [2, 2]])
     assert ax.axis() == pytest.approx((0.5, 3.5, 0.5, 2.5))
-    assert legend(ax) == ["NS Neimark-Sacker", "unresolved: estimates\ndisagree or are not sure"]
+    assert legend(ax) == ["unresolved: estimates\ndisagree or are not sure", "NS Neimark-Sacker"]
     check_legend_fits(ax)
 
 

@@ -252,7 +252,6 @@ def test_wide_values_have_a_logarithmic_scale():
     assert isinstance(color_norm(np.array([1.0, 9.0, NAN])), LogNorm)
     assert not isinstance(color_norm(np.array([1.0, 5.0])), LogNorm)
     assert not isinstance(color_norm(np.array([-1.0, 9.0])), LogNorm)
-    assert color_norm(np.array([2.0])).vmin < 2 < color_norm(np.array([2.0])).vmax
     ds = design()
     ds["trial_smooth"][0] *= 30
     assert panel(2, ds).get_yscale() == "log"
