@@ -119,11 +119,10 @@ def slipper_columns(drawn: Frames, unit: float) -> dict[str, np.ndarray]:
     for k, end in enumerate(("front", "rear")):
         points = 1e3 * drawn.points[:, k]
         force = drawn.force[:, k]
-        arrows = 1e3 * drawn.newton * force[..., None] * np.asarray(drawn.shape.normals)
         places = {
             "corner": outline(drawn.shape, drawn.points[:, k]),
             "point": points,
-            "tip": points + arrows,
+            "tip": points + drawn.arrows[:, k],
         }
         # one column for each axis, contiguous for the browser
         for name, place in places.items():

@@ -129,11 +129,8 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` for another kind of dataset.
     """
-    points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
-    if len(points) > 1:
-        raise ValueError(f"Argument `ds` must be one branch, not {len(points)}.")
-    one = points[0]
-    name = _parameter(points)
+    one = check_dataset(ds, "continue_orbit", "stable", "multiplier_real", "multiplier_imag")
+    (name,) = varied_names(one)
     mu = (one["multiplier_real"].values + 1j * one["multiplier_imag"].values).ravel()
     # each multiplier has the parameter of its point
     values = np.repeat(shown(one, name), one.sizes["multiplier"])

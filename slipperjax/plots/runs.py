@@ -149,8 +149,8 @@ def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
     )
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
-    _from_zero(ax)
-    _from_zero(beside)
+    ax.set_ylim(bottom=0)
+    beside.set_ylim(bottom=0)
     legend_above(ax, [*ax.lines, *beside.lines])
 
 
@@ -176,7 +176,7 @@ def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
         label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
         ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
     ax.set_ylabel(axis_label("contact_force"))
-    _from_zero(ax)
+    ax.set_ylim(bottom=0)
     legend_above(ax)
 
 
@@ -197,7 +197,7 @@ def _draw_impacts(ax: Any, ds: xr.Dataset) -> None:
         rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
         _draw_steps(ax, ds, "stretch", rate, str(end), COLORS[color])
     ax.set_ylabel("impacts [1/s]")
-    _from_zero(ax)
+    ax.set_ylim(bottom=0)
     legend_above(ax)
 
 
@@ -237,11 +237,6 @@ def _draw_steps(
     """Draw a number of each window or stretch."""
     width = 0.5 if along == "distance" else 0.9
     ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
-
-
-def _from_zero(ax: Any) -> None:
-    top = ax.dataLim.ymax
-    ax.set_ylim(0, 1.1 * top if 0 < top < np.inf else 1.0)
 
 
 def passing(

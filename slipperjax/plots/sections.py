@@ -52,15 +52,7 @@ def section(scene: Scene, ax: Any = None) -> Any:
         if own:
             clearance = quantity("clearance").shown(float(scene.value("clearance")))
             ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
-        draw_rail(shape, ax, shape.names)
-        ax.fill(*outline(shape, still).T, **SLIPPER_STYLE)
-        ax.quiver(
-            *(1e3 * still.T),
-            *(reach * np.asarray(shape.normals).T),
-            color=colors_of(shape),
-            **ARROWS,
-        )
-        ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
+        _draw_slipper(ax, shape, still, reach * np.asarray(shape.normals), shape.names)
         frame(ax, still[None], 1.3 * reach)
     return ax
 
@@ -139,13 +131,29 @@ def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
     return 1e3 * (np.asarray(shape.track_points) - 0.13 * height(shape) * np.asarray(shape.normals))
 
 
-def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
-    """Draw the rail head with its web, and a label inside it at each point."""
+def _draw_slipper(
+    ax: Any,
+    shape: Section,
+    points: Float[np.ndarray, "points 2"],
+    arrows: Float[np.ndarray, "points 2"],
+    labels: Any,
+) -> tuple[Any, Any, Any]:
+    """Draw the rail head with its web and labels inside it, and the slipper around it.
+
+    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm].
+
+    **Returns:** the slipper's patch, its points and its arrows.
+    """
     ax.fill(*rail_outline(shape).T, **RAIL_STYLE)
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
     # labels stand inside the rail head
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
+    colors = colors_of(shape)
+    (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE)
+    dots = ax.scatter(*(1e3 * points.T), s=14, color=colors, lw=1.0, zorder=4)
+    quiver = ax.quiver(*(1e3 * points.T), *arrows.T, color=colors, **ARROWS)
+    return patch, dots, quiver
 
 
 def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[np.ndarray, "*n corners 2"]:
@@ -210,7 +218,7 @@ def animate(
     every = whole("every", every, 1)
     interval = 1e3 / number(positive, "fps", fps)
     picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
-    frames = range(0, len(picture.period), every)
+    frames = range(0, len(picture.frames.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
     return FuncAnimation(
@@ -235,7 +243,8 @@ def instant(
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
     picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
-    k = -1 if at is None else int(np.argmin(np.abs(picture.period - number(finite, "at", at))))
+    period = picture.frames.period
+    k = -1 if at is None else int(np.argmin(np.abs(period - number(finite, "at", at))))
     picture.show(k)
     return picture.figure
 
@@ -254,8 +263,8 @@ class Frames(NamedTuple):
     """Contact forces [N]."""
     magnify: float
     """How many times as large displacements are drawn."""
-    newton: float
-    """Length of arrows [m/N]; the longest is half as long as the section is high."""
+    arrows: Float[np.ndarray, "time 2 points 2"]
+    """Forces as arrows [mm]; the longest is half as long as the section is high."""
 
 
 def frames_of(
@@ -282,27 +291,31 @@ def frames_of(
     if magnify is None:
         magnify = default_magnification(scene.section, gap)
     points = drawn_points(scene.section, gap, offset, number(positive, "magnify", magnify))
-    newton = 0.5 * height(scene.section) / max(float(force.max()), 1e-9)
-    return Frames(ds, scene.section, ds["period"].values, points, force, magnify, newton)
+    newton = 500 * height(scene.section) / max(float(force.max()), 1e-9)
+    arrows = newton * force[..., None] * np.asarray(scene.section.normals)
+    return Frames(ds, scene.section, ds["period"].values, points, force, magnify, arrows)
 
 
 class _Picture:
     """The figure, and the artists that change with time."""
 
     def __init__(self, frames: Frames):
-        self.shape = frames.shape
-        self.period = frames.period
-        self.points = frames.points
-        self.force = frames.force
-        # millimetres, along the normals
-        self.arrows = 1e3 * frames.newton * frames.force[..., None] * np.asarray(frames.shape.normals)
+        self.frames = frames
+        shape = frames.shape
         with styled():
-            shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
-            self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **shape)
-            self.ends = [self._draw_end(axes["F"], "front", 0), self._draw_end(axes["R"], "rear", 1)]
+            size: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
+            self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **size)
+            self.ends = []
+            for k, end in enumerate(("front", "rear")):
+                ax = axes[end[0].upper()]
+                labels = [f"{name}{k + 1}" for name in shape.names]
+                artists = _draw_slipper(ax, shape, frames.points[0, k], frames.arrows[0, k], labels)
+                self.ends.append(artists)
+                frame(ax, frames.points.reshape(-1, *frames.points.shape[2:]), 450 * height(shape))
+                ax.set_title(end, fontsize=8)
             axes["R"].set_ylabel("")
             contact_forces(frames.ds, axes["H"], last=None)
-            self.cursor = axes["H"].axvline(self.period[0], lw=0.9, color="black")
+            self.cursor = axes["H"].axvline(frames.period[0], lw=0.9, color="black")
             self.time = axes["F"].text(
                 0.02,
                 0.97,
@@ -311,52 +324,34 @@ class _Picture:
                 va="top",
                 fontsize=7,
             )
-            longest = f"longest arrow {float(self.force.max()) / 1e3:.3g} kN"
+            longest = f"longest arrow {float(frames.force.max()) / 1e3:.3g} kN"
             scales = f"play and displacement × {frames.magnify:g}, {longest}"
             self.figure.suptitle("; ".join(filter(None, [case_title(frames.ds), scales])), fontsize=7.5)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 
-    def _draw_end(self, ax: Any, end: str, k: int) -> tuple[Any, Any, Any]:
-        """Draw one end section; return the slipper's patch, its points and its arrows."""
-        draw_rail(self.shape, ax, [f"{name}{k + 1}" for name in self.shape.names])
-        points = self.points[0, k]
-        colors = colors_of(self.shape)
-        (patch,) = ax.fill(*outline(self.shape, points).T, **SLIPPER_STYLE)
-        dots = ax.scatter(*(1e3 * points.T), s=14, edgecolors=colors, lw=1.0, zorder=4)
-        arrows = ax.quiver(*(1e3 * points.T), *np.zeros((2, len(points))), color=colors, **ARROWS)
-        frame(ax, self.points.reshape(-1, *points.shape), 450 * height(self.shape))
-        ax.set_title(end, fontsize=8)
-        return patch, dots, arrows
-
     def show(self, k: int) -> list[Any]:
         """Draw the instant with index `k`; return the artists that changed."""
+        frames = self.frames
         # the artists stay, and get new places
         for end, (patch, dots, arrows) in enumerate(self.ends):
-            points = self.points[k, end]
-            patch.set_xy(outline(self.shape, points))
+            points = frames.points[k, end]
+            patch.set_xy(outline(frames.shape, points))
             dots.set_offsets(1e3 * points)
-            dots.set_facecolors(np.where(self.force[k, end] > 0, colors_of(self.shape), "white"))
+            dots.set_facecolors(np.where(frames.force[k, end] > 0, colors_of(frames.shape), "white"))
             arrows.set_offsets(1e3 * points)
-            arrows.set_UVC(*self.arrows[k, end].T)
-        self.cursor.set_xdata([self.period[k]] * 2)
-        self.time.set_text(f"forcing period {self.period[k]:.2f}")
+            arrows.set_UVC(*frames.arrows[k, end].T)
+        self.cursor.set_xdata([frames.period[k]] * 2)
+        self.time.set_text(f"forcing period {frames.period[k]:.2f}")
         return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
 
 
 def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Return the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
-    y, z, roll, pitch, yaw, period = (
-        np.asarray(ds[name].values, float) for name in ("y", "z", "roll", "pitch", "yaw", "period")
-    )
-    still = np.zeros_like(y)
-    motion = Motion(y, z, *quaternion_from_euler(roll, pitch, yaw), *[still] * 5)
-    gap, offset = (np.asarray(a).reshape(len(y), 2, -1) for a in _relative(scene, period, motion))
-    return gap, offset
-
-
-@jax.jit
-def _relative(scene: Scene, period: Any, motion: Motion) -> Any:
+    names = ("y", "z", "roll", "pitch", "yaw", "period")
+    y, z, *angles, period = (np.asarray(ds[name].values, float) for name in names)
+    motion = Motion(y, z, *quaternion_from_euler(*angles), *[np.zeros_like(y)] * 5)
     # one instant; all of them at once by vmap
     at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
-    return jax.vmap(at_one)(period, motion)
+    gap, offset = (np.asarray(a).reshape(len(y), 2, -1) for a in jax.jit(jax.vmap(at_one))(period, motion))
+    return gap, offset

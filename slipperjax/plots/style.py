@@ -149,7 +149,7 @@ def highest(ds: xr.Dataset, name: str, *dims: str) -> np.ndarray:
     values = ds[name].astype(float)
     # xarray leaves NaN out, and infinities are no numbers to draw
     values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
-    return shown(values.to_dataset(name=name), name)
+    return quantity_of(name, ds).shown(values.values)
 
 
 def as_dataset(result: Any) -> Any:

@@ -133,7 +133,7 @@ def test_a_section_of_one_face_can_be_drawn():
     flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
     scene = sj.Scene(SCENE.speed, SCENE.slipper, flat, SCENE.track, SCENE.contact)
     ax = plots.section(scene)
-    quiver = ax.collections[0]
+    quiver = ax.collections[1]
     assert np.all(quiver.V > 0)  # upwards
     assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below
 
@@ -194,7 +194,7 @@ def test_a_section_shows_where_the_points_are():
         nearest = np.argmin(np.linalg.norm(1e3 * RAIL - positions[name], axis=1))
         assert SCENE.section.names[nearest] == name
         assert np.linalg.norm(positions[name] - 1e3 * point) < 8
-    quiver, dots = ax.collections
+    dots, quiver = ax.collections
     assert (np.asarray(dots.get_offsets()) - 1e3 * RAIL) == pytest.approx(magnified * 0.5 * NORMALS)
     lengths = np.hypot(quiver.U, quiver.V)
     assert np.stack([quiver.U, quiver.V], 1) / lengths[:, None] == pytest.approx(NORMALS)

@@ -287,7 +287,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
         (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
         (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
-        (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be one branch, not 2"),
+        (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be a dataset of continue_orbit, but is list"),
         (lambda: plots.event_curves([]), "must be one curve or more"),
         (lambda: plots.event_curves(curve("XY")), "`ds` must be curves of LP, .* but is of XY"),
         (lambda: plots.event_curves(branch()), "with `outside`"),
