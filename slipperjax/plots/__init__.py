@@ -19,13 +19,6 @@ from .runs import run_overview as run_overview
 from .sections import animate as animate
 from .sections import instant as instant
 from .sections import section as section
-from .style import COLORS as COLORS
-from .style import MOTION_COLORS as MOTION_COLORS
-from .style import POINT_COLORS as POINT_COLORS
-from .style import REGIME_COLORS as REGIME_COLORS
-from .style import axis_label as axis_label
-from .style import case_title as case_title
-from .style import png as png
 from .style import styled as styled
 from .trajectories import contact_forces as contact_forces
 from .trajectories import history as history

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ..analysis.events import MEANINGS
@@ -56,7 +55,7 @@ def branches(
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
     check_quantity(quantity)
-    points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
+    points = _datasets(ds, "continue_orbit", "stable", "event_point")
     name = _parameter(points)
     lines = [_lines_of(one, quantity) for one in points]
     if brute is not None:
@@ -64,7 +63,6 @@ def branches(
     periods = [int(one.attrs["orbit_period"]) for one in points]
     # one colour for each period that occurs
     colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
-    used = set()
     with drawing(ax, points[0], 3.5, 2.9) as ax:
         if brute is not None:
             bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, label="from simulation")
@@ -72,28 +70,20 @@ def branches(
         for one, threads, period in zip(points, lines, periods, strict=True):
             x = shown(one, name)
             stable = stable_parts(one)
+            # colours are explained where there are several
+            of = f"period {period}, " if len(colors) > 1 else ""
             style: dict[str, Any] = dict(color=colors[period], zorder=3, solid_capstyle="butt")
-            ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, **style)
-            ax.plot(*joined(x, threads, stable), lw=1.3, **style)
+            ax.plot(*joined(x, threads, stable), lw=1.3, label=f"{of}stable", **style)
+            ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, label=f"{of}unstable", **style)
             for label, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
                 # an event has as many values as its orbit has crossings
                 values = threads[np.isfinite(threads[:, k]), k]
                 if label in EVENT_MARKERS and len(values):
-                    used.add(label)
-                    ax.plot(np.full(len(values), x[k]), values, **_marker(label, colors[period]), zorder=4)
+                    text = f"{label} {EVENT_NAMES[label]}"
+                    ax.plot(np.full(len(values), x[k]), values, label=text, **_marker(label, colors[period]))
         ax.set(xlabel=axis_label(name, points[0]), ylabel=axis_label(quantity, points[0]))
         ax.margins(x=0.03, y=0.08)
-        handles = ax.get_legend_handles_labels()[0]
-        # colours are explained where there are several
-        if len(colors) > 1:
-            handles += [Line2D([], [], color=color, lw=1.3, label=f"period {p}") for p, color in colors.items()]
-        color = "black" if len(colors) > 1 else colors[periods[0]]
-        handles.append(Line2D([], [], color=color, lw=1.3, label="stable"))
-        handles.append(Line2D([], [], color=color, lw=0.8, ls=DASHED, label="unstable"))
-        for label in EVENT_MARKERS:
-            if label in used:
-                handles.append(Line2D([], [], **_marker(label, "black"), label=f"{label} {EVENT_NAMES[label]}"))
-        legend_above(ax, handles)
+        legend_above(ax)
     return ax
 
 
@@ -164,7 +154,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     **Raises:** `ValueError` for another kind of dataset, or where the parameters differ.
     """
     colors = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
-    curves = _datasets(ds, "curve", "continue_event", "outside")
+    curves = _datasets(ds, "continue_event", "outside")
     over = varied_names(curves[0])
     for one in curves:
         label = one.attrs.get("label")
@@ -208,12 +198,11 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     return ax
 
 
-def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
+def _datasets(ds: Any, source: str, *names: str) -> list[xr.Dataset]:
     """Return the datasets, with the variables `names`, of one result or several."""
     # one result is a list of one
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
-    if not several:
-        raise ValueError(f"Argument `ds` must be one {kind} or more, not 0.")
+    require(several, "ds", f"be one result of {source} or more", ds)
     return [check_dataset(one, source, *names) for one in several]
 
 
@@ -314,6 +303,7 @@ def _marker(label: str, color: str) -> dict[str, Any]:
     """Return the style of an event's marker."""
     # filled markers have a white edge, which parts them from lines
     marker = EVENT_MARKERS[label]
+    style: dict[str, Any] = dict(ls="", marker=marker, zorder=4)
     if marker in "|x":  # lines without an area
-        return dict(ls="", marker=marker, ms=5.5, mew=0.9, mec=color)
-    return dict(ls="", marker=marker, ms=4.4, mew=0.6, mec="white", mfc=color)
+        return style | dict(ms=5.5, mew=0.9, mec=color)
+    return style | dict(ms=4.4, mew=0.6, mec="white", mfc=color)

@@ -145,8 +145,8 @@ def map_over(
     over: Sequence[str],
     values: np.ndarray,
     ax: Any,
-    colors: Colormap,
-    norm: Callable[[Any], Normalize],
+    colors: Any,
+    norm: Callable[[Any], Normalize] | None = None,
     bad_color: str = COLORS["grey"],
 ) -> Any:
     """Draw values over two parameters as colours of cells; return what a colour bar needs.
@@ -154,15 +154,20 @@ def map_over(
     Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
     store does not have yet, are white.
 
-    **Arguments:** `over`: dimensions of `values`, the first drawn upwards; `norm`: makes the scale of `colors` from
-    the values that are drawn.
+    **Arguments:** `over`: dimensions of `values`, the first drawn upwards; `colors`: a list, of which `values` are
+    indices, or the name of a colour map; `norm`: makes its scale from the values that are drawn.
     """
     y, x = (shown(ds, name) for name in over)
     missing = status_of(ds, *over) == Status.NOT_RUN
     bad = flagged(ds, *over) & ~missing
     values = np.ma.masked_invalid(np.where(bad | missing, np.nan, values))
-    style: dict[str, Any] = dict(cmap=colors.with_extremes(bad=bad_color), norm=norm(values), rasterized=True)
-    drawn = ax.pcolormesh(x, y, values, **style)
+    if norm is None:
+        colormap: Colormap = ListedColormap(colors)
+        scale = Normalize(-0.5, len(colors) - 0.5)  # each index has one colour
+    else:
+        colormap = plt.get_cmap(colors)
+        scale = norm(values)
+    drawn = ax.pcolormesh(x, y, values, cmap=colormap.with_extremes(bad=bad_color), norm=scale, rasterized=True)
     # what has no value is covered in white, as the mesh has one colour for all that is masked
     white = np.ma.getmaskarray(values) & ~bad
     if white.any():
@@ -175,14 +180,6 @@ def map_over(
     ax.grid(False)
     ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
     return drawn
-
-
-def draw_categories(
-    ds: xr.Dataset, over: Sequence[str], index: np.ndarray, colors: Sequence[str], ax: Any, bad: str = COLORS["grey"]
-) -> None:
-    """Draw categories over two parameters, `index` into `colors` or NaN; otherwise as `map_over`."""
-    norm = Normalize(-0.5, len(colors) - 0.5)  # each index has one colour
-    map_over(ds, over, index, ax, ListedColormap(list(colors)), lambda values: norm, bad)
 
 
 def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
@@ -209,7 +206,7 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
             label = "unresolved: estimates\ndisagree or are not sure"
             ax.plot(x[unresolved], y[unresolved], "x", color="black", ms=2.5, mew=0.6, label=label)
         exponent = ds["exponent"].isel(count=0).transpose(*over).values
-        drawn = map_over(ds, over, exponent, ax, plt.get_cmap("RdBu_r"), _signed_norm)
+        drawn = map_over(ds, over, exponent, ax, "RdBu_r", _signed_norm)
         color_bar(ax, drawn, EXPONENT_LABEL)
         legend_above(ax)
     return ax
@@ -252,7 +249,7 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
             # the map has its own entry of flagged cases
             if name != FLAGGED_LABEL:
                 legend_patch(ax, name, facecolor=color, edgecolor=COLORS["grey"], lw=0.4)
-        draw_categories(ds, over, index, list(colors.values()), ax, MOTION_COLORS[FLAGGED_LABEL])
+        map_over(ds, over, index, ax, list(colors.values()), bad_color=MOTION_COLORS[FLAGGED_LABEL])
         legend_above(ax)
     return ax
 
@@ -291,7 +288,7 @@ def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
         if len(periods) > most:
             legend_patch(ax, f"{len(periods) - most} others: {shares[most:].sum():.0%}", color=COLORS["grey"])
         index = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
-        draw_categories(ds, over, index, [*colors, COLORS["grey"]], ax)
+        map_over(ds, over, index, ax, [*colors, COLORS["grey"]])
         legend_above(ax)
     return ax
 
@@ -319,7 +316,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
     values = highest(ds, name, *over)
     with drawing(ax, ds, 3.5, 2.8 if len(over) == 1 else 3.3) as ax:
         if len(over) == 2:
-            drawn = map_over(ds, over, values, ax, plt.get_cmap("viridis"), color_norm)
+            drawn = map_over(ds, over, values, ax, "viridis", color_norm)
             color_bar(ax, drawn, axis_label(name, ds))
         else:
             x = shown(ds, over[0])

@@ -79,7 +79,9 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
         name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
         axes = grid[:, 0]
         if scene is not None:
-            _draw_rail(axes[0], ds, check_scene(scene))
+            # many more places than pixels, so that short waves keep their height
+            places = np.linspace(*edges_of(ds, "distance")[[0, -1]], 1 << 16)
+            draw_irregularity(axes[0], check_scene(scene), places)
         # what the dataset has, below the rail
         for ax, draw in zip(axes[rows - len(draws) :], draws, strict=True):
             draw(ax, ds)
@@ -111,12 +113,6 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
 def _speed_name(ds: xr.Dataset) -> str:
     """Return the name of the speed along a run, which is another one where the speed was varied."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
-
-
-def _draw_rail(ax: Any, ds: xr.Dataset, scene: Scene) -> None:
-    begin, end = edges_of(ds, "distance")[[0, -1]]
-    places = np.linspace(begin, end, 1 << 16)  # many more than pixels, so that short waves keep their height
-    draw_irregularity(ax, scene, places)
 
 
 def draw_irregularity(ax: Any, scene: Scene, places: np.ndarray) -> None:

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from slipperjax import plots
 from slipperjax.flow.status import Status
 from slipperjax.plots.maps import motions_of
+from slipperjax.plots.style import COLORS, MOTION_COLORS
 
 from .shown import check_legend_fits, labels, legend, marked
 
@@ -67,7 +68,7 @@ def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
     ]
     kinds, exponents = plots.attractor_map(ds), plots.regime_map(ds)
     assert marked(exponents, "x")[0].get_xydata().tolist() == [[3.0, 2.0]]  # the flagged case
-    for ax, color in ((kinds, plots.MOTION_COLORS["status not 0"]), (exponents, plots.COLORS["grey"])):
+    for ax, color in ((kinds, MOTION_COLORS["status not 0"]), (exponents, COLORS["grey"])):
         mesh = ax.collections[0]
         mesh.update_scalarmappable()
         assert to_hex(mesh.get_facecolors()[6]) == color
@@ -127,7 +128,7 @@ BLIND = {
 @pytest.mark.parametrize("blind", BLIND)
 def test_colours_of_motions_differ_for_everybody(blind):
     lab = []
-    for color in plots.MOTION_COLORS.values():
+    for color in MOTION_COLORS.values():
         srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]

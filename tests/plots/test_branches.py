@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 
 from slipperjax import plots
 from slipperjax.plots.branches import crossing_threads, joined, stable_parts
+from slipperjax.plots.style import COLORS
 
 from .shown import bar_of, check_legend_fits, labels, legend, marked
 
@@ -173,8 +174,9 @@ def test_periods_have_colours():
     one, two = branch(), branch(period=2, velocity=np.full((5, 1), 4.0), labels=("", "PD", "", "", ""))
     ax = plots.branches([one, two])
     colours = {to_hex(line.get_color()) for line in ax.lines if line.get_linestyle() == "-"}
-    assert colours == {plots.COLORS["blue"], plots.COLORS["red"]}
-    assert legend(ax)[:4] == ["period 1", "period 2", "stable", "unstable"]
+    assert colours == {COLORS["blue"], COLORS["red"]}
+    assert legend(ax)[:3] == ["period 1, stable", "period 1, unstable", "LP fold"]
+    assert legend(ax)[3:] == ["period 2, stable", "period 2, unstable", "PD flip"]
 
 
 def test_a_branch_lies_over_dots_of_simulations():
@@ -280,7 +282,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
     [
         (lambda: plots.branches("run"), "`ds` must be a dataset of continue_orbit, but is str"),
         (lambda: plots.branches(simulated()), "with `stable`, but has"),
-        (lambda: plots.branches([]), "`ds` must be one branch or more, not 0"),
+        (lambda: plots.branches([]), "`ds` must be one result of continue_orbit or more"),
         (lambda: plots.branches([branch(), branch(over="speed")]), "are over ..clearance., .speed"),
         (lambda: plots.branches(branch(), "foo"), "`quantity` must be one of v_y, .* but is 'foo'"),
         (lambda: plots.branches(branch(), "start_foo"), "`quantity` must be one of"),
@@ -288,7 +290,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
         (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
         (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be a dataset of continue_orbit, but is list"),
-        (lambda: plots.event_curves([]), "must be one curve or more"),
+        (lambda: plots.event_curves([]), "must be one result of continue_event or more"),
         (lambda: plots.event_curves(curve("XY")), "`ds` must be curves of LP, .* but is of XY"),
         (lambda: plots.event_curves(branch()), "with `outside`"),
         (

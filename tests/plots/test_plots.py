@@ -11,6 +11,7 @@ from matplotlib.colors import to_hex
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.model.quantities import COORDINATES, SECTIONS
+from slipperjax.plots.style import COLORS, POINT_COLORS, REGIME_COLORS, axis_label, case_title, png
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -80,12 +81,12 @@ def test_axis_labels_name_quantity_and_display_unit():
         "contact_force": "contact force $F$ [kN]",
         "case": "case",
     }
-    assert {name: plots.axis_label(name) for name in wanted} == wanted
+    assert {name: axis_label(name) for name in wanted} == wanted
     path = "contact.hysteresis"  # which has the unit of its values
     ds, measurement = sections(path), measured({path: np.arange(6.0)})
     ds[path].attrs["units"] = measurement[path].attrs["units"] = "s/m"
     assert plots.bifurcation(ds, "w_x").get_xlabel() == plots.exponents(measurement).get_xlabel() == f"{path} [s/m]"
-    assert plots.axis_label(path, measurement.drop_vars(path)) == path
+    assert axis_label(path, measurement.drop_vars(path)) == path
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,7 @@ def test_a_dataset_of_another_kind_is_named(draw, ds, words):
 def test_any_parameter_is_drawn_in_its_display_unit(over, values, shown):
     ax = plots.bifurcation(sections(over, values, (0, 0)), "w_x")
     assert drawn(marked(ax, ".")[0])[:, 0] == pytest.approx([shown[0], shown[1], shown[1]])
-    assert labels(ax) == (plots.axis_label(over), r"$\omega_X$ [rad/s]")
+    assert labels(ax) == (axis_label(over), r"$\omega_X$ [rad/s]")
     left, right = ax.get_xlim()
     width = shown[1] - shown[0]
     assert shown[0] - left == pytest.approx(right - shown[1])
@@ -148,14 +149,14 @@ def test_flagged_cases_have_a_cross_and_no_dots():
     (marks,) = marked(ax, "x")
     assert drawn(marks)[:, 0] == pytest.approx([1.0, 2.0])
     assert np.all(drawn(marks)[:, 1] < 0.1)  # of the height of the axes
-    assert to_hex(marks.get_color()) == plots.COLORS["grey"]
+    assert to_hex(marks.get_color()) == COLORS["grey"]
     assert legend(ax) == ["status not 0"]
     assert ax.get_ylim()[1] < 30  # what is left out does not stretch the axis
 
 
 def test_five_diagrams_show_five_sections():
     axes = plots.bifurcations(sections())
-    assert [ax.get_ylabel() for ax in axes] == [plots.axis_label(name) for name in SECTIONS]
+    assert [ax.get_ylabel() for ax in axes] == [axis_label(name) for name in SECTIONS]
     assert [ax.get_xlabel() for ax in axes] == [""] * 3 + ["clearance $C$ [mm]"] * 2  # at the foot of each column
     assert len(axes[0].figure.axes) == 5
     assert [len(drawn(marked(ax, ".")[0])) for ax in axes] == [10] * 5
@@ -188,9 +189,9 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     lines = [line for line in ax.lines if line.get_marker() in "oDs^v"]
     markers = {to_hex(line.get_color()): drawn(line) for line in lines}
     assert len({line.get_marker() for line in lines}) == 4
-    assert list(markers) == list(plots.REGIME_COLORS.values())[:4]  # a regime that is rare is drawn where it occurs
+    assert list(markers) == list(REGIME_COLORS.values())[:4]  # a regime that is rare is drawn where it occurs
     assert len(set(markers)) == 4
-    for name, color in list(plots.REGIME_COLORS.items())[:4]:
+    for name, color in list(REGIME_COLORS.items())[:4]:
         at = [k for k, regime in enumerate(REGIME_NAMES) if regime == name]
         assert markers[color][:, 0] == pytest.approx(np.array(at) + 1)
         assert markers[color][:, 1] == pytest.approx(EXPONENTS[at])
@@ -266,7 +267,7 @@ def test_flagged_cases_of_a_regime_map_have_a_cross_and_no_colour():
     assert mesh.get_clim() == pytest.approx((-0.2, 0.2))  # without the flagged case
     assert drawn(marked(ax, "x")[0]) == pytest.approx(np.array([[3.0, 1.0], [1.0, 2.0]]))
     mesh.update_scalarmappable()
-    assert to_hex(mesh.get_facecolors()[2]) == plots.COLORS["grey"]  # as the crosses of other pictures
+    assert to_hex(mesh.get_facecolors()[2]) == COLORS["grey"]  # as the crosses of other pictures
     assert legend(ax)[1] == "status not 0"
     with pytest.raises(ValueError, match=r"`ds` must be swept over 2 parameter"):
         plots.regime_map(measured(LINE))
@@ -282,7 +283,7 @@ def test_a_history_is_drawn_in_display_units(name, highest):
     (line,) = ax.lines
     assert drawn(line)[:, 1].max() == pytest.approx(highest)
     assert drawn(line)[:, 0] == pytest.approx(np.linspace(0, 2, 401))
-    assert labels(ax) == ("time [forcing periods]", plots.axis_label(name))
+    assert labels(ax) == ("time [forcing periods]", axis_label(name))
 
 
 def test_contact_forces_are_those_of_the_highest_peaks():
@@ -292,7 +293,7 @@ def test_contact_forces_are_those_of_the_highest_peaks():
     assert [drawn(line)[:, 1].max() for line in curves] == pytest.approx([5.0, 4.0, 3.0, 2.0])
     assert ax.get_ylabel() == "contact force $F$ [kN]"
     rear, _, _, front = curves
-    assert rear.get_color() == front.get_color() == plots.POINT_COLORS[2]
+    assert rear.get_color() == front.get_color() == POINT_COLORS[2]
     assert (rear.get_linestyle(), front.get_linestyle()) == ("--", "-")
     marks = [drawn(line) for line in ax.lines if len(drawn(line)) == 1]
     assert np.concatenate(marks) == pytest.approx(np.array([[1, f] for f in (5, 4, 3, 2)]))
@@ -346,7 +347,7 @@ def test_a_peak_at_an_unknown_instant_is_that_of_the_whole_run():
 def test_an_overview_shows_everything_and_names_a_bad_status():
     axes = plots.overview(trajectory())
     names = ["y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z", *["contact_force"] * 2]
-    wanted = [plots.axis_label(name) for name in [*names, "drive_force", "drive_force"]]
+    wanted = [axis_label(name) for name in [*names, "drive_force", "drive_force"]]
     assert [ax.get_ylabel() for ax in axes.flat] == wanted
     assert axes[0, 0].figure.get_suptitle() == ""
     for ax in axes[5]:
@@ -354,7 +355,7 @@ def test_an_overview_shows_everything_and_names_a_bad_status():
     named = trajectory(status=2).assign_attrs({"speed [m/s]": 1250.0})
     derailed = plots.overview(named)[0, 0].figure._suptitle
     assert derailed.get_text().startswith("$V$ = 1250 m/s\nstatus: derailed")
-    assert to_hex(derailed.get_color()) == plots.COLORS["red"]
+    assert to_hex(derailed.get_color()) == COLORS["red"]
 
 
 def test_a_phase_portrait_marks_upward_zero_crossings():
@@ -382,16 +383,16 @@ def test_a_spectrum_is_logarithmic_and_without_its_mean():
 
 def test_titles_state_the_fixed_parameters_in_display_units():
     ds = xr.Dataset(attrs={"speed [m/s]": 1250.0, "clearance [m]": 1e-3, "length [m]": 0.2, "restitution": 0.9})
-    assert plots.case_title(ds) == "$V$ = 1250 m/s, $C$ = 1 mm, $L$ = 0.2 m"
+    assert case_title(ds) == "$V$ = 1250 m/s, $C$ = 1 mm, $L$ = 0.2 m"
     more = {"stiffness [N/m^1.5]": 2.5e9, "roll_amplitude [rad]": np.radians(0.2), "wavelengths [m]": [10.0, 12.0]}
-    first, second = plots.case_title(ds.assign_attrs(more), full=True).splitlines()
-    assert first == plots.case_title(ds)
+    first, second = case_title(ds.assign_attrs(more), full=True).splitlines()
+    assert first == case_title(ds)
     assert second == r"$K$ = 2.5e+09 N/m$^{1.5}$, $c_r$ = 0.9, $A_R$ = 0.2°, $L_X$ = 10 and 12 m"
-    assert plots.case_title(xr.Dataset()) == plots.case_title(xr.Dataset(), full=True) == ""
+    assert case_title(xr.Dataset()) == case_title(xr.Dataset(), full=True) == ""
     varied = xr.Dataset(coords={"speed": [1.0, 2.0]}, attrs={"clearance [m]": 2e-3})
-    assert plots.case_title(varied) == "$C$ = 2 mm"
+    assert case_title(varied) == "$C$ = 2 mm"
     for one in (varied.isel(speed=1), varied.isel(speed=[1])):  # a grid of one value has a dimension
-        assert plots.case_title(one) == "$V$ = 2 m/s, $C$ = 2 mm"
+        assert case_title(one) == "$V$ = 2 m/s, $C$ = 2 mm"
 
 
 TITLE = {"length [m]": 0.2}
@@ -463,10 +464,10 @@ WRONG = [
     (lambda ds: plots.instant(ds, last="all"), "`last` must be positive"),
     (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be real numbers"),
     (lambda ds: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
-    (lambda ds: plots.axis_label(ds), "`name` must be the name of a quantity"),
-    (lambda ds: plots.case_title(3), "`ds` must be a dataset of a run"),
-    (lambda ds: plots.png(3, 100), "`figure` must be a figure of matplotlib"),
-    (lambda ds: plots.png(plt.figure(), "fine"), "`dpi` must be positive"),
+    (lambda ds: axis_label(ds), "`name` must be the name of a quantity"),
+    (lambda ds: case_title(3), "`ds` must be a dataset of a run"),
+    (lambda ds: png(3, 100), "`figure` must be a figure of matplotlib"),
+    (lambda ds: png(plt.figure(), "fine"), "`dpi` must be positive"),
 ]
 
 

@@ -8,6 +8,7 @@ from matplotlib.colors import to_hex
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.plots.runs import peak_of
+from slipperjax.plots.style import COLORS
 
 from .shown import check_legend_fits, drawn, legend, marked
 
@@ -125,7 +126,7 @@ def test_a_run_s_status_and_its_varied_speed():
     ds = made(status=2).rename(speed="speed_along").assign_coords(speed=100.0)
     title = plots.run_overview(ds)[0].figure._suptitle
     assert title.get_text().startswith("$V$ = 100 m/s\nstatus: derailed")
-    assert to_hex(title.get_color()) == plots.COLORS["red"]
+    assert to_hex(title.get_color()) == COLORS["red"]
 
 
 def test_a_run_is_one():
@@ -157,7 +158,7 @@ def test_windows_are_drawn_over_their_speed_by_the_way_it_goes():
         assert 300 <= len(way) <= 301
         assert np.all(sign * np.diff(way[:, 0]) >= 0)
         np.testing.assert_allclose(way[:, 1], 1e-2 * way[:, 0])
-    assert [to_hex(line.get_color()) for line in ax.lines] == [plots.COLORS[name] for name in ("red", "blue")]
+    assert [to_hex(line.get_color()) for line in ax.lines] == [COLORS[name] for name in ("red", "blue")]
     check_legend_fits(ax)
 
 

@@ -113,6 +113,6 @@ def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
     assert len(panels) == 5
     assert not any(ax.get_legend() for ax in panels)
     entries = {text.get_text() for text in spare.get_legend().get_texts()}
-    assert entries >= {"period 1", "period 2", "stable", "unstable", "LP fold", "PD flip", "GR grazing"}
+    assert entries >= {"period 1, stable", "period 2, unstable", "LP fold", "PD flip", "GR grazing"}
     top = panels[0]
     assert {line.get_color() for line in top.lines if line.get_linestyle() == "-"} == {COLORS["blue"], COLORS["red"]}
