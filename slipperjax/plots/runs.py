@@ -80,7 +80,8 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
         axes = grid[:, 0]
         if scene is not None:
             # many more places than pixels, so that short waves keep their height
-            places = np.linspace(*edges_of(ds, "distance")[[0, -1]], 1 << 16)
+            begin, end = edges_of(ds, "distance")[[0, -1]]
+            places = np.linspace(begin, end, 1 << 16)
             draw_irregularity(axes[0], check_scene(scene), places)
         # what the dataset has, below the rail
         for ax, draw in zip(axes[rows - len(draws) :], draws, strict=True):
