@@ -110,10 +110,9 @@ def _run_members(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
     courses = plan.of_courses
-    exponents = plan.indices(exponents=True)
     # all numbers of courses as one record
     records = RecordSet((PeriodValues(courses),) if courses else ())
-    stages = tuple(plan.objectives[k] for k in exponents)
+    stages = tuple(plan.objectives[k] for k in plan.exponents)
     ensemble = plan.ensemble
     options = Call(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
     cases = Grid(plan.scene, grid, product=False)
@@ -128,8 +127,8 @@ def _run_members(
         values = np.empty((len(run.status), len(plan.objectives)))
         if courses:
             kept = jax.tree.map(jnp.asarray, run.record[0])
-            values[:, plan.indices(exponents=False)] = totals(courses, kept)
-        for k, record in zip(exponents, run.record[bool(courses) :], strict=True):
+            values[:, plan.courses] = totals(courses, kept)
+        for k, record in zip(plan.exponents, run.record[bool(courses) :], strict=True):
             values[:, k] = record.exponent
         return _RunValues(values, run.status)
 

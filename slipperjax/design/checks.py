@@ -16,6 +16,7 @@ from ..sweeps.attractors import LAST
 from ..sweeps.records import LEAST_PERIODS, MotionKind
 from ..sweeps.sweep import sweep
 from ..tools.checks import number, positive, require, whole
+from ..tools.columns import column
 from .optimise import Design
 from .problem import Problem
 
@@ -49,8 +50,8 @@ def surroundings(
     problem = design.problem
     count = whole("points", points, 1) | 1
     far = number(positive, "width", width)
-    # around each variable, its own value included
     grid: dict[str, Any] = {}
+    # around each variable, its own value included
     for name, (low, high) in problem.bounds.items():
         around = design.design[name] + far * (high - low) * np.linspace(-1, 1, count)
         grid[name] = np.unique(np.clip(around, low, high))
@@ -99,11 +100,10 @@ def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset
     # the smooth form may be the objective itself
     for one in (problem.objective, problem.objective.smooth):
         k = problem.index(one)
-        words = {"units": one.quantity.unit, "long_name": f"standard error of {one.name}"}
         value = evaluation.value[:, k].reshape(shape)
         stderr = evaluation.stderr[:, k].reshape(shape)
         ds[one.name] = (dims, value, one.quantity.attributes)
-        ds[f"{one.name}_stderr"] = (dims, stderr, words)
+        ds[f"{one.name}_stderr"] = column(dims, stderr, one.quantity.unit, f"standard error of {one.name}")
     return ds
 
 
@@ -161,8 +161,8 @@ def event_margins(
     require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative", "unit")
     ds = xr.Dataset()
-    for name, column in zip(fields, zip(*rows, strict=True), strict=True):
-        ds[name] = ("margin", list(column))
+    for name, values in zip(fields, zip(*rows, strict=True), strict=True):
+        ds[name] = ("margin", list(values))
     ds["value"].attrs["long_name"] = "parameter at the event, in the unit of each row"
     ds["change"].attrs["long_name"] = "distance to the event, in the unit of each row"
     ds["relative"].attrs["long_name"] = "distance to the event over the parameter's value"
@@ -194,16 +194,8 @@ def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, flo
     for side, last in ((-1, 0), (1, len(along) - 1)):
         neighbour = along[min(max(begin + side, 0), len(along) - 1)]
         direction = int(np.sign(neighbour - value)) or side
-        met = []
-        for event in branch.events:
-            if event.label in EVENTS and (event.point - begin) * side > 0:
-                met.append(event)
+        met = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
+        first = min(met, key=lambda event: abs(event.point - begin), default=None)
         # without an event the branch's own end stands
-        label = ""
-        end = along[last]
-        if met:
-            first = min(met, key=lambda event: abs(event.point - begin))
-            label = first.label
-            end = first.value
-        events.append((direction, label, float(end)))
+        events.append((direction, first.label, first.value) if first else (direction, "", float(along[last])))
     return events

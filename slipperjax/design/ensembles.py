@@ -1,7 +1,7 @@
 """Ensembles of runs around a design: their sizes, their rails, and the planes through their values."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -22,13 +22,6 @@ class Plane(NamedTuple):
     stderr: Float[np.ndarray, " objectives"]
     slope: Float[np.ndarray, "objectives parameters"]
     slope_stderr: Float[np.ndarray, "objectives parameters"]
-
-    @classmethod
-    def unknown(cls, objectives: int, parameters: int) -> "Plane":
-        """Return the plane of too few runs."""
-        value = np.full(objectives, np.nan)
-        slope = np.full((objectives, parameters), np.nan)
-        return cls(value, value, slope, slope)
 
 
 @dataclass(frozen=True)
@@ -66,17 +59,38 @@ class EnsembleSettings:
 
     def fit(
         self,
-        corners: np.ndarray,
-        values: np.ndarray,
+        corners: Float[np.ndarray, "corners parameters"],
+        values: Float[np.ndarray, "corners runs objectives"],
         kept: np.ndarray,
     ) -> Plane:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
-        **Arguments:** `corners`: shape (corners, parameters), from the design in multiples of the reach; `values`:
-        shape (corners, runs, objectives); `kept`: whether each run stayed on the rail, shape (corners, runs).
+        **Arguments:** `corners`: from the design, in multiples of the reach; `kept`: whether each run stayed on the
+        rail, shape (corners, runs).
         """
-        signs = np.repeat(corners, values.shape[1], axis=0)
-        return fit_plane(signs, values.reshape(len(signs), -1), kept.ravel())
+        _, runs, objectives = values.shape
+        rows = values.reshape(-1, objectives)
+        used = kept.ravel() & np.all(np.isfinite(rows), axis=1)
+        system = np.column_stack([np.ones(len(rows)), np.repeat(corners, runs, axis=0)])
+        # a plane needs more runs than unknowns
+        if used.sum() <= system.shape[1]:
+            value = np.full(objectives, np.nan)
+            slope = np.full((objectives, corners.shape[1]), np.nan)
+            return Plane(value, value, slope, slope)
+        fits, stderr = self._planes(system, rows, used, runs)
+        return Plane(fits[:, 0], stderr[:, 0], fits[:, 1:], stderr[:, 1:])
+
+    def _planes(self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int) -> tuple[np.ndarray, Any]:
+        """Return planes (objectives, unknowns) and their standard errors, here by least squares."""
+        del runs
+        system = system[used]
+        planes, *_ = np.linalg.lstsq(system, rows[used], rcond=None)
+        left = rows[used] - system @ planes
+        # degrees of freedom that are left for the errors
+        freedom = len(system) - system.shape[1]
+        variance = np.sum(left**2, axis=0) / freedom
+        covariance = np.linalg.pinv(system.T @ system)
+        return planes.T, np.sqrt(np.diag(covariance)[:, None] * variance).T
 
 
 @dataclass(frozen=True)
@@ -112,20 +126,7 @@ class RailEnsemble(EnsembleSettings):
     def enough(self, share: float) -> bool:
         return super().enough(share) if self.quantile is None else share > self.quantile
 
-    def fit(
-        self,
-        corners: np.ndarray,
-        values: np.ndarray,
-        kept: np.ndarray,
-    ) -> Plane:
-        _, runs, objectives = values.shape
-        signs = np.repeat(corners, runs, axis=0)
-        rows = values.reshape(len(signs), -1)
-        used = kept.ravel() & np.all(np.isfinite(rows), axis=1)
-        system = np.column_stack([np.ones(len(signs)), signs])
-        # a plane needs more runs than unknowns
-        if used.sum() <= system.shape[1]:
-            return Plane.unknown(objectives, corners.shape[1])
+    def _planes(self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int) -> tuple[np.ndarray, Any]:
         planes = []
         errors = []
         for column in rows.T:
@@ -135,7 +136,7 @@ class RailEnsemble(EnsembleSettings):
 
             # a rail is drawn with its runs at all corners
             def plane(weights, column=column):
-                of_runs = np.tile(weights, len(corners))
+                of_runs = np.tile(weights, len(column) // runs)
                 if self.quantile is None:
                     return mean_plane(system, column, of_runs * used)
                 return quantile_plane(system, column, self.quantile, of_runs)
@@ -143,9 +144,7 @@ class RailEnsemble(EnsembleSettings):
             found, drawn = bootstrap(plane, runs)
             planes.append(found)
             errors.append(drawn.std(axis=0, ddof=1))
-        fits = np.array(planes)
-        stderr = np.array(errors)
-        return Plane(fits[:, 0], stderr[:, 0], fits[:, 1:], stderr[:, 1:])
+        return np.array(planes), np.array(errors)
 
 
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
@@ -185,23 +184,3 @@ def box_corners(parameters: int) -> Float[np.ndarray, "corners parameters"]:
     """
     count = 2 ** int(parameters).bit_length()
     return -scipy.linalg.hadamard(count)[:, parameters:0:-1].astype(float)
-
-
-def fit_plane(
-    signs: Float[np.ndarray, "members parameters"],
-    values: Float[np.ndarray, "members objectives"],
-    kept: np.ndarray,
-) -> Plane:
-    """Fit planes through `values` over `signs` by least squares, to the members that are `kept` and finite."""
-    used = kept & np.all(np.isfinite(values), axis=1)
-    # degrees of freedom that are left for the errors
-    freedom = used.sum() - signs.shape[1] - 1
-    if freedom < 1:
-        return Plane.unknown(values.shape[1], signs.shape[1])
-    system = np.column_stack([np.ones(used.sum()), signs[used]])
-    plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
-    left = values[used] - system @ plane
-    variance = np.sum(left**2, axis=0) / freedom
-    covariance = np.linalg.pinv(system.T @ system)
-    stderr = np.sqrt(np.diag(covariance)[:, None] * variance)
-    return Plane(plane[0], stderr[0], plane[1:].T, stderr[1:].T)

@@ -26,7 +26,7 @@ from ..solvers.latching import calls_lapack
 from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.call import Call
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
-from ..sweeps.orbits import Maps, Orbits, find_orbits, rows_of
+from ..sweeps.orbits import Maps, find_orbits, rows_of
 from ..sweeps.plan import Chunk, OnProgress, Part, Plan, make_plan
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import run_chunk, run_chunks
@@ -151,41 +151,38 @@ class _Batch:
         self,
         period: np.ndarray,
         inverse: np.ndarray | None = None,
-    ) -> Orbits:
-        """Find periodic orbits near the states, of cases whose `period` is not 0."""
-        maps = self.maps(period)
-        states = maps.states(self.cases.state)
-        orbits = find_orbits(maps, states, tolerance=TOLERANCE, max_iterations=20, inverse=inverse)
-        cost = orbits.iterations + JACOBIAN * orbits.jacobians
-        self.cases.simulated[:] += period * cost
-        return orbits
+    ) -> None:
+        """Find periodic orbits near the states, of cases whose `period` is not 0; the stable ones are their motions.
 
-    def adopt(self, orbits: Orbits, period: np.ndarray) -> None:
-        """Take the stable ones of the orbits of cases whose `period` is not 0 as their motions."""
+        **Arguments:** `inverse`: those of a warm start, whose orbits must be near the states.
+        """
         cases = self.cases
-        stable = (period > 0) & (orbits.status == Status.FINITE) & orbits.stable
-        cases.period[stable] = period[stable]
-        cases.kind[stable] = Regime.PERIODIC
-        cases.state[stable] = rows_of(orbits.state)[stable]
-        cases.inverse[stable] = orbits.inverse[stable]
-        cases.multiplier[stable] = np.abs(orbits.multipliers[stable, 0])
+        maps = self.maps(period)
+        states = maps.states(cases.state)
+        orbits = find_orbits(maps, states, tolerance=TOLERANCE, max_iterations=20, inverse=inverse)
+        cases.simulated[:] += period * (orbits.iterations + JACOBIAN * orbits.jacobians)
+        rows = rows_of(orbits.state)
+        found = (period > 0) & (orbits.status == Status.FINITE) & orbits.stable
+        if inverse is not None:
+            weights = maps.weights(np.arange(len(rows)), rows)
+            moved = np.abs(weights * (rows - cases.state))[:, : len(MOTION_NUMBERS)]
+            # an orbit further away than one unit of the scales is another one
+            found &= np.max(moved, axis=1) <= 1.0
+        cases.period[found] = period[found]
+        cases.kind[found] = Regime.PERIODIC
+        cases.state[found] = rows[found]
+        cases.inverse[found] = orbits.inverse[found]
+        cases.multiplier[found] = np.abs(orbits.multipliers[found, 0])
 
     def follow(self, warm_start: Evaluation) -> None:
         """Follow the orbits of a warm start to these parameters."""
         # lost cases keep their start
         state = self.cases.state
-        every = np.arange(len(state))
         finite = np.all(np.isfinite(warm_start.state), axis=1)
         state[finite] = warm_start.state[finite]
         # gaps change with the parameters, so that the contacts' memory must be made to agree with them
-        state[:] = self.maps(self.cases.period).settled(every, state, state)
-        period = np.where(finite, warm_start.period, 0)
-        orbits = self.find_orbits(period, warm_start.inverse)
-        rows = rows_of(orbits.state)
-        # an orbit further away than one unit of the scales is another one
-        weights = self.maps(period).weights(every, rows)
-        moved = np.abs(weights * (rows - state))[:, : len(MOTION_NUMBERS)]
-        self.adopt(orbits, np.where(np.max(moved, axis=1) <= 1.0, period, 0))
+        state[:] = self.maps(self.cases.period).settled(np.arange(len(state)), state, state)
+        self.find_orbits(np.where(finite, warm_start.period, 0), warm_start.inverse)
 
     def settle(self, index: np.ndarray, transient: Plan) -> None:
         """Simulate cases until they have settled, and find the orbits that they have reached."""
@@ -212,7 +209,7 @@ class _Batch:
         period = np.zeros(len(cases.state), int)
         period[index] = reached.period[:count]
         if period.any():
-            self.adopt(self.find_orbits(period), period)
+            self.find_orbits(period)
         # the others are only classified
         others = np.flatnonzero(cases.period[index] == 0)
         if len(others):
@@ -233,7 +230,7 @@ class _Batch:
         slopes = np.einsum("cij,ckj->cki", cases.inverse, slopes)
         spans = self.pushed(slopes)
         self.set_totals(index, spans)
-        if self.plan.indices(exponents=True):
+        if self.plan.exponents:
             self.set_exponents(index, slopes, spans)
         cases.simulated[index] += 2 * SLOPES_COST * cases.period[index]
 
@@ -280,18 +277,16 @@ class _Batch:
         """Set objectives of the cases at `index` over their periods, and their derivatives, but no exponents."""
         plan = self.plan
         cases = self.cases
-        courses = plan.indices(exponents=False)
-        for lane in index if courses else ():
-            # a case counts over its own periods, which others may exceed
-            own = spans[: int(cases.period[lane])]
-            # periods lie along axis 0 of a case's values and axis 1 of their derivatives
-            values_of = functools.partial(_of_lane, lane, 0)
-            slopes_of = functools.partial(_of_lane, lane, 1)
-            kept = jax.tree.map(values_of, *(span.kept for span in own))
-            slopes = jax.tree.map(slopes_of, *(span.kept_slopes for span in own))
+        stacked = lambda axis, parts: jax.tree.map(lambda *of: np.stack(of, axis), *parts)
+        # a case counts over its own periods, which others may exceed
+        for period in np.unique(cases.period[index]) if plan.courses else ():
+            own = spans[:period]
+            kept = stacked(1, [span.kept for span in own])
+            slopes = stacked(2, [span.kept_slopes for span in own])
             value, gradient = total_slopes(plan.of_courses, kept, slopes)
-            cases.value[lane, courses] = value[0]
-            cases.gradient[lane, courses] = gradient[0]
+            lanes = index[cases.period[index] == period]
+            cases.value[lanes[:, None], plan.courses] = value[lanes]
+            cases.gradient[lanes[:, None], plan.courses] = gradient[lanes]
 
     def set_exponents(
         self,
@@ -327,14 +322,8 @@ class _Batch:
         for lane, matrices in zip(index, jacobians, strict=True):
             of_case = np.stack([change[lane] for change in changes[: cases.period[lane]]])
             value, gradient = _exponent(matrices, of_case)
-            for k in plan.indices(exponents=True):
-                cases.value[lane, k] = value
-                cases.gradient[lane, k] = gradient
-
-
-def _of_lane(lane: int, axis: int, *arrays: np.ndarray) -> np.ndarray:
-    """Return the rows of one lane in the arrays of several periods, stacked along `axis`, as a batch of one."""
-    return np.stack([array[lane] for array in arrays], axis=axis)[None]
+            cases.value[lane, plan.exponents] = value
+            cases.gradient[lane, plan.exponents] = gradient
 
 
 def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:

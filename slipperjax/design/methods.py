@@ -5,6 +5,7 @@ Designs are points of the unit box. Each start moves on its own; their trials ar
 
 import abc
 import dataclasses
+from collections.abc import Generator
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -54,90 +55,19 @@ class CaseValues(NamedTuple):
         return self.total + VIOLATION_PRICE * size * self.violation
 
 
-@dataclasses.dataclass
-class AbstractMove(abc.ABC):
-    """A start on its way through the unit box."""
-
-    at: Float[np.ndarray, " parameters"]
-    values: CaseValues
-    size: float
-    """Magnitude of the objective at the first design."""
-    finished: bool = dataclasses.field(default=False, kw_only=True)
-
-    @abc.abstractmethod
-    def propose(self) -> Float[np.ndarray, " parameters"]:
-        """Return the design to try next."""
-
-    @abc.abstractmethod
-    def update(
-        self,
-        at: Float[np.ndarray, " parameters"],
-        values: CaseValues,
-    ) -> bool:
-        """Accept or reject the design that was tried, and return whether it was accepted."""
-
-
 class AbstractMethod(abc.ABC):
     """A way to move designs."""
 
     @abc.abstractmethod
-    def start(self, at: np.ndarray, values: CaseValues) -> AbstractMove:
-        """Return the move that begins at a design with its values."""
+    def moves(
+        self,
+        at: Float[np.ndarray, " parameters"],
+        values: CaseValues,
+    ) -> Generator[Any, Any, None]:
+        """Yield in turn a design to try and, once its values were sent, whether it is taken, until no way leads on.
 
-
-class _Curvature(NamedTuple):
-    """Differences of a rejected trial from the linear predictions."""
-
-    value: np.ndarray
-    excess: np.ndarray
-
-
-@dataclasses.dataclass
-class _TrustRegionMove(AbstractMove):
-    radius: float
-    least: float
-    predicted: float = 0.0
-    """Predicted fall of the merit by the last trial."""
-    curvature: _Curvature | None = None
-    """Of the last trial, if it was the first of its size and rejected."""
-
-    def propose(self):
-        at, self.predicted = _linear_step(
-            self.at,
-            self.values,
-            self.radius,
-            self.size,
-            self.curvature,
-        )
-        # nothing more to gain by first order
-        if self.curvature is None and not self.predicted > 1e-9 * self.size:
-            self.finished = True
-        return at
-
-    def update(self, at, values):
-        # the share of the predicted fall that came true
-        fall = self.values.merit(self.size) - values.merit(self.size)
-        share = -np.inf
-        if np.isfinite(fall) and self.predicted > 0:
-            share = fall / self.predicted
-        accepted = share > 0.1
-        finite = np.all(np.isfinite(values.value)) and np.all(np.isfinite(values.excess))
-        # a second trial of the same size allows for the curvature of the first
-        if not accepted and self.curvature is None and finite:
-            move = at - self.at
-            value = values.value - self.values.value - self.values.slope @ move
-            excess = values.excess - self.values.excess - self.values.excess_slope @ move
-            self.curvature = _Curvature(np.nan_to_num(value), np.nan_to_num(excess))
-            return False
-        self.curvature = None
-        if accepted:
-            self.at = at
-            self.values = values
-        # the region grows where predictions were good, and shrinks where they were not
-        self.radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
-        self.radius = min(self.radius, 0.3)
-        self.finished |= self.radius < self.least
-        return accepted
+        **Arguments:** `at`: where the way begins, with its `values`.
+        """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,34 +89,70 @@ class TrustRegion(AbstractMethod):
         number(positive, "radius", self.radius)
         number(positive, "least", self.least)
 
-    def start(self, at, values):
-        return _TrustRegionMove(at, values, values.size, self.radius, self.least)
+    def moves(self, at, values):
+        size = values.size
+        radius = self.radius
+        while radius >= self.least:
+            trial, predicted = _linear_step(at, values, values, radius, size)
+            # nothing more to gain by first order
+            if not predicted > 1e-9 * size:
+                return
+            found = yield trial
+            share = _true_share(values, found, predicted, size)
+            # a second trial of the same size allows for the curvature of the first
+            if share <= 0.1 and np.all(np.isfinite(found.value)) and np.all(np.isfinite(found.excess)):
+                yield False
+                curved = _with_curvature(values, found, trial - at)
+                trial, predicted = _linear_step(at, values, curved, radius, size)
+                found = yield trial
+                share = _true_share(values, found, predicted, size)
+            yield share > 0.1
+            if share > 0.1:
+                at = trial
+                values = found
+            # the region grows where predictions were good, and shrinks where they were not
+            radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
+            radius = min(radius, 0.3)
+
+
+def _true_share(
+    values: CaseValues,
+    found: CaseValues,
+    predicted: float,
+    size: float,
+) -> float:
+    """Return the share of the predicted fall of the merit that came true."""
+    fall = values.merit(size) - found.merit(size)
+    return fall / predicted if np.isfinite(fall) and predicted > 0 else -np.inf
+
+
+def _with_curvature(values: CaseValues, found: CaseValues, move: np.ndarray) -> CaseValues:
+    """Return values at a design with what a trial found there beyond the linear prediction added."""
+    value = found.value - values.value - values.slope @ move
+    excess = found.excess - values.excess - values.excess_slope @ move
+    return values._replace(value=values.value + np.nan_to_num(value), excess=values.excess + np.nan_to_num(excess))
 
 
 def _linear_step(
     at: np.ndarray,
     values: CaseValues,
+    curved: CaseValues,
     radius: float,
     size: float,
-    curvature: _Curvature | None,
 ) -> tuple[np.ndarray, float]:
     """Solve the linearised problem; return the design to try and the predicted fall of the merit.
 
     Unknowns are the step, the bound of the objective, and one slack of all constraints.
 
-    **Arguments:** `curvature`: additions to each case of a worst-case objective, and to constraints.
+    **Arguments:** `curved`: values with an allowance for curvature in each case of a worst-case objective, and in
+    constraints.
     """
-    value = values.value
-    excess = values.excess
-    if curvature is not None:
-        value = value + curvature.value
-        excess = excess + curvature.excess
     # cases and constraints without a value have no row
     finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
     usable = np.isfinite(values.excess) & np.all(np.isfinite(values.excess_slope), axis=1)
-    value = value[finite]
+    value = curved.value[finite]
     slope = values.slope[finite]
-    excess = excess[usable]
+    excess = curved.excess[usable]
     excess_slope = values.excess_slope[usable]
     if values.weight is not None:
         value = np.array([values.total])
@@ -210,35 +176,6 @@ def _linear_step(
     return np.clip(at + move, 0.0, 1.0), float(fall)
 
 
-@dataclasses.dataclass
-class _DescentMove(AbstractMove):
-    optimiser: Any
-    state: Any
-    left: int
-
-    def propose(self):
-        values = self.values
-        slope = _total_slope(values) / self.size
-        # a violated constraint adds its own slope at its price
-        if values.violation > 0 and len(values.excess):
-            worst = int(np.argmax(values.excess))
-            slope = slope + VIOLATION_PRICE * values.excess_slope[worst]
-        at = jnp.asarray(self.at)
-        update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, at)
-        moved = optax.apply_updates(at, update)
-        return np.asarray(optax.projections.projection_box(moved, 0.0, 1.0))
-
-    def update(self, at, values):
-        self.left -= 1
-        # a start that loses the motion ends
-        finite = np.isfinite(values.total) and np.all(np.isfinite(_total_slope(values)))
-        if finite:
-            self.at = at
-            self.values = values
-        self.finished |= not finite or self.left <= 0
-        return bool(finite)
-
-
 def _total_slope(values: CaseValues) -> np.ndarray:
     """Return a derivative of the total: that of the worst case, or the mean."""
     if values.weight is None:
@@ -259,8 +196,23 @@ class Descent(AbstractMethod):
         require(good, "optimiser", "be an optax.GradientTransformation", self.optimiser)
         whole("steps", self.steps, 1)
 
-    def start(self, at, values):
+    def moves(self, at, values):
+        size = values.size
         rate = optax.exponential_decay(0.05, self.steps, 0.02)
         optimiser = self.optimiser or optax.adam(rate)
         state = optimiser.init(jnp.asarray(at))
-        return _DescentMove(at, values, values.size, optimiser, state, self.steps)
+        for _ in range(self.steps):
+            slope = _total_slope(values) / size
+            # a violated constraint adds its own slope at its price
+            if values.violation > 0 and len(values.excess):
+                worst = int(np.argmax(values.excess))
+                slope = slope + VIOLATION_PRICE * values.excess_slope[worst]
+            update, state = optimiser.update(jnp.asarray(slope), state, jnp.asarray(at))
+            moved = optax.apply_updates(jnp.asarray(at), update)
+            at = np.asarray(optax.projections.projection_box(moved, 0.0, 1.0))
+            values = yield at
+            # a start that loses the motion ends
+            finite = bool(np.isfinite(values.total) and np.all(np.isfinite(_total_slope(values))))
+            yield finite
+            if not finite:
+                return

@@ -98,9 +98,15 @@ class EvaluationPlan:
         """Forcing periods from distance zero to where runs begin."""
         return float(self.scene.epoch_at(self.scene.track.origin))
 
-    def indices(self, *, exponents: bool) -> list[int]:
-        """Return the indices of the exponents among the objectives, or of all others."""
-        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent) == exponents]
+    @property
+    def exponents(self) -> list[int]:
+        """Indices of the exponents among the objectives."""
+        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent)]
+
+    @property
+    def courses(self) -> list[int]:
+        """Indices of `of_courses` among the objectives."""
+        return [self.objectives.index(one) for one in self.of_courses]
 
 
 class Evaluation(NamedTuple):

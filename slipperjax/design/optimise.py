@@ -3,10 +3,11 @@
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
+import jax
 import numpy as np
 import xarray as xr
 
@@ -18,10 +19,11 @@ from ..model.parameters import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, warn, whole
+from ..tools.columns import column
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
 from .ensembles import EnsembleSettings
-from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion
+from .methods import AbstractMethod, CaseValues, TrustRegion
 from .objectives import Evaluation, Objective
 from .problem import Problem, checked_problem, first_designs, spread_designs
 
@@ -47,7 +49,7 @@ class Design:
     variable and `gradient_stderr`, on orbits what half the step changes; `step_change` [1] of `smooth` by half the
     step, on orbits and over rails; `regime`, `multiplier`, `status`, `constraint`."""
     starts: xr.Dataset
-    """Over the starts: first and last design, and objective, violation and convergence of the last."""
+    """Over the starts: the last design that was taken, and its objective, violation and convergence."""
     history: xr.Dataset
     """Along `trial`: start, design, smooth objective, violation, whether it was taken, objective and regime in each
     case, and forcing periods simulated until then."""
@@ -81,8 +83,8 @@ class Design:
         values = self.starts["smooth"].values
         lowest = float(self.starts["smooth"].min())
         # within 0.5 % of the objective, and further apart than 2 % of the box
-        ends = self.starts["end_unit"].values[values <= lowest + 0.005 * abs(lowest)]
-        return bool(np.any(np.ptp(ends, axis=0) > 0.02))
+        ends = self.starts["end"].values[values <= lowest + 0.005 * abs(lowest)]
+        return bool(np.any(np.ptp(ends, axis=0) > 0.02 * self.problem.width))
 
     @property
     def scene(self) -> Scene:
@@ -120,12 +122,12 @@ class Design:
         names = problem.names
         best = [self.design[name] for name in names]
         units = [parameter(name, problem.scene).unit for name in names]
-        words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
+        each = "in the unit of each variable"
         variables = xr.Dataset(
             {
-                "design": ("variable", best, words("best design")),
-                "low": ("variable", problem.low, words("lower bound")),
-                "high": ("variable", problem.low + problem.width, words("upper bound")),
+                "design": column("variable", best, "", f"best design, {each}"),
+                "low": column("variable", problem.low, "", f"lower bound, {each}"),
+                "high": column("variable", problem.low + problem.width, "", f"upper bound, {each}"),
             },
             {"variable": list(names), "variable_unit": ("variable", units)},
         )
@@ -246,9 +248,9 @@ def optimise_design(
     # most searches compile six programs
     name = f"design for {problem.objective.name}"
     with progress_bar(progress, programs=6, desc=name, unit=" trials") as bar:
-        search = _Search(problem, method, bar)
+        search = _Search(problem, bar)
         try:
-            search.run(designs, count, fixed, limit)
+            search.run(method, designs, count, fixed, limit)
         except KeyboardInterrupt:
             best = search.result(checked=False) if search.trials else None
             raise Interrupted(best, len(search.trials), unit="trials") from None
@@ -269,19 +271,18 @@ class Trial(NamedTuple):
 class _Search:
     """Several starts on their way, judged together."""
 
-    def __init__(self, problem: Problem, method: AbstractMethod, bar: Any):
+    def __init__(self, problem: Problem, bar: Any):
         self.problem = problem
-        self.method = method
         self.bar = bar
-        self.moves: list[AbstractMove] = []
+        self.moves: dict[int, Generator] = {}  # of the starts that move
         self.trials: list[Trial] = []
-        self.latest: dict[int, Trial] = {}  # the last one that each start accepted
         self.simulated = 0.0
         # on rails the last designs are judged along rails that the search has not seen
         self.unseen = problem.with_seed(problem.ensemble.seed + 1) if problem.on_rails else problem
 
     def run(
         self,
+        method: AbstractMethod,
         designs: np.ndarray,
         count: int,
         fixed: int,
@@ -295,29 +296,30 @@ class _Search:
         violation = np.array([values.violation for values, _ in judged])
         order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
-            values, evaluation = judged[k]
-            move = self.method.start(designs[k], values)
             # there is no way on from a design without a motion
-            move.finished = not np.isfinite(values.total)
-            self.moves.append(move)
-            self._add(Trial(start, designs[k], values, evaluation, True, self.simulated))
+            if np.isfinite(total[k]):
+                self.moves[start] = method.moves(designs[k], judged[k][0])
+            self._add(start, designs[k], judged[k], True)
+        proposed = self._proposed()
         for _ in range(rounds):
-            proposed = {}
-            for k, move in enumerate(self.moves):
-                at = None if move.finished else move.propose()
-                # a move may find that it has ended while it proposes
-                if not move.finished:
-                    proposed[k] = at
             if not proposed:
                 break
             # orbits are followed from the last accepted trials
-            latest = [self.latest[k].evaluation for k in proposed]
-            arrays = [np.concatenate(parts) for parts in zip(*latest, strict=True)]
-            designs = np.stack(list(proposed.values()))
-            judged = self._judge(self.problem, designs, Evaluation(*arrays))
-            for (k, at), (values, evaluation) in zip(proposed.items(), judged, strict=True):
-                accepted = self.moves[k].update(at, values)
-                self._add(Trial(k, at, values, evaluation, accepted, self.simulated))
+            latest = self._latest()
+            evaluations = [latest[k].evaluation for k in proposed]
+            warm_start = jax.tree.map(lambda *parts: np.concatenate(parts), *evaluations)
+            judged = self._judge(self.problem, np.stack(list(proposed.values())), warm_start)
+            for (k, at), one in zip(proposed.items(), judged, strict=True):
+                self._add(k, at, one, self.moves[k].send(one[0]))
+            proposed = self._proposed()
+
+    def _proposed(self) -> dict[int, np.ndarray]:
+        """Return the next design of each start that moves."""
+        proposed = {k: next(move, None) for k, move in self.moves.items()}
+        # the others have ended
+        proposed = {k: at for k, at in proposed.items() if at is not None}
+        self.moves = {k: self.moves[k] for k in proposed}
+        return proposed
 
     def _judge(
         self, problem: Problem, designs: np.ndarray, warm_start: Evaluation | None
@@ -330,48 +332,54 @@ class _Search:
         of_designs = [evaluation.take(cases) for cases in index]
         return [(problem.case_values(one), one) for one in of_designs]
 
-    def _add(self, trial: Trial) -> None:
+    def _add(
+        self,
+        start: int,
+        at: np.ndarray,
+        judged: tuple[CaseValues, Evaluation],
+        taken: bool,
+    ) -> None:
         """Add a trial and show it."""
-        self.trials.append(trial)
-        if trial.taken:
-            self.latest[trial.start] = trial
+        self.trials.append(Trial(start, at, *judged, taken, self.simulated))
         q = self.problem.objective.quantity
-        moving = sum(not move.finished for move in self.moves)
         feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
         best = q.shown(min(feasible, default=np.nan))
-        text = f"{moving} starts move, lowest {best:.5g} {q.display_unit}"
+        text = f"{len(self.moves)} starts move, lowest {best:.5g} {q.display_unit}"
         self.bar.set_postfix_str(text, refresh=False)
         self.bar.update()
 
-    def _ends(self) -> list[Trial]:
-        """Return the last accepted trial of each start, on rails judged along those that the search has not seen."""
-        ends = list(self.latest.values())
-        if not self.problem.on_rails:
-            return ends
-        designs = np.stack([end.at for end in ends])
-        anew = []
-        for end, (values, evaluation) in zip(ends, self._judge(self.unseen, designs, None), strict=True):
-            anew.append(end._replace(values=values, evaluation=evaluation))
-        return anew
+    def _latest(self) -> dict[int, Trial]:
+        """Return the last trial that each start accepted."""
+        return {trial.start: trial for trial in self.trials if trial.taken}
 
-    def _with_half_step(self, trial: Trial, checked: bool) -> tuple[Evaluation, np.ndarray]:
-        """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits.
+    def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
+        """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits, and that
+        change of the smooth objective in each case [1]; NaN where motions from disturbed starts are averaged.
 
-        And that change of the smooth objective in each case [1]; NaN where motions from disturbed starts are
-        averaged, and where nothing is `checked`. Only the check counts as simulated.
+        Only the check counts as simulated. Gives a warning where the change is more than a tenth, and more than can
+        be the chance of rails: twice its error.
         """
         problem = self.problem
-        count = len(trial.evaluation.period)
-        evaluation = trial.evaluation._replace(simulated=np.zeros(count))
+        evaluation = trial.evaluation
         on_orbit = evaluation.period > 0
         # averages from disturbed starts change by chance
-        if not checked or not (problem.on_rails or on_orbit.any()):
-            return evaluation, np.full(count, np.nan)
+        if not (problem.on_rails or on_orbit.any()):
+            return _unchecked(evaluation)
         finer = dataclasses.replace(self.unseen, steps=2 * problem.steps)
         half = finer.evaluate(trial.at[None], None if problem.on_rails else evaluation)
+        at = problem.index(problem.objective.smooth)
+        value = evaluation.value[:, at]
+        change = half.value[:, at] / value - 1
         # another orbit is no error of this one
         compared = (on_orbit | problem.on_rails) & (half.period == evaluation.period)
-        change = _relative_change(problem, evaluation, half, compared)
+        known = compared & np.isfinite(change)
+        change = np.where(known, change, np.nan)
+        chance = np.nan_to_num(np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value))
+        status = with_accuracy(evaluation.status[known], np.abs(change[known]), chance[known])
+        if np.any(status == Status.INACCURATE):
+            worst = float(change[np.nanargmax(np.abs(change))])
+            text = f"half the step changes the objective by {100 * worst:.2g} %."
+            warn(f"Argument `steps_per_period` should be more: {text}")
         # errors over rails are those of their chance
         rows = (compared & on_orbit)[:, None]
         value_error = np.abs(half.value - evaluation.value)
@@ -386,13 +394,17 @@ class _Search:
     def result(self, checked: bool = True) -> Design:
         """Return the best design until now: the lowest objective among those that violate least.
 
-        **Arguments:** `checked`: whether it is judged again with steps half as long, for its errors on orbits.
+        **Arguments:** `checked`: whether it is judged again with steps half as long, for its errors on orbits, and on
+        rails along those that the search has not seen.
         """
         problem = self.problem
-        ends = self._ends() if checked else list(self.latest.values())
+        ends = list(self._latest().values())
+        if checked and problem.on_rails:
+            judged = self._judge(self.unseen, np.stack([end.at for end in ends]), None)
+            ends = [Trial(end.start, end.at, *one, True, 0.0) for end, one in zip(ends, judged, strict=True)]
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values = best.values
-        evaluation, change = self._with_half_step(best, checked)
+        evaluation, change = self._with_half_step(best) if checked else _unchecked(best.evaluation)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         if problem.robust == "worst":
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
@@ -404,9 +416,12 @@ class _Search:
         elif values.violation > VIOLATED:
             status = "infeasible"
         else:
-            status = "converged" if self.moves[best.start].finished else "not converged"
+            status = "not converged" if best.start in self.moves else "converged"
         history = _history(problem, self.trials)
-        finished = [self.moves[end.start].finished for end in ends]
+        last = {trial.start: k for k, trial in enumerate(self.trials) if trial.taken}
+        starts = history[["design", "smooth", "violation"]].isel(trial=list(last.values()))
+        starts = starts.rename(trial="start", design="end")
+        starts["converged"] = ("start", [start not in self.moves for start in last])
         return Design(
             problem=problem,
             design=dict(zip(problem.names, problem.in_units(best.at).tolist(), strict=True)),
@@ -414,38 +429,16 @@ class _Search:
             smooth=values.total,
             stderr=float(stderr),
             cases=_cases(problem, evaluation, change),
-            starts=_starts(history, ends, finished),
+            starts=starts,
             history=history,
             status=status,
         )
 
 
-def _relative_change(
-    problem: Problem,
-    evaluation: Evaluation,
-    half: Evaluation,
-    compared: np.ndarray,
-) -> np.ndarray:
-    """Return by how much half the step changes the smooth objective of each case [1]; NaN where not `compared`.
-
-    Gives a warning where that is more than a tenth, and more than can be the chance of rails: twice its error.
-    """
-    at = problem.index(problem.objective.smooth)
-    value = evaluation.value[:, at]
-    ratio = half.value[:, at] / value
-    compared = compared & np.isfinite(ratio)
-    change = np.where(compared, ratio - 1, np.nan)
-    chance = np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value)
-    status = with_accuracy(
-        evaluation.status[compared],
-        np.abs(change[compared]),
-        np.nan_to_num(chance[compared]),
-    )
-    if np.any(status == Status.INACCURATE):
-        worst = float(change[np.nanargmax(np.abs(change))])
-        text = f"half the step changes the objective by {100 * worst:.2g} %."
-        warn(f"Argument `steps_per_period` should be more: {text}")
-    return change
+def _unchecked(evaluation: Evaluation) -> tuple[Evaluation, np.ndarray]:
+    """Return an evaluation for which nothing more was simulated, and unknown changes by half the step."""
+    count = len(evaluation.status)
+    return evaluation._replace(simulated=np.zeros(count)), np.full(count, np.nan)
 
 
 def _cases(
@@ -457,29 +450,27 @@ def _cases(
     q = problem.objective.quantity
     hard = problem.index(problem.objective)
     smooth = problem.index(problem.objective.smooth)
+    value = evaluation.value
+    stderr = evaluation.stderr
     slope = ("case", "variable")
     per = f"{q.unit} per SI unit of the variable"
-    of_smooth = _labels(problem.objective.smooth.quantity)
-    words = lambda text, unit=q.unit: {"units": unit, "long_name": text}
-    # dimensions, values and attributes of each variable
     data = {
-        "objective": ("case", evaluation.value[:, hard], _labels(q)),
-        "smooth": ("case", evaluation.value[:, smooth], of_smooth),
-        "stderr": ("case", evaluation.stderr[:, smooth], words("standard error of smooth")),
-        "step_change": ("case", change, words("relative change of smooth by half the step", "1")),
-        "objective_stderr": ("case", evaluation.stderr[:, hard], words("standard error of objective")),
-        "gradient": (slope, evaluation.gradient[:, smooth], words("derivative of smooth", per)),
-        "gradient_stderr": (slope, evaluation.gradient_stderr[:, smooth], words("standard error of gradient", per)),
-        "regime": ("case", evaluation.regime, {"long_name": "kind of motion"}),
-        "multiplier": ("case", evaluation.multiplier, words("largest multiplier's modulus", "1")),
-        "period": ("case", evaluation.period, words("forcing periods to recur, or 0", "1")),
-        "state": (("case", "number"), evaluation.state, {"long_name": "all numbers of the state"}),
-        "status": ("case", evaluation.status, {"long_name": "status"}),
-        "simulated": ("case", evaluation.simulated, words("simulated for the errors", "forcing periods")),
+        "objective": ("case", value[:, hard], _labels(q)),
+        "smooth": ("case", value[:, smooth], _labels(problem.objective.smooth.quantity)),
+        "stderr": column("case", stderr[:, smooth], q.unit, "standard error of smooth"),
+        "step_change": column("case", change, "1", "relative change of smooth by half the step"),
+        "objective_stderr": column("case", stderr[:, hard], q.unit, "standard error of objective"),
+        "gradient": column(slope, evaluation.gradient[:, smooth], per, "derivative of smooth"),
+        "gradient_stderr": column(slope, evaluation.gradient_stderr[:, smooth], per, "standard error of gradient"),
+        "regime": column("case", evaluation.regime, "", "kind of motion"),
+        "multiplier": column("case", evaluation.multiplier, "1", "largest multiplier's modulus"),
+        "period": column("case", evaluation.period, "1", "forcing periods to recur, or 0"),
+        "state": column(("case", "number"), evaluation.state, "", "all numbers of the state"),
+        "status": column("case", evaluation.status, "", "status"),
+        "simulated": column("case", evaluation.simulated, "forcing periods", "simulated for the errors"),
     }
     for one, _, _ in problem.constraints:
-        value = evaluation.value[:, problem.index(one)]
-        data[f"constraint_{one.name}"] = ("case", value, _labels(one.quantity))
+        data[f"constraint_{one.name}"] = ("case", value[:, problem.index(one)], _labels(one.quantity))
     coords: dict[str, Any] = {"variable": list(problem.names)}
     for name, values in problem.cases.items():
         coords[name] = ("case", values, parameter(name, problem.scene).attributes)
@@ -489,8 +480,8 @@ def _cases(
 def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     """Return the dataset of trials, a row each."""
     hard = problem.index(problem.objective)
-    objective = np.stack([trial.evaluation.value[:, hard] for trial in trials])
-    regime = np.stack([trial.evaluation.regime for trial in trials])
+    objective = [trial.evaluation.value[:, hard] for trial in trials]
+    regime = [trial.evaluation.regime for trial in trials]
     designs = problem.in_units(np.stack([trial.at for trial in trials]))
     total = [trial.values.total for trial in trials]
     violation = [trial.values.violation for trial in trials]
@@ -509,26 +500,6 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     return xr.Dataset(data, {"variable": list(problem.names)})
 
 
-def _starts(
-    history: xr.Dataset,
-    ends: list[Trial],
-    finished: list[bool],
-) -> xr.Dataset:
-    """Return the dataset of the starts, from the first and the last trial that each accepted."""
-    start = history["start"].values
-    taken = history["taken"].values
-    # the trials that each start accepted, the first of which is where it began
-    accepted = [np.flatnonzero((start == k) & taken) for k in range(len(ends))]
-    last = [trials[-1] for trials in accepted]
-    table = history[["design", "smooth", "violation"]].isel(trial=last)
-    table = table.rename(trial="start", design="end")
-    each = ("start", "variable")
-    table["first"] = (each, history["design"].values[[trials[0] for trials in accepted]])
-    table["end_unit"] = (each, np.stack([end.at for end in ends]))
-    return table.assign(converged=("start", finished))
-
-
 def _labels(q: Quantity) -> dict[str, Any]:
     """Return attributes from which pictures label and scale a variable, whatever its name."""
-    shown = {"symbol": q.symbol, "shown_unit": q.display_unit}
-    return {"units": q.unit, "long_name": q.long_name, "quantity": q.name} | shown
+    return q.attributes | {"quantity": q.name, "symbol": q.symbol, "shown_unit": q.display_unit}

@@ -138,15 +138,12 @@ def checked_problem(
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
-    one_of("robust", robust, ("worst", "mean"))
     start = first_of(start)
     # the corner that needs most steps decides for all
     if steps is None:
         corners = {name: list(pair) for name, pair in bounds.items()}
         steps = int(Cases(scene, corners | values, start).default_steps().max())
-    reach = {}
-    for name, (low, high) in bounds.items():
-        reach[name] = ensemble.box_reach * (high - low)
+    reach = {name: ensemble.box_reach * (high - low) for name, (low, high) in bounds.items()}
     return Problem(
         scene=scene,
         names=tuple(bounds),
@@ -161,7 +158,7 @@ def checked_problem(
         bounds=bounds,
         objective=objective,
         over=values,
-        robust=robust,
+        robust=one_of("robust", robust, ("worst", "mean")),
         constraints=constraints,
     )
 

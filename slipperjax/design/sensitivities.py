@@ -19,6 +19,7 @@ from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, one_of, positive, require, whole
+from ..tools.columns import column
 from .averages import ensemble_averages
 from .ensembles import EnsembleSettings, RailEnsemble, ensemble_for
 from .judge import at_starts, judge_on_orbits
@@ -101,38 +102,21 @@ def sensitivities(
             f"{regime}, not on a stable periodic orbit."
         )
     if motion.period[0] == 0 or method == "ensemble":
-        evaluation = _by_ensemble(plan, grid, motion)
-        domain = np.array(list(plan.reach.values()))
-        facts = dict(
-            method="ensemble",
-            regime=regime,
-            members=ensemble.members,
-            periods=ensemble.periods,
-        )
-        return _dataset(plan, evaluation, domain, facts)
+        for name, distance in plan.reach.items():
+            require(distance > 0, "names", "be of parameters that are not 0 for ensembles", name)
+        # runs around a motion that was lost would be lost, too
+        if motion.status[0] == Status.FINITE:
+            motion = ensemble_averages(plan, grid, motion)
+        if motion.status[0] != Status.FINITE:
+            raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(motion.status[0]))}.")
+        facts = dict(method="ensemble", regime=regime, members=ensemble.members, periods=ensemble.periods)
+        return _dataset(plan, motion, np.array(list(plan.reach.values())), facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
     # where a linear estimate has the orbit graze
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])
     return _dataset(plan, evaluation, domain, dict(method="orbit", regime=regime))
-
-
-def _by_ensemble(
-    plan: EvaluationPlan,
-    grid: dict[str, np.ndarray],
-    motion: Evaluation,
-) -> Evaluation:
-    """Return averages over an ensemble around the state that a motion has reached."""
-    for name, distance in plan.reach.items():
-        require(distance > 0, "names", "be of parameters that are not 0 for ensembles", name)
-    # runs around a motion that was lost would be lost, too
-    evaluation = motion
-    if motion.status[0] == Status.FINITE:
-        evaluation = ensemble_averages(plan, grid, motion)
-    if evaluation.status[0] != Status.FINITE:
-        raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(evaluation.status[0]))}.")
-    return evaluation
 
 
 def _on_finer_steps(
@@ -176,14 +160,13 @@ def _dataset(
         relative = gradient * sizes / value[:, None]
     both = ("objective", "parameter")
     per = "objective's unit per parameter's unit"
-    label = lambda unit, text: {"units": unit, "long_name": text}
     data = {
-        "value": ("objective", value, label("objective's unit", "objective")),
-        "stderr": ("objective", evaluation.stderr[0, asked], {"long_name": "standard error"}),
-        "gradient": (both, gradient, label(per, "derivative by the parameter")),
-        "gradient_stderr": (both, evaluation.gradient_stderr[0, asked], label(per, "its standard error")),
-        "relative": (both, relative, label("1", "relative change per relative change")),
-        "domain": ("parameter", domain, label("parameter's unit", "change up to which it holds")),
+        "value": column("objective", value, "objective's unit", "objective"),
+        "stderr": column("objective", evaluation.stderr[0, asked], "", "standard error"),
+        "gradient": column(both, gradient, per, "derivative by the parameter"),
+        "gradient_stderr": column(both, evaluation.gradient_stderr[0, asked], per, "its standard error"),
+        "relative": column(both, relative, "1", "relative change per relative change"),
+        "domain": column("parameter", domain, "parameter's unit", "change up to which it holds"),
     }
     coords = {
         "objective": [one.name for one in plan.objectives],

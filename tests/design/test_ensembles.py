@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from slipperjax.design.ensembles import box_corners, fit_plane
+from slipperjax.design.ensembles import EnsembleSettings, box_corners
 
-SIGNS = np.repeat(box_corners(2), 8, axis=0)
+CORNERS = box_corners(2)
+SIGNS = np.repeat(CORNERS, 8, axis=0)
+
+
+def fit_plane(values, kept=True):
+    """A plane through runs, eight at each corner."""
+    runs = values.reshape(len(CORNERS), 8, -1)
+    return EnsembleSettings().fit(CORNERS, runs, np.broadcast_to(kept, len(SIGNS)).reshape(runs.shape[:2]))
 
 
 @pytest.mark.parametrize(("parameters", "count"), [(1, 2), (2, 4), (3, 4), (5, 8), (12, 16)])
@@ -19,7 +26,7 @@ def test_slopes_by_corners_do_not_mix(parameters, count):
 
 def test_a_plane_without_noise_is_found_exactly():
     values = np.stack([3 + 2 * SIGNS[:, 0] - SIGNS[:, 1], 5 - SIGNS[:, 1]], axis=1)
-    value, error, slope, slope_error = fit_plane(SIGNS, values, np.ones(len(SIGNS), bool))
+    value, error, slope, slope_error = fit_plane(values)
     np.testing.assert_allclose(value, [3, 5], atol=1e-13)
     np.testing.assert_allclose(slope, [[2, -1], [0, -1]], atol=1e-13)
     assert np.max(error) < 1e-13
@@ -31,7 +38,7 @@ def test_two_standard_errors_hold_the_truth_in_95_percent_of_cases():
     inside = []
     for _ in range(2000):
         values = (3 + 2 * SIGNS[:, 0] - SIGNS[:, 1] + draws.normal(size=len(SIGNS)))[:, None]
-        value, error, slope, slope_error = fit_plane(SIGNS, values, np.ones(len(SIGNS), bool))
+        value, error, slope, slope_error = fit_plane(values)
         inside.append([abs(value[0] - 3) < 2 * error[0], *(np.abs(slope[0] - [2, -1]) < 2 * slope_error[0])])
     share = np.mean(inside, axis=0)
     # Student's t with 29 degrees of freedom: 94.5 %; measured 94.4, 94.7 and 94.0
@@ -43,7 +50,7 @@ def test_runs_that_were_lost_are_left_out():
     values[:5] = np.nan
     kept = np.ones(len(SIGNS), bool)
     kept[5:7], values[5:7] = False, 1e9
-    value, _, slope, _ = fit_plane(SIGNS, values, kept)
+    value, _, slope, _ = fit_plane(values, kept)
     np.testing.assert_allclose([value[0], *slope[0]], [3, 2, 0], atol=1e-12)
-    nothing = fit_plane(SIGNS, values, np.zeros(len(SIGNS), bool))
+    nothing = fit_plane(values, False)
     assert all(np.all(np.isnan(part)) for part in nothing)

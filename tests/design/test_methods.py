@@ -1,23 +1,31 @@
 """How designs move, on functions whose optima are known."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from slipperjax.design.methods import CaseValues, Descent, TrustRegion
 
 
+class End(NamedTuple):
+    """The last design that was taken, its values, and the number of trials."""
+
+    at: np.ndarray
+    values: CaseValues
+    trials: int
+
+
 def minimise(method, function, first, most=80):
     """Runs one start to its end; `function(x)` gives values, slopes, excess, excess slopes and weights."""
-    x = np.asarray(first, float)
-    move = method.start(x, CaseValues(*function(x)))
-    trials = 0
-    while not move.finished and trials < most:
-        at = move.propose()
-        if move.finished:
-            break
-        move.update(at, CaseValues(*function(at)))
-        trials += 1
-    return move, trials
+    end = End(np.asarray(first, float), CaseValues(*function(np.asarray(first, float))), 0)
+    moves = method.moves(end.at, end.values)
+    while end.trials < most and (at := next(moves, None)) is not None:
+        values = CaseValues(*function(at))
+        end = end._replace(trials=end.trials + 1)
+        if moves.send(values):
+            end = end._replace(at=at, values=values)
+    return end
 
 
 def no_limits(x):
@@ -33,7 +41,7 @@ def three_planes(x):
 
 def test_the_worst_of_linear_functions_is_least_where_they_meet():
     """A linear program: x + y = 1 - 2x = 1 - y at x = 1/5, y = 2/5, value 3/5."""
-    move, _ = minimise(TrustRegion(least=1e-9), three_planes, [0.9, 0.9])
+    move = minimise(TrustRegion(least=1e-9), three_planes, [0.9, 0.9])
     np.testing.assert_allclose(move.at, [0.2, 0.4], atol=1e-9)
     assert move.values.total == pytest.approx(0.6, abs=1e-9)
 
@@ -46,9 +54,9 @@ def bowls(x):
 
 
 def test_a_ridge_of_two_curved_cases_is_followed_to_its_end():
-    move, trials = minimise(TrustRegion(least=1e-5), bowls, [0.1, 0.05], most=200)
+    move = minimise(TrustRegion(least=1e-5), bowls, [0.1, 0.05], most=200)
     np.testing.assert_allclose(move.at, [0.5, 0.5], atol=2e-3)
-    assert trials < 60  # 26
+    assert move.trials < 60  # 26
 
 
 @pytest.mark.parametrize("method", [TrustRegion(least=1e-4), Descent(steps=200)])
@@ -57,13 +65,13 @@ def test_a_mean_has_its_least_inside(method):
         values, slopes, excess, excess_slope, _ = bowls(x)
         return values, slopes, excess, excess_slope, np.array([0.25, 0.75])
 
-    move, _ = minimise(method, mean, [0.9, 0.1], most=200)
+    move = minimise(method, mean, [0.9, 0.1], most=200)
     np.testing.assert_allclose(move.at, [0.65, 0.5], atol=5e-3)
 
 
 def test_the_bounds_of_the_box_hold():
     linear = lambda x: (np.array([x[0] - x[1] + 5]), np.array([[1.0, -1.0]]), *no_limits(x), None)
-    move, _ = minimise(TrustRegion(), linear, [0.5, 0.5])
+    move = minimise(TrustRegion(), linear, [0.5, 0.5])
     np.testing.assert_array_equal(move.at, [0.0, 1.0])
 
 
@@ -74,7 +82,7 @@ def test_a_constraint_is_kept_where_the_objective_is_lower_beyond():
         excess = np.array([0.04 - x[0] * x[1]]) / 0.04
         return np.array([x.sum()]), np.ones((1, 2)), excess, -np.array([[x[1], x[0]]]) / 0.04, None
 
-    move, _ = minimise(TrustRegion(least=1e-6), limited, [0.9, 0.3], most=200)
+    move = minimise(TrustRegion(least=1e-6), limited, [0.9, 0.3], most=200)
     assert move.values.violation < 1e-4
     np.testing.assert_allclose(move.at.prod(), 0.04, rtol=1e-3)
     np.testing.assert_allclose(move.values.total, 0.4, rtol=1e-3)
@@ -84,7 +92,7 @@ def test_from_a_forbidden_design_the_way_leads_out():
     def limited(x):
         return np.array([1 + x[0]]), np.ones((1, 1)), np.array([0.5 - x[0]]), -np.ones((1, 1)), None
 
-    move, _ = minimise(TrustRegion(), limited, [0.05])
+    move = minimise(TrustRegion(), limited, [0.05])
     np.testing.assert_allclose(move.at, 0.5, atol=1e-6)
 
 
@@ -95,7 +103,7 @@ def test_a_trial_that_leaves_the_rail_is_not_taken():
         value = np.nan if x[0] > 0.6 else 1 - x[0]
         return np.array([value]), np.array([[-1.0]]), *no_limits(x), None
 
-    move, _ = minimise(TrustRegion(), falling, [0.1])
+    move = minimise(TrustRegion(), falling, [0.1])
     assert 0.59 < move.at[0] <= 0.6
 
 
@@ -103,7 +111,7 @@ def test_a_jump_down_is_taken_and_a_jump_up_is_not():
     def stairs(x):
         return np.array([1 + 0.1 * x[0] + (0.5 if 0.3 < x[0] < 0.5 else 0.0)]), np.array([[0.1]]), *no_limits(x), None
 
-    up, _ = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.55])
-    down, _ = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.4])
+    up = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.55])
+    down = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.4])
     assert 0.5 <= up.at[0] < 0.505  # at the foot of the step
     assert down.at[0] == 0.0
