@@ -8,9 +8,8 @@ import xarray as xr
 
 from slipperjax.flow.status import Status
 from slipperjax.studies.dang2024 import runs, verdicts
-from slipperjax.studies.dang2024.branches import follow_branches
 from slipperjax.studies.dang2024.claims import CLAIMS, Answer, rows, write_report
-from slipperjax.studies.dang2024.runs import FIGURES, QUICK, jump_text, readings, reproduce
+from slipperjax.studies.dang2024.runs import FIGURES, QUICK, follow_branches, jump_text, readings, reproduce
 from slipperjax.sweeps.follow import Jump
 
 from . import made

@@ -123,12 +123,8 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
     # without spectra
     if _flagged(case, axes):
         return figure
-    for ax, name, label in zip(
-        axes,
-        ("a_z", "alpha_x", "alpha_y"),
-        ("A_Z", r"\alpha_X", r"\alpha_Y"),
-        strict=True,
-    ):
+    labels = {"a_z": "A_Z", "alpha_x": r"\alpha_X", "alpha_y": r"\alpha_Y"}
+    for ax, (name, label) in zip(axes, labels.items(), strict=True):
         density = power_spectral_density(case[name].values, 50 * DUAL_LINES["f1"])
         spectrum(density.frequency, density.density, ax, unit=f"({case[name].units})^2/Hz", highest=520)
         top = float(np.max(density.density))
@@ -137,12 +133,6 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
             ax.annotate(text, (frequency, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
         ax.set(ylim=(top * 1e-8, top * 300), title=f"${label}$", xlabel="")
     axes[-1].set_xlabel("frequency [Hz]")
-    return figure
-
-
-def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:
-    figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
-    exponents(data[f"{name}_exponents"], ax)
     return figure
 
 
@@ -159,16 +149,9 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     for section, ax in zip(SECTIONS, panels, strict=True):
         branches(followed, section, brute=data[name], ax=ax)
         # one legend for all: the events of a section are those that its crossings have
-        legend = ax.get_legend()
-        handles |= {
-            text.get_text(): key
-            for text, key in zip(
-                legend.get_texts(),
-                legend.legend_handles,
-                strict=True,
-            )
-        }
-        legend.remove()
+        found, labels = ax.get_legend_handles_labels()
+        handles |= dict(zip(labels, found, strict=True))
+        ax.get_legend().remove()
     plt.setp(panels[:3], xlabel="")
     # to all of the diagram, where a branch covers a part
     first.set_xlim(PARAMETERS[name].shown(data[name][name].values[[0, -1]]))
@@ -181,11 +164,11 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
 _DRAW = {
     "4": _figure_4,
     "5": functools.partial(_diagram, "speed"),
-    "6": functools.partial(_exponents, "speed"),
+    "6": lambda data: exponents(data["speed_exponents"]).figure,
     "7": _figure_7,
     "8": functools.partial(_diagram, "clearance"),
-    "9": functools.partial(_exponents, "clearance"),
-    "11": functools.partial(_exponents, "length"),
+    "9": lambda data: exponents(data["clearance_exponents"]).figure,
+    "11": lambda data: exponents(data["length_exponents"]).figure,
     "10": functools.partial(_diagram, "length"),
     "12": _figure_12,
     "13": _figure_13,

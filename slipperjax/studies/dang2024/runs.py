@@ -14,10 +14,10 @@ import xarray as xr
 from ...flow.status import Status
 from ...model.dang2024 import paper_scene
 from ...model.scene import Scene
+from ...orbits.branches import OrbitBranch, continue_orbit
 from ...sweeps.follow import Jump, find_jump
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
-from .branches import follow_branches
 from .claims import CLAIMS, answers
 from .verdicts import Answer, Diagram, Singles, named
 
@@ -105,21 +105,44 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
     lists = {name: part for name, part in study_cases(effort).items() if made[name] & wanted}
     data |= run_lists(sweep, paper_scene(), lists, transient=effort.transient, progress=effort.progress)
     found: Answers = {}
-    for name in lists:
+    for name, part in lists.items():
         # the single cases are run again for their histories
         if name == "histories":
             data["sections"] = data[name]
-            data[name] = _histories(paper_scene(), lists[name], effort.transient, effort.progress)
-            found |= answers(name, Singles(data[name], lists[name]["speed"] / 8, data["sections"], effort.judged))
+            data[name] = _histories(paper_scene(), part, effort.transient, effort.progress)
+            found |= answers(name, Singles(data[name], part["speed"] / 8, data["sections"], effort.judged))
             continue
-        evidence = ""
-        if name == "speed":
-            evidence = _jumps(lists[name]["speed"], effort.progress)
+        evidence = _jumps(part["speed"], effort.progress) if name == "speed" else ""
         found |= answers(name, Diagram(data[name], name, effort.judged, evidence))
         # drawn over the diagram
         for branch in follow_branches(name, effort.flips, progress=effort.progress):
             data[f"{name}_branch_{branch.period}"] = branch.points
     return found
+
+
+def follow_branches(name: str, flips: int, **options: Any) -> Iterator[OrbitBranch]:
+    """Yield the branch over one parameter through the paper's nominal case, and over speed those of twice the period.
+
+    A diagram shows where one start ends up; a branch shows which motions there are. Where a motion disappears from a
+    diagram, either its branch ends or turns unstable, at an event with a name, or the branch goes on and the start
+    leads elsewhere.
+
+    **Arguments:** `flips`: how often a branch is left for one of twice the period; `options`: `progress`.
+    """
+    bounds = {"speed": (900.0, 2300.0), "clearance": (0.1e-3, 5e-3), "length": (0.1, 0.5)}[name]
+    # the places of events agree to five digits with those of 400 steps
+    branch = continue_orbit(paper_scene(), name, bounds, steps_per_period=200, **options)
+    yield branch
+    for _ in range(flips if name == "speed" else 0):
+        # the flip at which the stable orbits of a branch end towards low speeds
+        flip = max(branch.events_named("PD"), key=lambda event: event.value, default=None)
+        if flip is None:
+            return
+        try:
+            branch = branch.switched(flip, bounds=(800.0, 2300.0), **options)
+        except ValueError:  # no orbit of twice the period was found beside the flip
+            return
+        yield branch
 
 
 def _histories(scene: Scene, part: Cases, transient: int, progress: bool | None) -> xr.Dataset:

@@ -66,11 +66,6 @@ def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def show_ranges(ranges: list[Range]) -> str:
-    """Return ranges as text."""
-    return ", ".join(f"{a:.4g}" + (f"..{b:.4g}" if b > a else "") for a, b in ranges) or "nowhere"
-
-
 # --- diagrams over a parameter --------------------------------------------------------------------------------------
 
 
@@ -115,13 +110,10 @@ class Diagram:
         """Return which cases are chaotic: their points may lie together by chance."""
         return self.kinds.kind == "chaotic"
 
-    def means(self, section: str, of: Callable = np.asarray) -> np.ndarray:
+    def means(self, section: str, of: Callable = np.positive) -> np.ndarray:
         """Return the mean of `of(velocities)` at the crossings of each case; NaN where it is flagged or has none."""
-        velocities = of(self.ds[section].values)
-        there = np.isfinite(velocities) & good_cases(self.ds)[:, None]
-        # of no crossings the mean is 0/0
-        with np.errstate(invalid="ignore"):
-            return np.sum(velocities, axis=1, where=there) / np.sum(there, axis=1)
+        velocities = of(self.ds[section])
+        return velocities.where(self.ds["status"] == Status.FINITE).mean("crossing").values
 
     def inside(self, within: Range) -> np.ndarray:
         """Return which cases are inside a range."""
@@ -171,7 +163,8 @@ def ranges(
         agrees.append(any(of.is_at(last, ends, steps) for _, last in found))
     if covers is not None:
         agrees.append(any(first - of.step <= covers <= last + of.step for first, last in found))
-    return Answer(f"{show_ranges(found)} {of.unit}", all(agrees))
+    texts = [f"{first:.4g}" + (f"..{last:.4g}" if last > first else "") for first, last in found]
+    return Answer(f"{', '.join(texts) or 'nowhere'} {of.unit}", all(agrees))
 
 
 def share(of: Diagram, where: Where, within: Range, least: float = 0.9) -> Answer:
