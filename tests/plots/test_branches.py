@@ -17,9 +17,6 @@ from .shown import bar_of, check_legend_fits, labels, legend, marked
 NAN = float("nan")
 
 
-_STROBE = "point", "strobe_period", "coordinate"
-
-
 def branch(
     values=(1e-3, 2e-3, 3e-3, 2e-3, 1e-3),
     stable=(1, 1, 1, 0, 0),
@@ -135,12 +132,6 @@ def test_events_take_the_stability_of_what_is_beside_them():
     assert stable_parts(ds).tolist() == [True, True, False, False, True]
 
 
-def test_parts_are_joined_with_gaps():
-    x, y = joined(np.arange(4.0), np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([True, False, True]))
-    assert np.isnan(x).tolist() == np.isnan(y).tolist() == [False, False, True, False, False, True]
-    assert y[~np.isnan(y)].tolist() == [5.0, 6.0, 7.0, 8.0]
-
-
 # branches
 
 
@@ -148,35 +139,36 @@ def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
     ax = plots.branches(branch())
     np.testing.assert_allclose(lines(ax, "-"), [[[1, 10], [2, 11], [3, 12]]])
     np.testing.assert_allclose(lines(ax, "--"), [[[3, 12], [2, 13], [1, 14]]])
-    np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
     assert legend(ax) == ["stable", "unstable", "LP fold"]
     assert labels(ax) == ("clearance $C$ [mm]", "$V_Z$ [m/s]")
     assert ax.figure.get_suptitle() == "$L$ = 0.2 m"
+    # the state at the start of the period, and other variables
+    ax = plots.branches(branch(), "start_y")
+    np.testing.assert_allclose(lines(ax, "-"), [[[1, 0], [2, 1], [3, 2]]])
+    assert ax.get_ylabel() == "start $y$ [mm]"
+    ax = plots.branches(branch(), "slowest_touchdown")
+    assert lines(ax, "--")[0][-1] == pytest.approx([1.0, 4.5])
+    assert ax.get_ylabel() == "slowest touchdown [m/s]"
+    # of one point, or without crossings, no line is drawn
+    for none in (branch((1e-3,), (1,), ("",)), branch(velocity=np.full((5, 1), NAN))):
+        assert lines(plots.branches(none), "-") == []
 
 
-def test_ends_are_not_marked_and_every_other_event_is_explained():
-    names = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
-    ds = branch(range(1, 8), (1,) * 7, names)
-    ax = plots.branches(ds)
+def test_events_are_marked_at_each_crossing_and_explained():
+    one, two = (
+        branch(),
+        branch(period=2, velocity=[[4.0, 8.0]] * 5, time=[[0.1, 0.6]] * 5, labels=("", "PD", "", "", "")),
+    )
+    ax = plots.branches([one, two])
+    np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
+    np.testing.assert_allclose(markers(ax, "^"), [[[2, 4], [2, 8]]])
+    assert {line.get_color() for line in ax.lines if line.get_linestyle() == "-"} == {COLORS["blue"], COLORS["red"]}
+    assert legend(ax)[:3] == ["period 1, stable", "period 1, unstable", "LP fold"]
+    assert legend(ax)[3:] == ["period 2, stable", "period 2, unstable", "PD flip"]
+    ax = plots.branches(branch(range(1, 8), (1,) * 7, ("EP", "LP", "BP", "PD", "NS", "GR", "MX")))
     meanings = ["LP fold", "BP branch point", "PD flip", "NS Neimark-Sacker", "GR grazing", "MX no convergence"]
     assert legend(ax)[2:] == meanings
     check_legend_fits(ax)
-
-
-def test_an_event_is_marked_at_each_crossing():
-    velocity = [[1.0, 8.0], [1.1, 8.1], [1.2, 8.2]]
-    time = [[0.1, 0.6]] * 3
-    ax = plots.branches(branch((1e-3, 2e-3, 3e-3), (1, 1, 1), ("", "PD", ""), velocity, time), "w_x")
-    np.testing.assert_allclose(markers(ax, "^"), [[[2, 1.1], [2, 8.1]]])
-
-
-def test_periods_have_colours():
-    one, two = branch(), branch(period=2, velocity=np.full((5, 1), 4.0), labels=("", "PD", "", "", ""))
-    ax = plots.branches([one, two])
-    colours = {to_hex(line.get_color()) for line in ax.lines if line.get_linestyle() == "-"}
-    assert colours == {COLORS["blue"], COLORS["red"]}
-    assert legend(ax)[:3] == ["period 1, stable", "period 1, unstable", "LP fold"]
-    assert legend(ax)[3:] == ["period 2, stable", "period 2, unstable", "PD flip"]
 
 
 def test_a_branch_lies_over_dots_of_simulations():
@@ -188,52 +180,20 @@ def test_a_branch_lies_over_dots_of_simulations():
     check_legend_fits(plots.branches([branch(), branch(period=2)], "v_y", simulated()))
 
 
-def test_the_state_at_the_start_of_the_period_is_drawn():
-    ax = plots.branches(branch(), "start_y")
-    np.testing.assert_allclose(lines(ax, "-"), [[[1, 0], [2, 1], [3, 2]]])
-    assert ax.get_ylabel() == "start $y$ [mm]"
-
-
-def test_other_variables_of_points_are_drawn():
-    for name, label, highest in (
-        ("slowest_touchdown", "slowest touchdown [m/s]", 4.5),
-        ("grazing_gap", "grazing gap [m]", 4e-3),
-    ):
-        ax = plots.branches(branch(), name)
-        assert ax.get_ylabel() == label
-        assert lines(ax, "--")[0][-1] == pytest.approx([1.0, highest])
-    ds = branch(stable=(1,) * 5)
-    ds["slowest_touchdown"][:] = np.inf  # no touchdown at all
-    assert lines(plots.branches(ds, "slowest_touchdown"), "-") == []
-
-
-def test_branches_of_few_points_are_drawn_into_given_axes():
-    plots.branches(branch((1e-3,), (1,), ("",)))
-    none = branch(velocity=np.full((5, 1), NAN))
-    assert lines(plots.branches(none), "-") == []
-    for draw in (plots.branches, plots.multiplier_circle):
-        ax = plt.subplots()[1]
-        assert draw(branch(), ax=ax) is ax
-        assert ax.figure.get_suptitle() == ""
-
-
 # multipliers
 
 
 def test_multipliers_are_coloured_by_the_parameter():
-    ax = plots.multiplier_circle(branch())
+    own = plt.subplots()[1]
+    ax = plots.multiplier_circle(branch(), ax=own)
+    assert ax is own
     (dots,) = ax.collections
     assert len(dots.get_offsets()) == 15
-    assert dots.get_clim() == pytest.approx((1.0, 3.0))
     np.testing.assert_allclose(dots.get_array()[:4], [1, 1, 1, 2])
     assert ax.patches[0].get_radius() == 1
     assert bar_of(ax).get_ylabel() == "clearance $C$ [mm]"
-
-
-def test_far_multipliers_are_outside_of_the_picture():
-    multipliers = np.tile([-30.0 + 0j, 3j, 0.5], (5, 1))
-    ax = plots.multiplier_circle(branch(multipliers=multipliers))
-    assert 2.0 < ax.get_xlim()[1] < 2.5
+    far = branch(multipliers=np.tile([-30.0 + 0j, 3j, 0.5], (5, 1)))
+    assert 2.0 < plots.multiplier_circle(far).get_xlim()[1] < 2.5
 
 
 # curves of events
@@ -282,10 +242,8 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
     [
         (lambda: plots.branches("run"), "`ds` must be a dataset of continue_orbit, but is str"),
         (lambda: plots.branches(simulated()), "with `stable`, but has"),
-        (lambda: plots.branches([]), "`ds` must be one result of continue_orbit or more"),
         (lambda: plots.branches([branch(), branch(over="speed")]), "are over ..clearance., .speed"),
         (lambda: plots.branches(branch(), "foo"), "`quantity` must be one of v_y, .* but is 'foo'"),
-        (lambda: plots.branches(branch(), "start_foo"), "`quantity` must be one of"),
         (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
         (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
         (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
@@ -293,10 +251,6 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.event_curves([]), "must be one result of continue_event or more"),
         (lambda: plots.event_curves(curve("XY")), "`ds` must be curves of LP, .* but is of XY"),
         (lambda: plots.event_curves(branch()), "with `outside`"),
-        (
-            lambda: plots.event_curves(curve(varied=("speed",))),
-            "over the same two parameters, but is of LP over speed",
-        ),
         (
             lambda: plots.event_curves([curve(), curve(varied=("speed", "mass"))]),
             "over the same two parameters, but is of LP over speed and mass",
