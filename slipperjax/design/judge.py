@@ -291,7 +291,7 @@ class _Batch:
     def set_exponents(
         self,
         index: np.ndarray,
-        slopes: np.ndarray,
+        slopes: Any,
         spans: Sequence[PeriodDerivatives],
     ) -> None:
         """Set ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives.
@@ -301,21 +301,22 @@ class _Batch:
         plan = self.plan
         cases = self.cases
         maps = self.maps(cases.period)
-        # states and derivatives at the beginning of each period
-        begins = [(cases.state, slopes)]
-        begins += [(span.end, span.end_slopes) for span in spans[:-1]]
         changes = []
-        for epoch, (rows, directions) in enumerate(begins):
+        rows: Any = cases.state
+        # from states and derivatives at the beginning of each period
+        for epoch, span in enumerate(spans):
             change = matrix_slopes(
                 self.scenes,
                 maps.states(rows),
-                jnp.asarray(directions),
+                jnp.asarray(slopes),
                 float(epoch),
                 dynamic_steps(plan.steps),
                 names=plan.names,
                 solver=plan.solver,
             )
             changes.append(np.asarray(change))
+            rows = span.end
+            slopes = span.end_slopes
         cost = (1 + 2 * len(plan.names)) * JACOBIAN
         cases.simulated[index] += cost * cases.period[index]
         jacobians = maps.jacobians(index, cases.state[index])

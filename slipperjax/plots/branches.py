@@ -278,7 +278,8 @@ def stable_parts(ds: xr.Dataset) -> np.ndarray:
     """
     stable = ds["stable"].values.astype(bool)
     event = ds["label"].values.astype(str) != ""
-    ahead, behind = stable[1:], stable[:-1]
+    ahead = stable[1:]
+    behind = stable[:-1]
     return np.where(event[:-1] & ~event[1:], ahead, np.where(event[1:] & ~event[:-1], behind, ahead & behind))
 
 

@@ -27,7 +27,8 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
     check_scene(scene)
     unit = float(scene.track.wavelength)
     # without a run 25 reference lengths from the rail's beginning
-    first, extent = scene.track.origin, 25 * unit
+    first = scene.track.origin
+    extent = 25 * unit
     if ds is not None:
         check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
         first, last = unit * ds["period"].values[[0, -1]]
@@ -47,13 +48,26 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
             density = spectrum.density[seen] + 1e-300
             lower.loglog(spectrum.frequency[seen], density, lw=0.6, color=line.get_color())
             top = max(top, float(density.max()))
-        _shade_band(scene, lower)
+        slope = float(scene.track.steepest_slope)
+        # the wavenumbers to which the slipper responds, unless the rail is straight
+        if slope > 0:
+            slipper = float(scene.slipper.length)
+            longest = max(2 * float(scene.value("clearance")) / slope, slipper)
+            lower.axvspan(1 / longest, 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
+            middle = 1 / np.sqrt(longest * slipper)
+            style: dict[str, Any] = dict(
+                transform=lower.get_xaxis_transform(),
+                ha="center",
+                va="top",
+                fontsize=7,
+            )
+            lower.text(middle, 0.95, "band of\nthe slipper", **style)
         lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(1e-10 * top, 5 * top))
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
                 axes[1].plot(
-                    ds["period"].values * unit,
+                    ds["period"] * unit,
                     line.force,
                     lw=0.7,
                     label=line.name,
@@ -64,20 +78,3 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
         for ax in axes[: rows - 1]:
             ax.set(xlabel="distance [m]", xlim=(first, first + extent))
     return axes
-
-
-def _shade_band(scene: Scene, ax: Any) -> None:
-    """Shade the wavenumbers to which the slipper responds, unless the rail is straight."""
-    slope = float(scene.track.steepest_slope)
-    if slope > 0:
-        slipper = float(scene.slipper.length)
-        longest = max(2 * float(scene.value("clearance")) / slope, slipper)
-        ax.axvspan(1 / longest, 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
-        middle = 1 / np.sqrt(longest * slipper)
-        style: dict[str, Any] = dict(
-            transform=ax.get_xaxis_transform(),
-            ha="center",
-            va="top",
-            fontsize=7,
-        )
-        ax.text(middle, 0.95, "band of\nthe slipper", **style)

@@ -284,7 +284,16 @@ def passing(
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):
-            _draw_windows(ax, one, quantity, alpha=1 - 0.7 * k / len(runs), **style)
+            speed = one[_speed_name(one)].values
+            values = highest(one, quantity, "distance")
+            rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
+            # windows at a constant speed belong to neither way
+            for way, sign, color in (("up", 1, "red"), ("down", -1, "blue")):
+                there = sign * rate > 1e-9 * np.max(np.abs(rate))
+                if there.any():
+                    label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
+                    shade: dict[str, Any] = dict(color=COLORS[color], alpha=1 - 0.7 * k / len(runs))
+                    ax.plot(speed[there], values[there], label=label, **shade, **style)
         # stable parts solid, unstable ones dashed
         if branch is not None:
             x = shown(branch, "speed")
@@ -295,16 +304,3 @@ def passing(
         ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
         legend_above(ax)
     return ax
-
-
-def _draw_windows(ax: Any, run: xr.Dataset, quantity: str, **style: Any) -> None:
-    """Draw the windows of a run over their speed, in a colour for each way."""
-    speed = run[_speed_name(run)].values
-    values = highest(run, quantity, "distance")
-    rate = np.gradient(speed**2) / (2 * run.attrs["window [m]"])  # v dv/dx
-    # windows at a constant speed belong to neither way
-    for way, sign, color in (("up", 1, "red"), ("down", -1, "blue")):
-        there = sign * rate > 1e-9 * np.max(np.abs(rate))
-        if there.any():
-            label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-            ax.plot(speed[there], values[there], color=COLORS[color], label=label, **style)

@@ -110,10 +110,8 @@ def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
     except KeyError:
         attrs = {} if ds is None or name not in ds else ds[name].attrs
         of = attrs.get("quantity", name)
-        unit = attrs.get("units", "1")
-        symbol = attrs.get("symbol", "")
-        shown_unit = attrs.get("shown_unit", "")
-        return Quantity(of, unit, of.replace("_", " "), symbol, 1.0, shown_unit)
+        symbol, shown_unit = (attrs.get(key, "") for key in ("symbol", "shown_unit"))
+        return Quantity(of, attrs.get("units", "1"), of.replace("_", " "), symbol, 1.0, shown_unit)
 
 
 def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
@@ -323,8 +321,13 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     lines = []
     # lines of the title, without what varies
     for row in rows:
-        values = {name: _number(ds, name) for name in row}
-        lines.append([_stated(name, value) for name, value in values.items() if value is not None])
+        lines.append([])
+        for name in row:
+            q = PARAMETERS[name]
+            value = _number(ds, q)
+            if value is not None:
+                stated = with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit)
+                lines[-1].append(stated.replace(" degrees", "°"))
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
         lines[-1].append(f"on a {ds.attrs['track']}")
@@ -347,16 +350,9 @@ def name_status(figure: Any, code: int) -> None:
         figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
 
 
-def _number(ds: xr.Dataset, name: str) -> float | None:
+def _number(ds: xr.Dataset, q: Quantity) -> float | None:
     """Return a parameter's one value [SI unit]; None where it has several, or none."""
-    if name in ds.coords:
-        return ds[name].item() if ds[name].size == 1 else None
-    unit = PARAMETERS[name].unit
-    value = ds.attrs.get(name if unit == "1" else f"{name} [{unit}]")
+    if q.name in ds.coords:
+        return ds[q.name].item() if ds[q.name].size == 1 else None
+    value = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]")
     return float(value) if np.size(value) == 1 and value is not None else None
-
-
-def _stated(name: str, value: float) -> str:
-    """Return a parameter as symbol, number and display unit."""
-    q = PARAMETERS[name]
-    return with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit).replace(" degrees", "°")
