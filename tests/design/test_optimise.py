@@ -51,13 +51,11 @@ def test_derivatives_are_those_of_orbits_found_anew(small):
 
 def test_the_history_is_that_of_the_search(small):
     ds = small.history
-    assert np.all(np.diff(ds["simulated"]) >= 0)
     for start in (0, 1):
         taken = ds["smooth"].values[(ds["start"].values == start) & ds["taken"].values]
         assert np.all(np.diff(taken) < 0)
     check = small.cases["simulated"].values  # of the errors, with half the step
-    assert np.all(check > 0)
-    assert small.simulated == ds["simulated"].values[-1] + check.sum()
+    assert small.simulated == ds["simulated"].values[-1] + check.sum() > ds["simulated"].values[-1]
     assert "Design(clearance 0.5 mm (its lower bound)" in repr(small)
     assert "regimes: 2 x period 1" in repr(small)
 

@@ -43,14 +43,11 @@ def test_values_are_quantiles_of_runs_on_the_rails():
     ds = sensitivities(SCENE, "peak_force", ["clearance"], **options)
     assert ds.attrs["method"] == "ensemble"
     assert float(ds["domain"][0]) == pytest.approx(5e-5)
-    mean = sensitivities(
-        SCENE, "peak_force", ["clearance"], **options | dict(ensemble=dataclasses.replace(FEW, quantile=None))
-    )
+    of = lambda quantile: options | dict(ensemble=dataclasses.replace(FEW, quantile=quantile))
+    mean = sensitivities(SCENE, "peak_force", ["clearance"], **of(None))
     assert float(mean["value"][0]) == pytest.approx(float(ds["value"][0]), rel=0.1)  # measured 3.57 and 3.63 kN
     assert float(mean["value"][0]) != float(ds["value"][0])
-    highest = sensitivities(
-        SCENE, "peak_force", ["clearance"], **options | dict(ensemble=dataclasses.replace(FEW, quantile=0.87))
-    )
+    highest = sensitivities(SCENE, "peak_force", ["clearance"], **of(0.87))
     assert float(highest["value"][0]) > float(mean["value"][0])
 
 

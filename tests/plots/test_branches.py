@@ -34,8 +34,6 @@ def branch(
     if multipliers is None:
         multipliers = np.tile([0.5 + 0.5j, 0.5 - 0.5j, 0.1], (points, 1))
     at = [k for k, label in enumerate(labels) if label]
-    critical = {"LP": 1.0, "BP": 1.0, "PD": -1.0, "NS": 0.6 + 0.8j}
-    criticals = np.array([critical.get(labels[k], NAN) for k in at], complex)
     data = {name: (("point", "crossing"), velocity) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")}
     data |= {f"{name}_period": (("point", "crossing"), time) for name in list(data)}
     data |= {
@@ -43,18 +41,13 @@ def branch(
         "label": ("point", np.array(labels)),
         "multiplier_real": (("point", "multiplier"), np.real(multipliers)),
         "multiplier_imag": (("point", "multiplier"), np.imag(multipliers)),
-        "touchdowns": (("point", "end", "contact"), np.ones((points, 2, 3), int)),
         "slowest_touchdown": ("point", np.arange(points) + 0.5, {"units": "m/s"}),
-        "grazing_gap": ("point", np.arange(points) * 1e-3, {"units": "m"}),
-        "signature": ("point", np.array(["A1"] * points)),
         "strobe": (
             ("point", "strobe_period", "coordinate"),
-            np.arange(points)[:, None, None] * np.full((1, 2), 1e-3),
+            1e-3 * np.arange(points)[:, None, None] * np.ones((1, 2)),
         ),
         "event_label": ("event", np.array([labels[k] for k in at], str)),
         "event_point": ("event", np.array(at, int)),
-        "event_multiplier_real": ("event", criticals.real),
-        "event_multiplier_imag": ("event", criticals.imag),
     }
     coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "strobe_period": [1]}
     attrs = {"varied": json.dumps([over]), "orbit_period": period, "length [m]": 0.2}
@@ -96,7 +89,7 @@ def markers(ax, marker):
             1,
             [(0, [3.0, 3.1, 3.2]), (0, [9.0, 9.1, 9.2])],
         ),
-        # one that passes the start of the period stays the same
+        # one that passes the start of the period
         ([[3.0, 9.0], [9.1, 3.1]], [[0.02, 1.0], [1.02, 1.98]], 2, [(0, [3.0, 3.1]), (0, [9.0, 9.1])]),
         # lines end where crossings do
         (
@@ -243,7 +236,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.branches(branch(), "foo"), "`quantity` must be one of v_y, .* but is 'foo'"),
         (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
         (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
-        (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
+        (lambda: plots.branches(branch(), "slowest_touchdown", simulated()), "`brute` must be None where"),
         (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be a dataset of continue_orbit, but is list"),
         (lambda: plots.event_curves(curve("XY")), "`ds` must be curves of LP, .* but is of XY"),
         (

@@ -1,13 +1,14 @@
 """Made datasets with known answers: what sweeps would give if the paper's claims held."""
 
-import json
+from types import SimpleNamespace
 
 import numpy as np
 import xarray as xr
 
-from slipperjax.orbits.branches import OrbitBranch
 from slipperjax.studies.dang2024.claims import DUAL_LINES
 from slipperjax.sweeps.attractors import attractors
+
+from ..plots.test_branches import branch
 
 PERIODS = 400
 CROSSINGS = 12
@@ -160,48 +161,11 @@ def two_waves():
 UNITS = {"a_z": "m/s^2", "alpha_x": "rad/s^2", "alpha_y": "rad/s^2"}
 
 
-def branch(name, values, stable, events=(), *, period=1, sections=None):
-    """A branch of orbits over one parameter, as `continue_orbit` gives it, as far as the study looks at it.
-
-    **Arguments:** `values`, `stable`: of the parameter and the orbits, in the order of the branch; `events`: label
-    and point of each; `sections`: numbers of crossings by section, 1 where not given.
-    """
-    values = np.asarray(values, float)
-    labels = np.full(len(values), "", dtype="<U2")
-    for label, point in events:
-        labels[point] = label
-    points = np.array([point for _, point in events], int)
-    columns = {
-        "value": values[points],
-        "low": values[points],
-        "high": values[points],
-        "converged": np.ones(len(points), bool),
-        "note": np.full(len(points), ""),
-        "point": points,
-        "label": np.array([label for label, _ in events], dtype="<U2"),
-        "multiplier_real": np.full(len(points), np.nan),
-        "multiplier_imag": np.full(len(points), np.nan),
-    }
-    data = {f"event_{key}": ("event", column) for key, column in columns.items()}
-    data |= {"stable": ("point", np.asarray(stable, bool)), "label": ("point", labels)}
-    data["signature"] = ("point", np.full(len(values), "A1 B2"))
-    for section in SECTIONS:
-        count = np.broadcast_to((sections or {}).get(section, 1), values.shape)
-        crossing = np.arange(3)
-        there = crossing < count[:, None]
-        data[section] = (("point", "crossing"), np.where(there, 1.0 + 0.5 * crossing, np.nan))
-        data[f"{section}_period"] = (("point", "crossing"), np.where(there, 0.2 + 0.3 * crossing, np.nan))
-    attrs = {"orbit_period": period, "varied": json.dumps([name])}
-    return OrbitBranch(xr.Dataset(data, {name: ("point", values)}, attrs))
-
-
 def speed_branches():
     """A branch over speed that is stable between a flip and a fold, and the orbits of twice the period."""
     speeds = [900.0, 1000.0, 1100.0, 1200.0, 1600.0, 1700.0, 2000.0, 2200.0, 2100.0]
-    events = [("EP", 0), ("PD", 2), ("LP", 7)]
-    crossings = {"w_x": [1, 1, 1, 1, 1, 0, 0, 0, 0]}
-    first = branch("speed", speeds, [0, 0, 1, 1, 1, 1, 1, 0, 0], events, sections=crossings)
+    labels = ("EP", "", "PD", "", "", "", "", "LP", "")
+    first = branch(speeds, (0, 0, 1, 1, 1, 1, 1, 0, 0), labels, over="speed")
     below = [1080.0, 1040.0, 1000.0, 970.0, 900.0]
-    events = [("GR", 1), ("PD", 3), ("EP", 4)]
-    twice = branch("speed", below, [1, 1, 1, 1, 0], events, period=2, sections={"v_y": 2, "v_z": 2})
-    return [first, twice]
+    twice = branch(below, (1, 1, 1, 1, 0), ("", "GR", "", "PD", "EP"), period=2, over="speed")
+    return [SimpleNamespace(points=one, period=one.attrs["orbit_period"]) for one in (first, twice)]
