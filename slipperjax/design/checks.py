@@ -94,9 +94,8 @@ def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset
     axes = grid | problem.over
     dims = tuple(axes)
     shape = [len(values) for values in axes.values()]
-    ds = xr.Dataset({"status": (dims, evaluation.status.reshape(shape))})
-    for name, values in axes.items():
-        ds[name] = (name, values, parameter(name, problem.scene).attributes)
+    coords = {name: (name, values, parameter(name, problem.scene).attributes) for name, values in axes.items()}
+    ds = xr.Dataset({"status": (dims, evaluation.status.reshape(shape))}, coords)
     # the smooth form may be the objective itself
     for one in (problem.objective, problem.objective.smooth):
         k = problem.index(one)

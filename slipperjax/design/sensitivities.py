@@ -69,9 +69,7 @@ def sensitivities(
     if isinstance(objectives, str) or not isinstance(objectives, Sequence):
         objectives = [objectives]
     # one case: the scene's own values
-    grid = {}
-    for one in checked_parameters(names, scene):
-        grid[one.name] = np.array([float(one.of(scene))])
+    grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
     steps = int(default_steps(scene, steps_per_period))
     plan = EvaluationPlan(
         scene=scene,
