@@ -290,16 +290,16 @@ class _Search:
     ) -> None:
         """Judge designs, begin from `count` of them, the first `fixed` included, and judge at most `rounds` trials
         of each start, those of a round together."""
-        judged = self._judge(self.problem, designs, None)
+        judged = self._judge(self.problem, dict(enumerate(designs)))
         # designs that break no constraint come first
-        total = np.array([values.total for values, _ in judged])
-        violation = np.array([values.violation for values, _ in judged])
+        total = np.array([trial.values.total for trial in judged])
+        violation = np.array([trial.values.violation for trial in judged])
         order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
             # there is no way on from a design without a motion
             if np.isfinite(total[k]):
-                self.moves[start] = method.moves(designs[k], judged[k][0])
-            self._add(start, designs[k], judged[k], True)
+                self.moves[start] = method.moves(designs[k], judged[k].values)
+            self._add(judged[k]._replace(start=start, taken=True))
         proposed = self._proposed()
         for _ in range(rounds):
             if not proposed:
@@ -308,9 +308,9 @@ class _Search:
             latest = self._latest()
             evaluations = [latest[k].evaluation for k in proposed]
             warm_start = jax.tree.map(lambda *parts: np.concatenate(parts), *evaluations)
-            judged = self._judge(self.problem, np.stack(list(proposed.values())), warm_start)
-            for (k, at), one in zip(proposed.items(), judged, strict=True):
-                self._add(k, at, one, self.moves[k].send(one[0]))
+            for trial in self._judge(self.problem, proposed, warm_start):
+                taken = self.moves[trial.start].send(trial.values)
+                self._add(trial._replace(taken=taken))
             proposed = self._proposed()
 
     def _proposed(self) -> dict[int, np.ndarray]:
@@ -322,25 +322,25 @@ class _Search:
         return proposed
 
     def _judge(
-        self, problem: Problem, designs: np.ndarray, warm_start: Evaluation | None
-    ) -> list[tuple[CaseValues, Evaluation]]:
-        """Return values and evaluation of each design."""
-        evaluation = problem.evaluate(designs, warm_start)
+        self,
+        problem: Problem,
+        designs: Mapping[int, np.ndarray],
+        warm_start: Evaluation | None = None,
+    ) -> list[Trial]:
+        """Return trials of designs by their starts, of which none is taken yet."""
+        evaluation = problem.evaluate(np.stack(list(designs.values())), warm_start)
         self.simulated += float(np.sum(evaluation.simulated))
         # the cases of a design lie side by side
         index = np.arange(len(evaluation.status)).reshape(len(designs), -1)
-        of_designs = [evaluation.take(cases) for cases in index]
-        return [(problem.case_values(one), one) for one in of_designs]
+        trials = []
+        for (start, at), cases in zip(designs.items(), index, strict=True):
+            one = evaluation.take(cases)
+            trials.append(Trial(start, at, problem.case_values(one), one, False, self.simulated))
+        return trials
 
-    def _add(
-        self,
-        start: int,
-        at: np.ndarray,
-        judged: tuple[CaseValues, Evaluation],
-        taken: bool,
-    ) -> None:
+    def _add(self, trial: Trial) -> None:
         """Add a trial and show it."""
-        self.trials.append(Trial(start, at, *judged, taken, self.simulated))
+        self.trials.append(trial)
         q = self.problem.objective.quantity
         feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
         best = q.shown(min(feasible, default=np.nan))
@@ -400,8 +400,7 @@ class _Search:
         problem = self.problem
         ends = list(self._latest().values())
         if checked and problem.on_rails:
-            judged = self._judge(self.unseen, np.stack([end.at for end in ends]), None)
-            ends = [Trial(end.start, end.at, *one, True, 0.0) for end, one in zip(ends, judged, strict=True)]
+            ends = self._judge(self.unseen, {end.start: end.at for end in ends})
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values = best.values
         evaluation, change = self._with_half_step(best) if checked else _unchecked(best.evaluation)
