@@ -69,18 +69,18 @@ def ensemble_averages(
     stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
     fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
     plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
-    # NaN where too few runs stayed on the rail
     share = stayed.mean(axis=(1, 2))
     good = np.array([settings.enough(float(of_case)) for of_case in share])
-    kept = lambda array: np.where(good.reshape(-1, *[1] * (array.ndim - 1)), array, np.nan)
+    for part in plane:
+        part[~good] = np.nan  # too few runs stayed on the rail
     # slopes are per reach
     per = 1 / np.array([plan.reach[name] for name in plan.names])
     worst = status.reshape(cases, members).max(axis=1)
     return evaluation._replace(
-        value=kept(plane.value),
-        stderr=kept(plane.stderr),
-        gradient=kept(plane.slope * per),
-        gradient_stderr=kept(plane.slope_stderr * per),
+        value=plane.value,
+        stderr=plane.stderr,
+        gradient=plane.slope * per,
+        gradient_stderr=plane.slope_stderr * per,
         status=np.where(good, int(Status.FINITE), worst),
         simulated=evaluation.simulated + members * (settings.transient + settings.periods),
     )

@@ -161,15 +161,9 @@ class Evaluation(NamedTuple):
     @property
     def regime(self) -> np.ndarray:
         """Kinds of motion in words: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
-        names = []
-        kinds = Regime.kind_names(self.kind)
-        for status, period, name in zip(self.status, self.period, kinds, strict=True):
-            if status != Status.FINITE:
-                name = "lost"
-            elif period:
-                name = f"period {period}"
-            names.append(name)
-        return np.array(names)
+        periods = np.char.add("period ", self.period.astype(str))
+        names = np.where(self.period > 0, periods, Regime.kind_names(self.kind))
+        return np.where(self.status == Status.FINITE, names, "lost")
 
     def take(self, index: np.ndarray) -> "Evaluation":
         """Return the evaluation of the cases at `index`."""
