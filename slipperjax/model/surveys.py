@@ -28,8 +28,6 @@ STATIONS = {("m", 3): 1000.0, ("m", 4): 1000.0, ("ft", 2): 100.0}
 MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
 """Cells that stand for no number."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
-_NAMED = r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*"  # a name, and a unit if any
-_UNIT = r"\s*[\[(]?\s*(?:[^\W\d_]+|°)\s*[\])]?\s*"  # a unit in a line of units
 
 
 class SurveyedTrack(SampledTrack):
@@ -70,14 +68,6 @@ class SurveyedTrack(SampledTrack):
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)
         super().__init__(**columns, ends=ends, ramp=ramp, reference_length=reference_length)
-        self._check_sampling()
-
-    def __repr__(self) -> str:
-        ends = f"{shown_number(self.distance)} m, {len(self.lateral)} samples, ends='{self.ends}'"
-        return f"SurveyedTrack('{self.file}', {ends})"
-
-    def _check_sampling(self) -> None:
-        """Warn where the samples are too far apart for what they show."""
         spacing = float(self.spacing)
         wave = float(self.shortest_wavelength)
         if wave < 4 * spacing:
@@ -85,6 +75,10 @@ class SurveyedTrack(SampledTrack):
                 f"Argument `file`, {self.file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} "
                 "m: what lies between the samples is made up."
             )
+
+    def __repr__(self) -> str:
+        ends = f"{shown_number(self.distance)} m, {len(self.lateral)} samples, ends='{self.ends}'"
+        return f"SurveyedTrack('{self.file}', {ends})"
 
 
 def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> SurveyedTrack:
@@ -116,7 +110,8 @@ def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> Surve
 class _Column(NamedTuple):
     """A column of a file, as it is written there."""
 
-    written: str  # its name in the file
+    where: str  # file, and line of the name
+    written: str
     name: str  # that of `COLUMNS`
     unit: str
     values: np.ndarray  # in its unit; NaN where there is no number
@@ -130,18 +125,21 @@ def _read(path: Path, content: bytes) -> dict[str, np.ndarray]:
     """Return the columns of a file by name, in SI units."""
     is_netcdf = content.startswith((_HDF5, b"CDF"))
     columns, place = _from_netcdf(path, content) if is_netcdf else _from_csv(path, content)
-    found: dict[str, _Column] = {}
+    written: dict[str, str] = {}
+    si = {}
     for one in columns:
-        if one.name in found:
-            other = found[one.name].written
-            raise ValueError(f"{path}: {other} and {one.written} are both {one.name}: leave one out.")
-        if not np.all(np.isfinite(one.values)):
-            raise ValueError(f"{path}, {place(int(np.argmin(np.isfinite(one.values))))}: `{one.name}` has no number.")
-        found[one.name] = one
-    if "distance" not in found or not {"lateral", "vertical"} & set(found):
-        names = ", ".join(found) or "neither"
-        raise ValueError(f"{path} must have distance, and lateral or vertical, but has {names}.")
-    si = {name: one.values * unit_factor(name, one.unit, COLUMNS[name]) for name, one in found.items()}
+        if one.name in written:
+            raise ValueError(f"{path}: {written[one.name]} and {one.written} are both {one.name}: leave one out.")
+        written[one.name] = one.written
+        good = np.isfinite(one.values)
+        if not np.all(good):
+            raise ValueError(f"{path}, {place(int(np.argmin(good)))}: `{one.name}` has no number.")
+        try:
+            si[one.name] = one.values * unit_factor(one.name, one.unit, COLUMNS[one.name])
+        except ValueError as error:
+            raise ValueError(f"{one.where}: {error}") from None
+    if "distance" not in si or not {"lateral", "vertical"} & set(si):
+        raise ValueError(f"{path} must have distance, and lateral or vertical, but has {', '.join(si) or 'neither'}.")
     _check_distances(path, si["distance"], place)
     zero = np.zeros_like(si["distance"])
     return {"lateral": zero, "vertical": zero} | si
@@ -157,66 +155,45 @@ def _check_distances(path: Path, distance: np.ndarray, place: Place) -> None:
             f"{path}: distances fall, and slippers go the way they rise: reverse the rows, and change the signs of "
             "lateral and roll if left was left along the falling distance."
         )
-    k = int(np.argmin(steps > 0))
-    if steps[k] <= 0:
-        shown = f"distance {distance[k + 1]:.10g} m does not exceed {distance[k]:.10g} m"
-        raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
-    k = int(np.argmax(steps > 3 * np.median(steps)))
-    if steps[k] > 3 * np.median(steps):
-        shown = f"a gap of {steps[k]:g} m after {distance[k]:.10g} m, in samples every {np.median(steps):g} m"
-        raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
+    typical = np.median(steps)
+    for k, step in enumerate(steps):
+        shown = ""
+        if step <= 0:
+            shown = f"distance {distance[k + 1]:.10g} m does not exceed {distance[k]:.10g} m"
+        elif step > 3 * typical:
+            shown = f"a gap of {step:g} m after {distance[k]:.10g} m, in samples every {typical:g} m"
+        if shown:
+            raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
 
 
 # --- CSV ------------------------------------------------------------------------------------------------------------
 
 
-class _Header(NamedTuple):
-    """The lines of a file above its samples."""
-
-    lines: int  # how many there are
-    delimiter: str
-    columns: list[tuple[str, str, str]]  # as written, by name, and the unit
-
-
 def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Place]:
     """Return the columns of a text, and the place of a sample."""
-    import pandas as pd  # here, because importing it takes time
-
     lines = _decoded(path, content).splitlines()
-    header = _header(path, lines)
-    rows = {}  # samples without remarks, by the number of their line
-    for k, line in enumerate(lines[header.lines :], header.lines + 1):
+    above, delimiter, columns = _header(path, lines)
+    rows = {}  # cells of the samples, by the number of their line
+    for k, line in enumerate(lines[above:], above + 1):
         sample = line.partition("#")[0]
         if sample.strip():
-            rows[k] = sample
-    at = list(rows)
-    samples = "\n".join(rows.values())
-    decimal = "," if header.delimiter != "," and "," in samples else "."
-    if decimal == "," and "." in samples:
-        raise ValueError(f"{path}: has commas and points in its numbers: write one of them, for decimals.")
+            rows[k] = _cells(sample, delimiter)
     if not rows:
         raise ValueError(f"{path} has no samples.")
-    options: dict[str, Any] = dict(sep=header.delimiter, decimal=decimal, header=None, skipinitialspace=True)
-    try:
-        table = pd.read_csv(io.StringIO(samples), keep_default_na=False, na_values=list(MISSING), **options)
-    except pd.errors.ParserError as error:
-        words = re.search(r"in line (\d+), saw (\d+)", str(error))
-        if words is None:
-            raise ValueError(f"{path} is no table: {error}") from None
-        raise _wrong_count(path, at[int(words[1]) - 1], int(words[2]), header) from None
-    if table.shape[1] != len(header.columns):
-        raise _wrong_count(path, at[0], table.shape[1], header)
-    place = lambda sample: f"line {at[sample]}"
-    columns = []
-    for (written, name, unit), (_, cells) in zip(header.columns, table.items(), strict=True):
-        number = _Number(path, name, unit, decimal, place)
-        columns.append(_Column(written, name, unit, number.each(cells)))
-    return columns, place
-
-
-def _wrong_count(path: Path, line: int, found: int, header: _Header) -> ValueError:
-    hint = "; decimal commas need semicolons between columns" if header.delimiter == "," else ""
-    return ValueError(f"{path}, line {line}: has {found} values for {len(header.columns)} names{hint}.")
+    marks = {mark for row in rows.values() for cell in row for mark in cell}
+    decimal = "," if delimiter != "," and "," in marks else "."
+    if decimal == "," and "." in marks:
+        raise ValueError(f"{path}: has commas and points in its numbers: write one of them, for decimals.")
+    table = []
+    for k, row in rows.items():
+        if len(row) != len(columns):
+            hint = "; decimal commas need semicolons between columns" if delimiter == "," else ""
+            raise ValueError(f"{path}, line {k}: has {len(row)} values for {len(columns)} names{hint}.")
+        words = [cell.replace(decimal, ".").strip() for cell in row]
+        table.append([_number(f"{path}, line {k}", *pair) for pair in zip(columns, words, strict=True)])
+    at = list(rows)
+    values = np.array(table).T
+    return [one._replace(values=v) for one, v in zip(columns, values, strict=True)], lambda k: f"line {at[k]}"
 
 
 def _decoded(path: Path, content: bytes) -> str:
@@ -230,34 +207,42 @@ def _decoded(path: Path, content: bytes) -> str:
     raise ValueError(f"{path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
 
 
-def _header(path: Path, lines: list[str]) -> _Header:
-    """Find the line of names, after lines of other words if any, and the units there or in the line below."""
+def _header(path: Path, lines: list[str]) -> tuple[int, str, list[_Column]]:
+    """Return the number of lines above the samples, the mark between columns, and these, still without values.
+
+    The line of names may come after lines of other words, and has the units, or the line below it.
+    """
+    names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
     for k, line in enumerate(lines[:200], 1):
         delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
         if delimiter is None or line.lstrip().startswith("#"):
             continue
         cells = _cells(line, delimiter)
-        found = [re.fullmatch(_NAMED, cell) for cell in cells]
-        known = [match for match in found if match is not None and _name(match[1]) in COLUMNS]
-        if len(known) < 2:
+        # a name, and a unit if any
+        found = [re.fullmatch(r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell) for cell in cells]
+        known = ["" if match is None else _name(match[1]) for match in found]
+        if sum(name in COLUMNS for name in known) < 2:
             continue
         units = [match and match[2] for match in found]
         below = _cells(lines[k], delimiter) if k < len(lines) else []
-        in_line_below = not any(units) and len(below) == len(cells) and all(re.fullmatch(_UNIT, c) for c in below)
+        is_unit = lambda cell: re.fullmatch(r"\s*[\[(]?\s*(?:[^\W\d_]+|°)\s*[\])]?\s*", cell)
+        in_line_below = not any(units) and len(below) == len(cells) and all(map(is_unit, below))
         if in_line_below:
             units = [cell.strip().strip("[]()") for cell in below]
-        columns = [_column(path, k, *one) for one in zip(cells, found, units, strict=True)]
-        return _Header(k + in_line_below, delimiter, columns)
-    raise ValueError(f"{path} has no line of names with units, such as {_NAMES}, between commas, semicolons or tabs.")
-
-
-_NAMES = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
+        where = f"{path}, line {k}"
+        columns = []
+        for cell, name, unit in zip(cells, known, units, strict=True):
+            if unit is None or name not in COLUMNS:
+                raise ValueError(f"{where}: {brief(cell.strip())} is no name with a unit, such as {names}.")
+            columns.append(_Column(where, cell.strip(), name, unit, np.empty(0)))
+        return k + in_line_below, delimiter, columns
+    raise ValueError(f"{path} has no line of names with units, such as {names}, between commas, semicolons or tabs.")
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; none where one is longer than any name."""
     with contextlib.suppress(csv.Error):
-        return next(csv.reader([line], delimiter=delimiter), [])
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return []
 
 
@@ -265,52 +250,26 @@ def _name(text: str) -> str:
     return ALIASES.get(text.lower(), text.lower())
 
 
-def _column(path: Path, line: int, cell: str, match: re.Match | None, unit: str | None) -> tuple[str, str, str]:
-    """Return a column as it is written, its name and its unit."""
-    name = "" if match is None else _name(match[1])
-    if unit is None or name not in COLUMNS:
-        raise ValueError(f"{path}, line {line}: {brief(cell.strip())} is no name with a unit, such as {_NAMES}.")
+def _number(where: str, column: _Column, words: str) -> float:
+    """Return the number in a cell, NaN for a mark of none; a distance with a plus inside as `STATIONS` says."""
+    if words in MISSING:
+        return np.nan
+    station = re.fullmatch(r"(\d+)\+((\d+)(\.\d*)?)", words) if column.name == "distance" else None
+    before = 0.0
+    after = words
+    also = ""
+    if station is not None:
+        before = float(station[1]) * STATIONS.get((column.unit, len(station[3])), np.nan)
+        after = station[2]
+        also = ", or as 129+773 in m, or as 1297+73 in ft"
     try:
-        unit_factor(name, unit, COLUMNS[name])
-    except ValueError as error:
-        raise ValueError(f"{path}, line {line}: {error}") from None
-    return cell.strip(), name, unit
-
-
-class _Number(NamedTuple):
-    """Reads the cells of a column."""
-
-    path: Path
-    name: str
-    unit: str
-    decimal: str
-    place: Place
-
-    def each(self, cells: Any) -> np.ndarray:
-        """Return the cells as numbers, those with a plus inside as `STATIONS` says."""
-        if cells.dtype.kind in "fiu":
-            return cells.to_numpy(float)
-        return np.array([self.one(k, cell) for k, cell in enumerate(cells)])
-
-    def one(self, k: int, cell: Any) -> float:
-        """Return the number in a cell, NaN for none."""
-        words = str(cell).replace(self.decimal, ".").strip()
-        station = re.fullmatch(r"(\d+)\+(\d+)(\.\d*)?", words) if self.name == "distance" else None
-        before = 0.0
-        also = ""
-        if station is not None:
-            before = float(station[1]) * STATIONS.get((self.unit, len(station[2])), np.nan)
-            words = station[2] + (station[3] or "")
-            also = ", or as 129+773 in m, or as 1297+73 in ft"
-        try:
-            # Python reads an underscore as a mark of thousands
-            value = before + (np.nan if "_" in words else float(words))
-        except ValueError:
-            value = np.nan
-        if np.isnan(value) and cell == cell:
-            need = f"must be a number{also}, but is {brief(cell)}"
-            raise ValueError(f"{self.path}, {self.place(k)}: `{self.name}` {need}.")
-        return value
+        # Python reads an underscore as a mark of thousands
+        value = before + float(after.replace("_", "?"))
+    except ValueError:
+        value = np.nan
+    if np.isnan(value):
+        raise ValueError(f"{where}: `{column.name}` must be a number{also}, but is {brief(words)}.")
+    return value
 
 
 # --- netCDF ---------------------------------------------------------------------------------------------------------
@@ -332,14 +291,15 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
 
 def _variable(path: Path, key: str, array: Any) -> _Column:
     """Return a variable of a netCDF file as a column."""
+    where = f"{path}: {key}"
     unit = str(array.attrs.get("units", ""))
-    require(unit, f"{path}: {key}", "have an attribute `units`", shown="none")
+    require(unit, where, "have an attribute `units`", shown="none")
     good = array.ndim == 1 and array.size > 0 and array.dtype.kind in "fiu"
     need = "be numbers along one dimension"
-    require(good, f"{path}: {key}", need, shown=f"{array.dtype} of shape {array.shape}")
+    require(good, where, need, shown=f"{array.dtype} of shape {array.shape}")
     down = array.attrs.get("positive", "up") == "down"
-    require(not down, f"{path}: {key}", "be positive upwards: change its signs and the attribute", shown="downwards")
-    return _Column(key, _name(key), unit, np.asarray(array.values, float))
+    require(not down, where, "be positive upwards: change its signs and the attribute", shown="downwards")
+    return _Column(where, key, _name(key), unit, np.asarray(array.values, float))
 
 
 # --- chords ---------------------------------------------------------------------------------------------------------
