@@ -15,7 +15,6 @@ from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
 from ..model.parameters import PARAMETERS
-from ..model.scene import scene_to_toml
 from ..plots.style import COLORS, NOT_RUN_LABEL, quantity_of
 from . import pictures
 from .panels import CODE, Panels, source
@@ -294,7 +293,7 @@ class Page:
     def _write_texts(self) -> None:
         """Hand the script and the scene to the browser, which copies and saves them."""
         try:
-            toml = scene_to_toml(self.session.case.scene)
+            toml = self.session.case.scene.to_toml()
         except ValueError as error:  # of parts that plain text cannot hold
             toml = f"# {error}\n"
         self.texts.data = {"python": [python_of(self.session)], "toml": [toml]}

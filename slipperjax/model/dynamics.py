@@ -168,24 +168,21 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
 
 
-def unit_wrenches(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
-    """Return force along y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces.
+def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
+    """Return force along x, y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces.
 
     Their friction is included, whose coefficient may depend on the forces. Shape (points,) each.
     """
-    wrenches = (*at.frame.normal[1:], *at.contacts.lever)
+    directions = (*at.frame.normal, *at.contacts.lever)
     if scene.friction is None:
-        return wrenches
-    (_, *traction), moment, _ = tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)
-    return tuple(w + f for w, f in zip(wrenches, (*traction, *moment), strict=True))
+        return directions
+    traction, moment, _ = tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)
+    return tuple(d + f for d, f in zip(directions, (*traction, *moment), strict=True))
 
 
 def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N]."""
-    per_unit = at.frame.normal[0]
-    if scene.friction is not None:
-        per_unit = per_unit + tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)[0][0]
-    drive = -jnp.sum(at.force * per_unit, axis=-1)
+    drive = -jnp.sum(at.force * per_force(scene, at, travel)[0], axis=-1)
     # applied loads and the acceleration of the masses act on the drive, too
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
@@ -243,7 +240,7 @@ def sled_force(sled: SledMass, m: Motion) -> Array:
 
 def motion_rates(scene: Scene, at: Acting, travel: Travel) -> Motion:
     """Return the motion's derivative [per second], from the contacts and their forces at one instant."""
-    wrench = sums(*(at.force * w for w in unit_wrenches(scene, at, travel)))
+    wrench = sums(*(at.force * w for w in per_force(scene, at, travel)[1:]))
     return newton_euler(scene, at.motion, wrench, travel)
 
 
@@ -446,10 +443,7 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     at = Acting(frame, now, m, force)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    per_normal = jnp.stack(frame.normal)
-    if scene.friction is not None:
-        per_normal = per_normal + jnp.stack(tractions(scene.friction, frame, m, force, travel.speed)[0])
-    on_track = ends(-force[None] * per_normal)  # (3, 2, points)
+    on_track = ends(-force[None] * jnp.stack(per_force(scene, at, travel)[:3]))  # (3, 2, points)
     # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])

@@ -62,14 +62,10 @@ class Motion(eqx.Module):
         return f"{type(self).__name__}({', '.join(parts)})"
 
     @staticmethod
-    def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
-        """Return a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
-        angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
-        for name, given in angles.items():
-            angle = converted(name, "rad")(given)
-            require(is_traced(angle) or (is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
-            angles[name] = angle
-        return Motion(y, z, *quaternion_from_euler(**angles), v_y, v_z, w_x, w_y, w_z)
+    def from_euler(*, roll: Any = 0.0, pitch: Any = 0.0, yaw: Any = 0.0, **others: Any) -> "Motion":
+        """Return a motion from Euler angles of Eq. (2) [rad]; `others`: fields of `Motion` besides the attitude."""
+        attitude = zip(("q_x", "q_y", "q_z"), quaternion_from_euler(roll, pitch, yaw), strict=True)
+        return Motion(**dict(attitude), **others)
 
 
 class SledMotion(Motion):
@@ -96,20 +92,12 @@ def _of_slipper(m: Motion) -> list[Any]:
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
-def _is_real(value: Any) -> bool:
-    """Return whether a value is one real number, or an array of them."""
-    try:
-        return value is not None and np.asarray(value).dtype.kind in "fiu"
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
-        return False
-
-
 def check_motion(name: str, motion: Any) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
             continue  # its value is not known
-        if not (_is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
+        if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
     return motion
 
@@ -160,7 +148,11 @@ def quaternion_from_euler(roll, pitch, yaw):
 
     **Raises:** `ValueError` for what is no numbers.
     """
-    halves = [jnp.asarray(real(*one), float) / 2 for one in (("roll", roll), ("pitch", pitch), ("yaw", yaw))]
+    halves = []
+    for name, given in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
+        angle = converted(name, "rad")(given)
+        require(is_traced(angle) or (is_real(angle) and np.size(angle)), name, "be real numbers [rad]", angle)
+        halves.append(jnp.asarray(angle, float) / 2)
     cr, cp, cy = map(jnp.cos, halves)
     sr, sp, sy = map(jnp.sin, halves)
     # of the two quaternions of an attitude, the one with q_0 >= 0

@@ -23,7 +23,7 @@ from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
 from .contact import Flores
 from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, Quantity
 from .slipper import Slipper
-from .tracks import HarmonicTrack
+from .tracks import HarmonicTrack, on_host
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,8 @@ class Parameter(Quantity):
     """Fields that lead to the leaf, joined by points; empty for a number of the start."""
     check: Check
     """Makes values [unit] an array; raises `ValueError` out of range, and warns where they are implausible."""
+    index: tuple[int, ...] = ()
+    """Place in the leaf where that is an array, behind axes of cases."""
 
     @property
     def whole(self) -> bool:
@@ -81,24 +83,11 @@ class Parameter(Quantity):
         return leaf
 
     def _read(self, leaf: Any) -> Any:
-        return leaf
+        return on_host(leaf)[(..., *self.index)] if self.index else leaf
 
     def _write(self, value: Array, leaf: Any) -> Array:
-        return value
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Entry(Parameter):
-    """A number that is one entry of an array."""
-
-    index: tuple[int, ...]
-    """Place in the array, behind axes of cases."""
-
-    def _read(self, leaf: Any) -> Any:
-        array = leaf if is_traced(leaf) else np.asarray(leaf)
-        return array[(..., *self.index)]
-
-    def _write(self, value: Array, leaf: Any) -> Array:
+        if not self.index:
+            return value
         shape = np.shape(leaf)
         of_cases = len(shape) - len(self.index)
         cases = jnp.broadcast_shapes(np.shape(value), shape[:of_cases])
@@ -111,8 +100,7 @@ class Clearance(Parameter):
     """The total play, of which each face has half; where faces differ, twice the mean of theirs."""
 
     def _read(self, leaf: Any) -> Any:
-        mean = jnp.mean(leaf) if is_traced(leaf) else np.mean(np.asarray(leaf))
-        return 2 * mean
+        return 2 * on_host(leaf).mean()
 
     def _write(self, value: Array, leaf: Any) -> Array:
         return half_play(value, leaf.shape[-1])
@@ -120,10 +108,7 @@ class Clearance(Parameter):
 
 def half_play(clearance: Any, faces: int) -> Float[Array, "*cases faces"]:
     """Return a total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
-    on_host = not is_traced(clearance)  # where nothing is compiled
-    half = (np.asarray(clearance) if on_host else clearance)[..., None] / 2
-    shape = (*half.shape[:-1], faces)
-    return jnp.asarray(np.broadcast_to(half, shape)) if on_host else jnp.broadcast_to(half, shape)
+    return jnp.asarray((on_host(clearance)[..., None] / 2).repeat(faces, axis=-1))
 
 
 def _declared(path: str, owner: type, name: str, check: Check | None, index: tuple[int, ...] = ()) -> Parameter:
@@ -135,9 +120,7 @@ def _declared(path: str, owner: type, name: str, check: Check | None, index: tup
     own = dataclasses.replace(finite("") if check is None else check, name=name, optional=False)
     labels = labels_of(owner, path.rpartition(".")[2])
     text = labels.pop("text") or (name if "." in name else path).replace(".", " ")
-    common: dict[str, Any] = dict(path=path, check=own, **labels)
-    unit = own.unit or "1"
-    return Entry(name, unit, text, index=index, **common) if index else Parameter(name, unit, text, **common)
+    return Parameter(name, own.unit or "1", text, path=path, check=own, index=index, **labels)
 
 
 def _named(path: str, owner: type) -> Parameter:
@@ -152,20 +135,27 @@ def _moment_of_inertia(k: int, axis: str) -> Parameter:
     return dataclasses.replace(moment, long_name=f"moment of inertia about {axis}", symbol=f"J_{axis}")
 
 
-def _own(q: Quantity, make: Any, plausible: tuple[float, float]) -> dict[str, Any]:
-    """Return the arguments of a parameter with the labels of a quantity."""
-    return vars(q) | dict(check=dataclasses.replace(make(q.name, q.unit), plausible=plausible))
+def _own(kind: type, make: Any, plausible: tuple[float, float], path: str, name: str, unit: str, *labels: Any) -> Any:
+    """Return a parameter that no field declares; `labels`: those of a quantity, in their order."""
+    return kind(name, unit, *labels, path=path, check=dataclasses.replace(make(name, unit), plausible=plausible))
 
-
-_SPEED = Quantity("speed", "m/s", "constant travelling speed", "V")
-_GRAVITY = Quantity("gravity", "m/s^2", "gravitational acceleration", "g")
-_CLEARANCE = Quantity("clearance", "m", "total play of slipper and rail", "C", shown_unit="mm")
 
 PARAMETERS: dict[str, Parameter] = {
     p.name: p
     for p in (
-        Parameter(path="speed", **_own(_SPEED, positive, (5.0, 1e4))),
-        Clearance(path="section.play", **_own(_CLEARANCE, not_negative, (0.0, 0.04))),
+        _own(Parameter, positive, (5.0, 1e4), "speed", "speed", "m/s", "constant travelling speed", "V"),
+        _own(
+            Clearance,
+            not_negative,
+            (0.0, 0.04),
+            "section.play",
+            "clearance",
+            "m",
+            "total play of slipper and rail",
+            "C",
+            1.0,
+            "mm",
+        ),
         _named("slipper.length", Slipper),
         _named("slipper.mass", Slipper),
         *(_moment_of_inertia(k, axis) for k, axis in enumerate("xyz")),
@@ -173,19 +163,17 @@ PARAMETERS: dict[str, Parameter] = {
         _named("contact.restitution", Flores),
         _named("track.amplitude", HarmonicTrack),
         _named("track.roll_amplitude", HarmonicTrack),
-        Parameter(path="gravity", **_own(_GRAVITY, not_negative, (0.0, 1e3))),
+        _own(Parameter, not_negative, (0.0, 1e3), "gravity", "gravity", "m/s^2", "gravitational acceleration", "g"),
     )
 }
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
 
-_FARTHEST = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}
-"""Greatest plausible magnitudes at the start, by unit."""
-
 
 def _at_start(q: Quantity) -> Parameter:
-    far = _FARTHEST[q.unit]
+    # greatest plausible magnitudes
+    far = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}[q.unit]
     text = f"{q.long_name.split(',')[0]} at the start"
-    return Parameter(path="", **_own(q, finite, (-far, far)) | dict(long_name=text))
+    return _own(Parameter, finite, (-far, far), "", q.name, q.unit, text, q.symbol, q.scale, q.shown_unit)
 
 
 STARTS: dict[str, Parameter] = {

@@ -78,11 +78,8 @@ class Scene(ShapeChecked):
         for name, (kind, text) in PARTS.items():
             if getattr(self, name) is not None or name not in OPTIONAL:
                 instance(name, getattr(self, name), kind, text)
-        if not is_traced((self.track, self.slipper.length)):
-            self._check_waves()
-
-    def _check_waves(self) -> None:
-        """Give an `ImplausibleWarning` where the rail has waves that are shorter than the slipper."""
+        if is_traced((self.track, self.slipper.length)):
+            return
         with jax.ensure_compile_time_eval():  # inside jit, too
             shortest = float(self.track.shortest_wavelength)
         length = float(np.max(np.asarray(self.slipper.length)))
@@ -177,7 +174,26 @@ class Scene(ShapeChecked):
 
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
-        text = scene_to_toml(self, start)
+        known("scene", self)
+        numbers = describe(self)
+        lines = []
+        for name in NUMBERS:
+            if not isinstance(numbers[name], dict):
+                lines += _line(name, numbers[name], unit_of(Scene, name))
+        if isinstance(self.speed, SpeedProgramme):
+            lines += ["", "[speed]", *_entries(self.speed)[1:]]
+        for name, own in self.parts.items():
+            part = _entries(own)
+            single = PARTS[name][0] is type(own)  # there is one kind of it
+            lines += ["", f"[{name}]", *(part[1:] if single else part)]
+        if start is not None:
+            is_motion = type(start).__name__ == "Motion"  # whose module needs this one
+            require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
+            lines += ["", "[start]"]
+            for name, value in describe(start).items():
+                if name != TYPE and value != 0:
+                    lines += _line(name, value, START[name].unit)
+        text = "\n".join(lines) + "\n"
         if file is not None:
             write_whole(user_path(file, "file"), text.encode())
         return text
@@ -218,33 +234,6 @@ def at_speed(scene: Any, speed: Any) -> Scene:
 
 START = COORDINATES | MOTION_NUMBERS
 """The numbers of a start in a file: its attitude stands there as Euler angles or as a quaternion."""
-
-
-def scene_to_toml(scene: Scene, start: Any = None) -> str:
-    """Return a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
-
-    **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
-    """
-    known("scene", instance("scene", scene, Scene, "a slipperjax.Scene"))
-    numbers = describe(scene)
-    lines = []
-    for name in NUMBERS:
-        if not isinstance(numbers[name], dict):
-            lines += _line(name, numbers[name], unit_of(Scene, name))
-    if isinstance(scene.speed, SpeedProgramme):
-        lines += ["", "[speed]", *_entries(scene.speed)[1:]]
-    for name, own in scene.parts.items():
-        part = _entries(own)
-        single = PARTS[name][0] is type(own)  # there is one kind of it
-        lines += ["", f"[{name}]", *(part[1:] if single else part)]
-    if start is not None:
-        is_motion = type(start).__name__ == "Motion"  # whose module needs this one
-        require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
-        lines += ["", "[start]"]
-        for name, value in describe(start).items():
-            if name != TYPE and value != 0:
-                lines += _line(name, value, START[name].unit)
-    return "\n".join(lines) + "\n"
 
 
 def _entries(part: Any) -> list[str]:

@@ -58,12 +58,6 @@ class RunTable(ShapeChecked):
         if self.steps_per_period is not None:
             given_steps(self.steps_per_period)
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """What the table gives, in SI units."""
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
-
 
 class SceneFile(NamedTuple):
     """Contents of a scene's file."""
@@ -130,25 +124,24 @@ class _Reader:
         """Return the scene, its start and its run."""
         with self.placed(""):
             self.check_names()
-            # what the file leaves out is that of its base
-            inherited = {} if self.tables.get("base") is None else describe(paper_scene())
-            values = {name: inherited[name] for name in NUMBERS if inherited.get(name) is not None}
-            for name in NUMBERS:
-                if name in self.tables and not isinstance(self.tables[name], dict):
-                    values[name] = quantity(name, self.tables[name], unit_of(Scene, name))
-        if isinstance(self.tables.get("speed"), dict):
-            values["speed"] = self.programme()
-        for name in PARTS:
-            if name in self.tables or inherited.get(name) is not None:
-                values[name] = self.part(name, inherited.get(name) or {})
+        # what the file leaves out is that of its base
+        values = dict(vars(paper_scene())) if "base" in self.tables else {}
+        others: dict[str, Any] = {"start": None, "run": None}
+        for name, value in self.tables.items():
+            with self.placed(name if isinstance(value, dict) else ""):
+                if name in PARTS:
+                    values[name] = self.part(name, dict(value), values.get(name))
+                elif name in others:
+                    others[name] = self.start(value) if name == "start" else self.run(value)
+                elif name == "speed" and isinstance(value, dict):
+                    values[name] = self.programme(dict(value))
+                elif name in NUMBERS:
+                    values[name] = quantity(name, value, unit_of(Scene, name))
         for name in ("speed", "slipper", "section", "track", "contact"):
             if name not in values:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         with self.placed(""):
-            scene = Scene(**values)
-        start = self.start() if "start" in self.tables else None
-        run = self.run() if "run" in self.tables else None
-        return SceneFile(scene, start, run)
+            return SceneFile(Scene(**values), **others)
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
@@ -164,97 +157,83 @@ class _Reader:
         if base != "paper":
             raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
 
-    def part(self, name: str, inherited: dict[str, Any]) -> Any:
-        """Return one part of the scene, from its table and the description that it inherits."""
-        base, _ = PARTS[name]
-        table = dict(self.tables.get(name, {}))
-        with self.placed(name):
-            kind = self.kind(name, base, table, inherited.get(TYPE))
-            values = {field: v for field, v in inherited.items() if field in kind.__dataclass_fields__}
-            if kind is Section and "clearance" in table:
-                if "play" in table:
-                    raise ValueError("`clearance` and `play` must not both be given.")
-                clearance = quantity("clearance", table.pop("clearance"), PARAMETERS["clearance"].unit)
-                # each face has half of the clearance
-                faces = len(table.get("faces", values.get("faces", Section.faces)))
-                values["play"] = half_play(np.asarray(clearance), faces)
-            return made(kind, values | self.written(kind, table), name)
+    def part(self, name: str, table: dict[str, Any], inherited: Any) -> Any:
+        """Return one part of the scene, from its table and the part that it inherits."""
+        described = {} if inherited is None else describe(inherited)
+        kind, _ = PARTS[name]
+        if kind not in SINGLE:
+            of_file = SurveyedTrack.__name__ if name == "track" and "file" in table else described.get(TYPE)
+            named = table.pop(TYPE, of_file)
+            if named is None:
+                raise ValueError(f"`{TYPE}` is missing.")
+            kind = known_type(str(named), (kind,), name)
+        elif TYPE in table:
+            raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
+        values: dict[str, Any] = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
+        if kind is Section and "clearance" in table:
+            if "play" in table:
+                raise ValueError("`clearance` and `play` must not both be given.")
+            clearance = quantity("clearance", table.pop("clearance"), PARAMETERS["clearance"].unit)
+            # each face has half of the clearance
+            faces = len(table.get("faces", values.get("faces", Section.faces)))
+            values["play"] = half_play(np.asarray(clearance), faces)
+        return self.made(kind, table, name, **values)
 
-    def kind(self, name: str, base: type, table: dict[str, Any], inherited: str | None) -> type:
-        """Return the class of a part, and take its type out of the table."""
-        if base in SINGLE:
-            if TYPE in table:
-                raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
-            return base
-        of_file = SurveyedTrack.__name__ if name == "track" and "file" in table else inherited
-        named = table.pop(TYPE, of_file)
-        if named is None:
-            raise ValueError(f"`{TYPE}` is missing.")
-        return known_type(str(named), (base,), name)
-
-    def programme(self) -> SpeedProgramme:
+    def programme(self, table: dict[str, Any]) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: places, times or stages."""
-        table = dict(self.tables["speed"])
-        with self.placed("speed"):
-            begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
-            # stages, speeds at times, or speeds at places
-            if "stages" in table:
-                start = quantity("start", table.pop("start", None), "m/s")
-                programme = SpeedProgramme.stages(self.stages(table.pop("stages")), start=start, **begin)
-            elif "time" in table:
-                time = quantity("time", table.pop("time"), "s")
-                speed = quantity("speed", table.pop("speed", None), "m/s")
-                programme = SpeedProgramme.over_time(time, speed, **begin)
-            else:
-                return made(SpeedProgramme, self.written(SpeedProgramme, table) | begin, "speed")
-            if table:
-                raise ValueError(f"`{next(iter(table))}` must not be given here.")
-            return programme
+        begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
+        # stages, speeds at times, or speeds at places
+        if "stages" in table:
+            rows = table.pop("stages")
+            if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
+                raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
+            start = quantity("start", table.pop("start", None), "m/s")
+            stages = [self.made(Stage, row, "stages") for row in rows]
+            programme = SpeedProgramme.stages(stages, start=start, **begin)
+        elif "time" in table:
+            time = quantity("time", table.pop("time"), "s")
+            programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
+        else:
+            return self.made(SpeedProgramme, table, "speed", **begin)
+        if table:
+            raise ValueError(f"`{next(iter(table))}` must not be given here.")
+        return programme
 
-    def stages(self, rows: Any) -> list[Stage]:
-        """Return the stages of a programme."""
-        if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
-            raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
-        return [made(Stage, self.written(Stage, row), "stages") for row in rows]
+    def made(self, kind: type, table: dict[str, Any], name: str, **values: Any) -> Any:
+        """Return the module of a class from a table of that name, and `values` of what it leaves out."""
+        return build(values | self.described(kind, table), (kind, *INNER), name)
 
-    def written(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
-        """Return the values of a table for a class in SI units, those of tables within it too."""
+    def described(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
+        """Return the description of a table for a class, in SI units, with those of tables within it."""
         values: dict[str, Any] = {}
         for name, value in table.items():
-            if _is_table(value):
-                values[name] = self.inner(name, value)
-            elif isinstance(value, list) and value and all(map(_is_table, value)):
-                values[name] = [self.inner(name, one) for one in value]
+            rows: list[Any] = value if isinstance(value, list) and value else [value]
+            if all(isinstance(row, dict) and TYPE in row for row in rows):
+                inner = [self.described(known_type(str(row[TYPE]), INNER, name), row) for row in rows]
+                values[name] = inner if rows is value else inner[0]
             else:
                 values[name] = quantity(name, value, unit_of(kind, name))
         if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file
             values["file"] = str(Path(self.file).parent / user_path(str(values["file"])))
-        return values
+        return values | {TYPE: type_name(kind)}
 
-    def inner(self, field: str, table: dict[str, Any]) -> dict[str, Any]:
-        """Return the description of a module within a part."""
-        kind = known_type(str(table[TYPE]), INNER, field)
-        others = {name: value for name, value in table.items() if name != TYPE}
-        return {TYPE: type_name(kind), **self.written(kind, others)}
-
-    def start(self) -> Motion:
+    def start(self, table: dict[str, Any]) -> Motion:
         """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion."""
-        table = self.tables["start"]
-        with self.placed("start"):
-            for name in table:
-                if name not in START:
-                    raise ValueError(f"`{name}` is none of {', '.join(START)}.")
-            values = {name: quantity(name, value, START[name].unit) for name, value in table.items()}
-            angles = [name for name in table if START[name].unit == "rad"]
-            quaternion = [name for name in table if START[name].unit == "1"]
-            if angles and quaternion:
-                raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
-            return check_motion("start", Motion.from_euler(**values) if angles else Motion(**values))
+        values = {}
+        for name, value in table.items():
+            if name not in START:
+                raise ValueError(f"`{name}` is none of {', '.join(START)}.")
+            values[name] = quantity(name, value, START[name].unit)
+        angles = [name for name in table if START[name].unit == "rad"]
+        quaternion = [name for name in table if START[name].unit == "1"]
+        if angles and quaternion:
+            raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
+        return check_motion("start", Motion.from_euler(**values) if angles else Motion(**values))
 
-    def run(self) -> dict[str, Any]:
-        """Return the arguments of a run."""
-        with self.placed("run"):
-            return made(RunTable, self.written(RunTable, self.tables["run"]), "run").arguments
+    def run(self, table: dict[str, Any]) -> dict[str, Any]:
+        """Return the arguments of a run that the table gives, in SI units."""
+        given = {name: value for name, value in vars(self.made(RunTable, table, "run")).items() if value is not None}
+        return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
 
     @contextmanager
     def placed(self, table: str) -> Iterator[None]:
@@ -283,15 +262,6 @@ class _Reader:
                     return at
                 header = at if here == table else header
         return header
-
-
-def made(kind: type, values: dict[str, Any], name: str) -> Any:
-    """Return the module of a class from values of its fields [SI units]; `name`: of its table."""
-    return build({TYPE: type_name(kind), **values}, (kind, *INNER), name)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) and TYPE in value
 
 
 def quantity(name: str, value: Any, unit: str) -> Any:

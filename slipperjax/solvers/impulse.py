@@ -23,8 +23,8 @@ from ..model.dynamics import (
     State,
     contact_forces,
     newton_euler,
+    per_force,
     per_period,
-    unit_wrenches,
 )
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, moved
 from ..model.scene import Scene
@@ -104,7 +104,7 @@ class ImpulseRK4(AbstractLatchingSolver):
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
-            own = unit_wrenches(scene, Acting(frame, now, m, force), travel)
+            own = per_force(scene, Acting(frame, now, m, force), travel)[1:]
             wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
             return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
@@ -229,7 +229,7 @@ def _ended(
     m = state.motion
     travel = args.travel(t)
     force = contact_forces(scene, now, state.memory)
-    own = unit_wrenches(scene, Acting(frame, now, m, force), travel)
+    own = per_force(scene, Acting(frame, now, m, force), travel)[1:]
     wrench = sums(*(force * w for w in own))
     rates = per_period(travel, newton_euler(scene, m, wrench, travel))
     return rates, Ends(now.gap, now.rate, turning, own, wrench)

@@ -74,7 +74,6 @@ OF_SCENES = [
     model.contact_points,
     model.accuracy_scales,
     model.scene_to_json,
-    model.scene_to_toml,
     sj.contact_duration,
     sj.vector_field,
     lambda scene: model.rail_frame(scene, 0.0),

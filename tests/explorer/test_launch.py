@@ -128,7 +128,7 @@ def test_bad_sources_are_one_line(capsys, tmp_path):
 def test_options_of_the_case_are_used_or_refused(capsys, tmp_path, option):
     source = tmp_path / "scene.toml"
     for path in (source, tmp_path / "other.toml"):
-        path.write_text(sj.model.scene_to_toml(sj.paper_scene()))
+        path.write_text(sj.paper_scene().to_toml())
     option = [tmp_path / part if part == "other.toml" else part for part in option]
     text = error_of(["explore", "--no-browser", source, *option], capsys)
     assert "scene.toml must not be given with" in text

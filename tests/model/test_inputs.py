@@ -233,5 +233,5 @@ def test_every_field_with_a_unit_takes_quantities_of_its_dimension():
 
 @pytest.mark.parametrize("wrong", [[], [[]], None, "level", 1j])
 def test_an_angle_is_a_number(wrong):
-    with pytest.raises(ValueError, match="Argument `pitch` must be a real number"):
+    with pytest.raises(ValueError, match="Argument `pitch` must be real numbers"):
         sj.Motion.from_euler(pitch=wrong)

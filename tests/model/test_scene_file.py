@@ -12,7 +12,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli.options import FILE as FILE_OPTION
-from slipperjax.model.scene import scene_to_toml
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.tools.checks import finite, positive
 from slipperjax.tools.units import parsed
@@ -55,7 +54,7 @@ def scenes():
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
     for scene in scenes():
-        assert eqx.tree_equal(scene_from_toml(scene_to_toml(scene)).scene, scene)
+        assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
         assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
         assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(speed=1234.6))
 
