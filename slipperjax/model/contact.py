@@ -135,19 +135,6 @@ class ConstantDamping(AbstractContactLaw):
         return -self.hysteresis * rate
 
 
-SLOWEST_IMPACT = 1e-3
-"""Least approach rate at touchdown [m/s]; slower touchdowns are treated as touchdowns at this rate.
-
-The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second and
-is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
-"""
-
-
-def _check_slowest(rate: Any) -> None:
-    """Warn unless the least approach rate [m/s] is at most about that of a typical impact."""
-    warn_unless_within("slowest", rate, 0, 1.0, "m/s")
-
-
 class AbstractMemory(ShapeChecked):
     """A model of the contact memory, which keeps the gap rate at touchdown."""
 
@@ -185,12 +172,16 @@ class EventLatch(AbstractMemory):
 
     unit: ClassVar = "s/m"
     slowest: float = eqx.field(
-        static=True, converter=converted("slowest", "m/s"), default=SLOWEST_IMPACT, metadata={"unit": "m/s"}
+        static=True, converter=converted("slowest", "m/s"), default=1e-3, metadata={"unit": "m/s"}
     )
-    """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
+    """Least approach rate at touchdown [m/s]; slower touchdowns are treated as touchdowns at this rate.
+
+    The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second
+    and is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
+    """
 
     def __check_init__(self):
-        _check_slowest(number(positive, "slowest", self.slowest, "m/s"))
+        warn_unless_within("slowest", number(positive, "slowest", self.slowest, "m/s"), 0, 1.0, "m/s")
 
     def initial(self, gap: Array, rate: Array) -> Array:
         # closed, but not approaching: the least number below zero marks a contact without damping
@@ -253,17 +244,12 @@ class SmoothSwitch(AbstractMemory):
     """
 
     unit: ClassVar = "m/s"
-    width: Float[Array, ""] | None = field("m", positive, default=None)
+    width: Float[Array, ""] | None = field("m", positive, plausible=(0.0, 1e-2), default=None)
     """Width of the switch about g = 0 [m]."""
-    relaxation: Float[Array, ""] | None = field("s", positive, default=None)
+    relaxation: Float[Array, ""] | None = field("s", positive, plausible=(0.0, 1e-2), default=None)
     """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
-    slowest: Float[Array, ""] = field("m/s", positive, default=1e-3)
+    slowest: Float[Array, ""] = field("m/s", positive, plausible=(0.0, 1.0), default=1e-3)
     """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
-
-    def __check_init__(self):
-        warn_unless_within("width", self.width, 0, 1e-2, "m")
-        warn_unless_within("relaxation", self.relaxation, 0, 1e-2, "s")
-        _check_slowest(self.slowest)
 
     def initial(self, gap: Array, rate: Array) -> Array:
         return rate

@@ -28,7 +28,7 @@ _TABLE_1 = (
 
 
 def paper_section(clearance: Any) -> Section:
-    """Returns the section of Table 1 with a total play of `clearance` [m], half of it per face.
+    """Return the section of Table 1 with a total play of `clearance` [m], half of it per face.
 
     **Raises:** `ValueError` for a negative clearance.
     """
@@ -51,7 +51,7 @@ def paper_scene(
     clamp: bool = True,
     memory: AbstractMemory | None = None,
 ) -> Scene:
-    """Returns the system of Dang et al. 2024, Tables 1 to 3.
+    """Return the system of Dang et al. 2024, Tables 1 to 3.
 
     **Arguments:**
 
@@ -78,5 +78,5 @@ def paper_scene(
 
 
 def table_2_start() -> Motion:
-    """Returns the start of Table 2: centred, velocities of 0.5 m/s along y and z, spins of 0.2, 0.3 and 0.4 rad/s."""
+    """Return the start of Table 2: centred, velocities of 0.5 m/s along y and z, spins of 0.2, 0.3 and 0.4 rad/s."""
     return Motion(v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)

@@ -27,7 +27,7 @@ from ..tools.checks import (
 )
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import field
-from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count, smooth_step
+from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")
 """How a rail goes on beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, refused
@@ -69,12 +69,6 @@ class SplineTrack(AbstractTrack):
         if self.ends == "error":
             slope = jnp.where(s < 0, 0.0, slope)
         return self._of(value, s), self._of(slope, s)
-
-    @at_once
-    def curvature(self, distance: Float[Array, "*places"]) -> Irregularity:
-        """Return second derivatives [1/m], of roll [rad/m^2]."""
-        (a, b, c, d), u, s = self._interval(distance)
-        return self._of(((1 - u) * a + (3 * u - 2) * b + (1 - 3 * u) * c + u * d) / self.spacing**2, s)
 
     def _interval(self, distance: Array) -> tuple[list[Array], Array, Array]:
         """Return the four coefficients at a distance, the place in its interval [0, 1], and that on the rail, in
@@ -231,8 +225,12 @@ class SampledTrack(AbstractRail):
         channels = _channels(places, lateral, vertical, roll)
         if len(places) > 2:
             channels = _evenly_spaced(places, channels)
-        if ends == "repeat":
-            _check_closed(channels)
+        # traced samples cannot be compared
+        if ends == "repeat" and not is_traced(channels):
+            for name, array in channels.items():
+                same = abs(array[-1] - array[0]) <= 1e-9 * (np.max(np.abs(array)) or 1.0)
+                shown = f"{array[-1]:g} at the end and {array[0]:g} at the start"
+                require(same, name, "end as it begins, because the rail repeats", shown=shown)
         length = float(places[-1] - places[0])
         if ramp is None:
             ramp = min(DEFAULT_RAMP, length / 4) if ends == "straight" else 0.0
@@ -285,10 +283,10 @@ class SampledTrack(AbstractRail):
     def shortest_wavelength(self) -> Float[Array, ""]:
         """The wavelength of a sine with the same root mean squares of slope and curvature [m]: that of short waves as
         far as these matter; at most the reference length."""
-        spline = self.prepared()
         places = self._places()
+        slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
-        return mean_wave(rms(spline.motion(places)[1]), rms(spline.curvature(places)), self.reference_length)
+        return mean_wave(rms(slope), rms(curvature), self.reference_length)
 
     def _places(self) -> Float[Array, " places"]:
         """Return distances of the samples, and of the middles between them, within the rail [m]."""
@@ -316,7 +314,7 @@ def _places(distance: Any) -> np.ndarray:
     return places
 
 
-def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dict[str, Array]:
+def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dict[str, Any]:
     """Return displacements [m] and roll [rad] of each sample by name; raise `ValueError` for other shapes."""
     channels = {"lateral": finite("lateral", "m")(lateral), "vertical": finite("vertical", "m")(vertical)}
     if roll is not None:
@@ -331,45 +329,30 @@ def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dic
         raise ValueError(f"Arguments `distance`, `lateral`, `vertical` and `roll` must {need}.")
     (count,) = lengths
     require(count >= 4, "distance", "be of four or more samples", count)
-    return {name: jnp.broadcast_to(array, (count,)) for name, array in channels.items()}
+    # on the host where they are known, so that nothing is compiled
+    return {name: on_host(array) + np.zeros(count) for name, array in channels.items()}
 
 
-def _check_closed(channels: dict[str, Array]) -> None:
-    """Raise `ValueError` where a rail that repeats does not end as it begins."""
-    # traced samples cannot be compared
-    for name, array in channels.items():
-        if not is_traced(array):
-            values = np.asarray(array)
-            same = abs(values[-1] - values[0]) <= 1e-9 * (np.max(np.abs(values)) or 1.0)
-            shown = f"{values[-1]:g} at the end and {values[0]:g} at the start"
-            require(same, name, "end as it begins, because the rail repeats", shown=shown)
-
-
-def _evenly_spaced(places: np.ndarray, channels: dict[str, Array]) -> dict[str, Array]:
+def _evenly_spaced(places: np.ndarray, channels: dict[str, Any]) -> dict[str, Any]:
     """Return channels at equal distances, resampled where they are not; a warning says by how much that changes
     them."""
     gaps = np.diff(places)
-    even = (places[-1] - places[0]) / len(gaps)
+    length = float(places[-1] - places[0])
+    even = length / len(gaps)
     if np.max(np.abs(places - places[0] - even * np.arange(len(places)))) <= EQUAL_SPACING * even:
         return channels
     from scipy.interpolate import CubicSpline  # here, because importing it takes time
 
-    length = float(places[-1] - places[0])
     count = int(min(np.ceil(length / np.min(gaps)), 8 * len(gaps))) + 1
     at = np.linspace(places[0], places[-1], count)
-    if any(is_traced(array) for array in channels.values()):
+    if is_traced(channels):
         weights = CubicSpline(places, np.eye(len(places)))(at)  # a spline is linear in its samples
         return {name: weights @ array for name, array in channels.items()}
-    resampled = {}
-    worst = 0.0
-    for name, array in channels.items():
-        values = CubicSpline(places, np.asarray(array))(at)
-        resampled[name] = jnp.asarray(values)
-        if name != "roll":
-            worst = max(worst, float(np.max(np.abs(CubicSpline(at, values)(places) - np.asarray(array)))))
+    resampled = {name: CubicSpline(places, array)(at) for name, array in channels.items()}
+    changes = [CubicSpline(at, resampled[name])(places) - channels[name] for name in ("lateral", "vertical")]
     warn(
         f"Argument `distance` is not equally spaced: the rail is resampled every {length / (count - 1):.4g} m, which "
-        f"changes it by {worst:.1g} m at most."
+        f"changes it by {np.max(np.abs(changes)):.1g} m at most."
     )
     return resampled
 

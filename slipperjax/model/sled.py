@@ -34,7 +34,7 @@ class SledMass(ShapeChecked):
             raise ValueError("Arguments `travel` and `stop_stiffness` must be given together.")
 
     def force(self, deflection: Pair, rate: Pair) -> Pair:
-        """Returns the lateral and the vertical force on the slipper [N].
+        """Return the lateral and the vertical force on the slipper [N].
 
         **Arguments:** `deflection`: displacement of the mass less the slipper's [m]; `rate`: of it [m/s].
         """
@@ -46,7 +46,7 @@ class SledMass(ShapeChecked):
         return force + self.stop_stiffness * beyond
 
     def sag(self, gravity: Any) -> Array:
-        """Returns the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
+        """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
         if gravity is None:
             return jnp.zeros(())
         weight, spring = self.mass * gravity, self.stiffness[1]

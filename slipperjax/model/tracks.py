@@ -147,7 +147,25 @@ def on_host(values: Array) -> Any:
     return values if is_traced(values) else np.asarray(values)
 
 
-class HarmonicTrack(AbstractTrack):
+class _Waves(AbstractTrack):
+    """A sum of sines, of which the first defines the forcing period."""
+
+    wavelengths: eqx.AbstractVar[Float[Array, " waves"]]
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return as_argument(on_host(self.wavelengths)[0])
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return least_common_count(self.wavelength, self.wavelengths)
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return as_argument(on_host(self.wavelengths).min())
+
+
+class HarmonicTrack(_Waves):
     """A sum of sines of one or more wavelengths with equal amplitudes, in phase laterally, vertically and in roll.
 
     `FourierTrack` has amplitudes and phases of their own.
@@ -174,14 +192,8 @@ class HarmonicTrack(AbstractTrack):
 
     def __check_init__(self):
         shape = self.wavelengths.shape
-        if len(shape) != 1 or shape[0] == 0:
-            raise ValueError(
-                f"Argument `wavelengths` must be a sequence of one or more lengths, but has shape {shape}."
-            )
-
-    @property
-    def wavelength(self) -> Float[Array, ""]:
-        return as_argument(on_host(self.wavelengths)[0])
+        good = len(shape) == 1 and shape[0] > 0
+        require(good, "wavelengths", "be a sequence of one or more lengths", shown=f"of shape {shape}")
 
     @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
@@ -194,18 +206,9 @@ class HarmonicTrack(AbstractTrack):
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
-        lengths = on_host(self.wavelengths)
-        return least_common_count(lengths[0], lengths)
-
-    @property
     def steepest_slope(self) -> Float[Array, ""]:
         """An upper bound, attained where the slopes of all waves are greatest at one place, as at the start [1]."""
         return jnp.sum(2 * jnp.pi * jnp.abs(self.amplitude) / self.wavelengths)
-
-    @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
-        return as_argument(on_host(self.wavelengths).min())
 
 
 class StraightTrack(AbstractTrack):
@@ -236,7 +239,7 @@ def _row(values: Array, distance: Array) -> Array:
     return values.reshape((1,) * distance.ndim + (-1,))
 
 
-class FourierTrack(AbstractTrack):
+class FourierTrack(_Waves):
     """A sum of sines with an amplitude and a phase of its own for each wavelength and direction."""
 
     wavelengths: Float[Array, " waves"] = field("m", positive)
@@ -260,10 +263,6 @@ class FourierTrack(AbstractTrack):
                 need = f"have one value per wavelength, {self.wavelengths.shape}"
                 require(array.shape == self.wavelengths.shape, name, need, shown=f"shape {array.shape}")
 
-    @property
-    def wavelength(self) -> Float[Array, ""]:
-        return self.wavelengths[0]
-
     @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         cycles = distance[..., None] / _row(self.wavelengths, distance)
@@ -279,18 +278,10 @@ class FourierTrack(AbstractTrack):
         return Irregularity(lateral, vertical, None if self.roll is None else waves(self.roll, self.roll_phase))
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
-        return least_common_count(self.wavelengths[0], self.wavelengths)
-
-    @property
     def steepest_slope(self) -> Float[Array, ""]:
         """An upper bound: the sum of all slopes [1]."""
         sum_of = lambda size: jnp.sum(2 * jnp.pi * jnp.abs(size) / self.wavelengths)
         return jnp.maximum(sum_of(self.lateral), sum_of(self.vertical))
-
-    @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
-        return jnp.min(self.wavelengths)
 
 
 def smooth_step(x: Array) -> Array:
@@ -430,6 +421,6 @@ class SumTrack(AbstractTrack):
 
 
 def _sum(one: Irregularity, other: Irregularity) -> Irregularity:
-    """Adds displacements, or slopes; a roll of None adds nothing."""
+    """Add displacements, or slopes; a roll of None adds nothing."""
     roll = one.roll if other.roll is None else other.roll if one.roll is None else one.roll + other.roll
     return Irregularity(one.lateral + other.lateral, one.vertical + other.vertical, roll)

@@ -125,11 +125,7 @@ class SpeedProgramme(ShapeChecked):
     @at_once
     def at(self, distance: Any) -> Float[Array, "*places"]:
         """Return the speed [m/s] at some distances from the start [m], of shape (*places,)."""
-        distance = jnp.asarray(distance, float)
-        k, share = self._place(distance)
-        # at constant acceleration the square of the speed is linear in distance
-        square = self.speed**2
-        return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
+        return self.scale * self._place(jnp.asarray(distance, float))[2]
 
     @at_once
     def least(self, begin: Any, end: Any) -> Float[Array, ""]:
@@ -143,7 +139,7 @@ class SpeedProgramme(ShapeChecked):
     def acceleration(self, distance: Any) -> Float[Array, "*places"]:
         """Return the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
         distance = jnp.asarray(distance, float)
-        k, _ = self._place(distance)
+        k, _, _ = self._place(distance)
         square = self.speed**2
         inside = (distance >= self.distance[0]) & (distance < self.distance[-1])
         # half the slope of the speed's square is the acceleration
@@ -157,9 +153,7 @@ class SpeedProgramme(ShapeChecked):
 
     def _since_first(self, distance: Array) -> Array:
         """Time since the first place [s]: lengths over the mean of the speeds at their ends."""
-        k, share = self._place(distance)
-        square = self.speed**2
-        here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
+        k, share, here = self._place(distance)
         lengths = jnp.diff(self.distance)
         durations = 2 * lengths / (self.speed[1:] + self.speed[:-1])
         before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(durations)])
@@ -168,11 +162,16 @@ class SpeedProgramme(ShapeChecked):
         time = before[k] + 2 * share * lengths[k] / (self.speed[k] + here) + beyond / here
         return time / self.scale
 
-    def _place(self, distance: Array) -> tuple[Array, Array]:
-        """Return the number of the stretch between places, and the share of it that is behind [1]."""
+    def _place(self, distance: Array) -> tuple[Array, Array, Array]:
+        """Return the number of the stretch between places, the share of it that is behind [1], and the speed there
+        over the scale [m/s]."""
         last = len(self.distance) - 2
         k = jnp.clip(jnp.searchsorted(self.distance, distance, side="right") - 1, 0, last)
         share = (distance - self.distance[k]) / (self.distance[k + 1] - self.distance[k])
         # at the very ends the derivative is that of the inside
         inside = (distance >= self.distance[0]) & (distance <= self.distance[-1])
-        return k, jnp.where(inside, share, jnp.clip(share, 0.0, 1.0))
+        share = jnp.where(inside, share, jnp.clip(share, 0.0, 1.0))
+        # at constant acceleration the square of the speed is linear in distance
+        square = self.speed**2
+        here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
+        return k, share, here

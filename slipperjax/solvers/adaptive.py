@@ -92,7 +92,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         smooth = y0.memory is not None and isinstance(scene.memory, SmoothSwitch)
         if smooth:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
-            size = jnp.maximum(size, self._memory_size(scene, y_error.memory, now))
+            # of errors in the memory count what contacts feel
+            felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
+            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory) * felt) / self.scales.v_z / self.tolerance)
         elif isinstance(scene.memory, EventLatch) and y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
@@ -112,20 +114,12 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         step = wanted
         if smooth:
-            step = self._until_touchdown(args, at, t0, t1, keep, before, now, wanted)
+            # to where a switch begins to close
+            gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
+            period = args.travel(at).period
+            acceleration = (now.rate - before.rate) / (t1 - t0)
+            step = _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
         return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
-
-    def _memory_size(self, scene, error, now):
-        """Returns the greatest error in an integrated memory that contacts feel, in multiples of the tolerance."""
-        felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
-        return jnp.max(jnp.abs(error) * felt) / self.scales.v_z / self.tolerance
-
-    def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
-        """Returns the step from `at` to where a switch begins to close, `wanted` where none does before."""
-        gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
-        period = args.travel(at).period
-        acceleration = (now.rate - before.rate) / (t1 - t0)
-        return _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
 
     def _longest(self, args, t):
         duration = contact_duration(args.scene, args.travel(t)) / args.travel(t).period
@@ -133,7 +127,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _until(gap, rate, acceleration, wanted):
-    """Returns the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
+    """Return the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
 
     Those that are there within a tenth of that are left to the step after.
     """
@@ -146,5 +140,5 @@ def _until(gap, rate, acceleration, wanted):
 
 
 def _fitted(wanted, left):
-    """Returns the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
+    """Return the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

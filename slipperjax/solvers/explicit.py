@@ -18,7 +18,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> State:
-    """Returns y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
+    """Return y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
     used = [(w, k) for w, k in zip(weights, stages, strict=False) if w != 0]
 
     def leaf(y, *ks):
@@ -28,7 +28,7 @@ def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> Stat
 
 
 def _stored(state: State) -> State:
-    """Returns the same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
+    """Return the same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
     return State(store(state.motion), state.memory)
 
 

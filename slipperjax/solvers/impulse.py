@@ -6,6 +6,7 @@ each contact is integrated again after the stages, along the cubic of its gap ov
 in which that cubic is closed. The motion gets the difference of the two impulses.
 """
 
+import dataclasses
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -39,7 +40,7 @@ NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Tells whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch`'s own latch or without memory.
+    """Return whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch`'s own latch or without memory.
 
     With `SmoothSwitch` there are no kinks to know.
     """
@@ -99,7 +100,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
 
         def stage(t, frame, rates, share):
-            """Returns a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
+            """Return a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
             travel = args.travel(t)
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
@@ -140,7 +141,7 @@ def _corrected(
     mean: list[Array],
     early: list[Array],
 ) -> tuple[State, Motion, Ends]:
-    """Returns the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
+    """Return the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
     **Arguments:** `rail`: `_moving` at the end; `mean`, `early`: RK4's means over the step of the contacts' wrench
     and of that times the part of the step that is left, from which velocities and positions follow.
@@ -200,16 +201,8 @@ def _corrected(
     change = [share * (a - b) for a, b in zip(total, mean + early, strict=True)]
     kick = [c * v for c, v in zip(compliance, change[:5], strict=True)]
     move = [seconds * c * v for c, v in zip(compliance, change[5:], strict=True)]
-    turn = attitude_rates(
-        Motion(
-            q_x=m.q_x,
-            q_y=m.q_y,
-            q_z=m.q_z,
-            w_x=move[2],
-            w_y=move[3],
-            w_z=move[4],
-        )
-    )
+    # the turn of the move, at the attitude that RK4 has found
+    turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     m, kick, move = store((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
@@ -224,7 +217,7 @@ def _ended(
     turning: Array,
     state: State,
 ) -> tuple[Motion, Ends]:
-    """Returns the derivative [per forcing period] and the contacts at the end of a step."""
+    """Return the derivative [per forcing period] and the contacts at the end of a step."""
     scene = args.scene
     m = state.motion
     travel = args.travel(t)
@@ -248,7 +241,7 @@ class _Path(NamedTuple):
 
 
 def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds) -> _Path:
-    """Returns the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
+    """Return the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
     rise = gap - before.gap
     slope = seconds * (before.rate + before.turning)
     per_second = 1 / seconds
@@ -265,7 +258,7 @@ def _edge(
     rate: Array,
     memory: Array | None,
 ) -> tuple[Array, ...]:
-    """Returns where each force begins or ends in a step, and what of it acts.
+    """Return where each force begins or ends in a step, and what of it acts.
 
     **Returns:** the place, from 0 to 1, and 0 where it does neither; the length from there over which the force acts,
     negative if before it; whether the contact begins; whether the force has the kink of a gap that opens or closes.
@@ -291,7 +284,7 @@ def _edge(
 
 
 def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:
-    """Returns the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
+    """Return the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
 
     From that force in the middle and at the end of the step, as RK4 counts them, at the damping of touchdowns.
     """
@@ -301,16 +294,16 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
 
 
 def _damping(scene: Scene, rate, memory: Array | None):
-    """Returns the damping force over the elastic one [1]."""
+    """Return the damping force over the elastic one [1]."""
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
-    """Returns the rail, and its derivative by time [per forcing period]."""
+    """Return the rail, and its derivative by time [per forcing period]."""
     return jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
 
 
 def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
-    """Returns the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
+    """Return the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
     frame, change = rail
     return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity

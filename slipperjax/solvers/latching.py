@@ -34,7 +34,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
 
 def field_of(terms: Any) -> AbstractVectorField:
-    """Returns the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
+    """Return the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field: Any = getattr(terms, "vector_field", None)
@@ -44,7 +44,7 @@ def field_of(terms: Any) -> AbstractVectorField:
 
 
 def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
-    """Packs a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
+    """Pack a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     frozen = None
     if rates1.memory is None and y1.memory is not None:
         # of a contact that opens in the step, the memory at the end is that of an open point already
@@ -72,7 +72,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     """True where forcing periods of equal steps begin with `init`: they are functions of the state alone."""
 
     def rates(self, solver_state: Any) -> Any:
-        """Returns the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
+        """Return the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
         return None
 
     def init(self, terms, t0, t1, y0, args):
@@ -147,13 +147,13 @@ class Latching(AbstractLatchingSolver):
 
 
 def _innermost(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Returns the solver inside all wrappers."""
+    """Return the solver inside all wrappers."""
     inner = getattr(solver, "solver", None)
     return _innermost(inner) if isinstance(inner, diffrax.AbstractSolver) else solver
 
 
 def solver_name(solver: diffrax.AbstractSolver) -> str:
-    """Returns a solver's name in results: its class, and in brackets that of the solver inside it."""
+    """Return a solver's name in results: its class, and in brackets that of the solver inside it."""
     own = type(solver).__name__
     inner = getattr(solver, "solver", None)
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
@@ -163,7 +163,7 @@ def differentiable(
     solver: diffrax.AbstractSolver,
     adjoint: diffrax.AbstractAdjoint,
 ) -> diffrax.AbstractSolver:
-    """Returns a solver whose loop over its stages can be differentiated as `adjoint` requires.
+    """Return a solver whose loop over its stages can be differentiated as `adjoint` requires.
 
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
@@ -176,7 +176,7 @@ def differentiable(
 
 
 def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.AbstractSolver:
-    """Returns a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
+    """Return a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
     at = lambda s: _innermost(s).root_finder.tolerance
     finder = getattr(_innermost(solver), "root_finder", None)
     if isinstance(finder, SimplifiedNewton) and finder.tolerance is None:
@@ -185,13 +185,13 @@ def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.Ab
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Tells whether a solver is explicit: stability bounds its steps, none of which fails."""
+    """Return whether a solver is explicit: stability bounds its steps, none of which fails."""
     inner = _innermost(solver)
     return isinstance(inner, diffrax.AbstractERK | diffrax.Euler) or getattr(inner, "explicit", False)
 
 
 def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:
-    """Tells whether a solver's linear systems go to LAPACK.
+    """Return whether a solver's linear systems go to LAPACK.
 
     Those of diffrax's own root finders do, and those of derivatives (`tangents`) of all its implicit methods.
 

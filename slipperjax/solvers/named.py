@@ -21,7 +21,7 @@ OWN_SOLVERS = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, 
 
 
 def solver_named(name: str) -> diffrax.AbstractSolver:
-    """Gives a solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
+    """Return a solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
 
     **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
     """
@@ -43,7 +43,7 @@ def resolve_solver(
     scene: Scene,
     solver: diffrax.AbstractSolver | str | None,
 ) -> diffrax.AbstractSolver:
-    """Returns the solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
+    """Return the solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
 
     None is `ImpulseRK4()`, or `RK4()` for contacts that the former does not know, such as those with `SmoothSwitch`.
 
@@ -72,7 +72,7 @@ def resolve_controller(
     controller: Any,
     solver: diffrax.AbstractSolver,
 ) -> diffrax.AbstractStepSizeController | None:
-    """Gives the step size controller, None for constant steps; floats become arrays: new values need no compilation.
+    """Return the step size controller, None for constant steps; floats become arrays: new values need no compilation.
 
     **Raises:** `ValueError` for an object that is not a controller, or an adaptive one with a solver that has no
     error estimate.

@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 from diffrax import RESULTS
 
 from ..model.dynamics import State
@@ -51,7 +50,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """Returns the stages with one more, as the body of a loop: unrolled stages take minutes to compile."""
+            """Return the stages with one more, as the body of a loop: unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
             # exactly t1 at the end, so that the rail there equals that at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
@@ -76,7 +75,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
 
     def _rows(self) -> dict[str, Any]:
-        """Returns the tableau by stages, for a loop over them."""
+        """Return the tableau by stages, for a loop over them."""
         count = len(self.nodes)
         # zeros above the diagonal, so that all stages are rows of one length
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
@@ -91,7 +90,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
 
 
 def combine(y: State, stages: State, weights: Any) -> State:
-    """Returns y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
+    """Return y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)
     return jax.tree.map(leaf, y, stages)
@@ -124,23 +123,6 @@ class Rodas4(AbstractRosenbrock):
         return 4
 
 
-def _transformed(
-    alpha: list,
-    gamma: list,
-    b: list,
-    b_hat: list,
-) -> tuple[Rows, Rows, tuple, tuple]:
-    """Returns (a, c, m, e) of the form above from the coefficients of the k form."""
-    inverse = np.linalg.inv(np.array(gamma))
-    m = np.array(b) @ inverse
-    e = (np.array(b) - np.array(b_hat)) @ inverse
-    # rows below the diagonal, without what rounding leaves of zeros
-    below = lambda x: tuple(tuple(float(v) if abs(v) > 1e-14 else 0.0 for v in x[i, :i]) for i in range(1, len(x)))
-    a = below(np.array(alpha) @ inverse)
-    c = below(np.diag(np.diag(inverse)) - inverse)
-    return a, c, tuple(map(float, m)), tuple(map(float, e))
-
-
 class ROS34PW2(AbstractRosenbrock):
     """Rang and Angermann 2005, doi:10.1007/s10543-005-0035-y: order 3(2), L-stable, four stages.
 
@@ -150,29 +132,21 @@ class ROS34PW2(AbstractRosenbrock):
     """
 
     gamma: ClassVar = 0.43586652150845900
-    _b: ClassVar = [0.24212380706095346, -1.2232505839045147, 1.5452602553351020, gamma]
-    _tableau: ClassVar = _transformed(
-        [
-            [0, 0, 0, 0],
-            [0.87173304301691801, 0, 0, 0],
-            [0.84457060015369423, -0.11299064236484185, 0, 0],
-            [0, 0, 1, 0],
-        ],
-        [
-            [gamma, 0, 0, 0],
-            [-0.87173304301691801, gamma, 0, 0],
-            [-0.90338057013044082, 0.054180672388095326, gamma, 0],
-            [*_b[:2], _b[2] - 1, gamma],
-        ],
-        _b,
-        [0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950],
+    # from the published form, in which stages are h f + h gamma J k, by the inverse of its matrix of gammas
+    a: ClassVar = (
+        (2.0000000000000004,),
+        (1.4192173174557652, -0.2592322116729698),
+        (4.184760482319161, -0.285192017355496, 2.2942803602790423),
     )
-    a: ClassVar = _tableau[0]
-    c: ClassVar = _tableau[1]
-    nodes: ClassVar = (0.0, 0.87173304301691801, 0.84457060015369423 - 0.11299064236484185, 1.0)
+    c: ClassVar = (
+        (-4.588560720558084,),
+        (-4.184760482319161, 0.285192017355496),
+        (-6.36817920012836, -6.795620944466837, 2.870098604331055),
+    )
+    nodes: ClassVar = (0.0, 0.871733043016918, 0.7315799577888524, 1.0)
     slopes: ClassVar = None
-    m: ClassVar = _tableau[2]
-    e: ClassVar = _tableau[3]
+    m: ClassVar = (4.184760482319163, -0.28519201735549543, 2.2942803602790423, 1.0)
+    e: ClassVar = (0.2777499476479686, -1.4032398951759992, 1.772630127667551, 0.5)
 
     def order(self, terms):
         return 3

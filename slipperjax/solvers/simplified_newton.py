@@ -62,7 +62,7 @@ class _Stage(NamedTuple):
         return cls(t, y, inner, memory, share, factor, sign)
 
     def at(self, unknown) -> State:
-        """Returns the stage's state for a value of the unknown."""
+        """Return the stage's state for a value of the unknown."""
         state = jax.tree.map(lambda a, k: a + self.share * k, self.y, unknown)
         return State(state, self.frozen) if isinstance(state, Motion) else state
 
@@ -136,7 +136,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
 
 
 def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Returns a diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
+    """Return a diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
 
     diffrax's default root finder takes its tolerances from an adaptive controller; that one is replaced.
     """

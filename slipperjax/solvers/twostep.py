@@ -23,7 +23,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Returns a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
+    """Return a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
 
     **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the previous one.
     """
@@ -95,7 +95,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
 
         def correction(x, explicit, args, memory):
-            """Returns Newton's correction at x."""
+            """Return Newton's correction at x."""
             at = State(x, memory)
             f = field.evaluate(t1, at, args).motion
             residual = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, explicit, x, f)

@@ -7,7 +7,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.model.dynamics import Args
-from slipperjax.tools.fused import sums
 
 Y = np.array([0.03, 0.048, 0.048, 0.0445, 0.029, -0.029, -0.0445, -0.048, -0.048, -0.03])
 Z = np.array([0.013, 0.0055, -0.0145, -0.0249, -0.029, -0.029, -0.0249, -0.0145, 0.0055, 0.013])
@@ -103,20 +102,3 @@ def test_compiled_right_hand_side_is_the_papers(seed):
     np.testing.assert_allclose(jnp.sum(got.node_force, 0), -total, atol=1e-12 * forces.max())
     found = np.array([getattr(rates, name) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")]) / scene.period
     np.testing.assert_allclose(found, acceleration, rtol=1e-12, atol=1e-12 * np.abs(acceleration).max())
-
-
-def test_one_pass_sums_are_linear_in_every_transformation():
-    rng = np.random.default_rng(0)
-    x, y = jnp.asarray(rng.normal(size=(2, 3, 20)))
-    fun = lambda x, y: jnp.stack(sums(x * y, x))
-    twin = lambda x, y: jnp.stack([jnp.sum(x * y, -1), jnp.sum(x, -1)])
-    transforms = (
-        lambda f: f,
-        lambda f: jax.vmap(f, in_axes=(0, 0)),
-        lambda f: lambda x, y: jax.vmap(lambda v: f(v, v), in_axes=2)(jnp.stack([x, y])),
-        lambda f: lambda x, y: jax.vmap(f, in_axes=(0, None))(x, y[0]),
-        jax.jacfwd,
-        jax.jacrev,
-    )
-    for found, expected in jax.jit(lambda x, y: [(made(fun)(x, y), made(twin)(x, y)) for made in transforms])(x, y):
-        np.testing.assert_allclose(found, expected, atol=1e-13)

@@ -93,16 +93,8 @@ HEADER = "distance [m], lateral [mm], vertical [mm]"
 @pytest.mark.parametrize(
     ("header", "cells", "words"),
     [
-        (
-            "distance [m], lateral, vertical [mm]",
-            {},
-            "line 1: 'lateral' is no name with a unit",
-        ),
-        (
-            "distance [m], lateral [s], vertical [mm]",
-            {},
-            "line 1: `lateral` must be in a unit like m, but is",
-        ),
+        ("distance [m], lateral, vertical [mm]", {}, "line 1: 'lateral' is no name with a unit"),
+        ("distance [m], lateral [s], vertical [mm]", {}, "line 1: `lateral` must be in a unit like m, but is"),
         ("distance [m], height [m], vertical [mm]", {}, r"line 1: 'height \[m\]' is no name with a unit"),
         (HEADER, {(7, 1): "?"}, r"line 10: `lateral` must be a number, but is '\?'"),
         (HEADER, {(7, 2): ""}, "line 10: `vertical` has no number"),
