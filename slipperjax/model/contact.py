@@ -82,8 +82,7 @@ class _RestitutionLaw(AbstractContactLaw):
     def factor(self) -> Float[Array, ""]:
         """c of Eq. (12) [1]."""
 
-    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
-        del rate
+    def damping(self, rate, rate_ratio):
         assert rate_ratio is not None  # callers pass it to laws with memory
         return self.factor * rate_ratio
 
@@ -119,7 +118,7 @@ class HertzSpring(AbstractContactLaw):
     def clamp(self) -> bool:
         return False  # the force is never negative
 
-    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+    def damping(self, rate, rate_ratio):
         return 0.0
 
 
@@ -131,7 +130,7 @@ class ConstantDamping(AbstractContactLaw):
     clamp: bool = eqx.field(static=True, default=True)
     """Whether the force is limited to F >= 0."""
 
-    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+    def damping(self, rate, rate_ratio):
         return -self.hysteresis * rate
 
 
@@ -154,7 +153,6 @@ class AbstractMemory(ShapeChecked):
 
         **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
         """
-        del depth, duration, period
         return self
 
 
@@ -183,12 +181,12 @@ class EventLatch(AbstractMemory):
     def __check_init__(self):
         warn_unless_within("slowest", number(positive, "slowest", self.slowest, "m/s"), 0, 1.0, "m/s")
 
-    def initial(self, gap: Array, rate: Array) -> Array:
+    def initial(self, gap, rate):
         # closed, but not approaching: the least number below zero marks a contact without damping
         began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
         return jnp.where(gap < 0, began, 0.0)
 
-    def rate_ratio(self, memory: Array, rate: Array) -> Array:
+    def rate_ratio(self, memory, rate):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
@@ -251,13 +249,13 @@ class SmoothSwitch(AbstractMemory):
     slowest: Float[Array, ""] = field("m/s", positive, plausible=(0.0, 1.0), default=1e-3)
     """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
 
-    def initial(self, gap: Array, rate: Array) -> Array:
+    def initial(self, gap, rate):
         return rate
 
-    def rate_ratio(self, memory: Array, rate: Array) -> Array:
+    def rate_ratio(self, memory, rate):
         return rate / jnp.minimum(memory, -self.slowest)
 
-    def scaled(self, depth: Array, duration: Array, period: Array) -> "SmoothSwitch":
+    def scaled(self, depth, duration, period):
         """Fill in `width` and `relaxation`.
 
         The width is a fraction of the depth of a typical impact. It is not scaled by the clearance, because at zero

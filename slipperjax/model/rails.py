@@ -21,7 +21,6 @@ from ..tools.checks import (
     one_of,
     positive,
     require,
-    shown_number,
     warn,
     whole_number,
 )
@@ -54,14 +53,14 @@ class SplineTrack(AbstractTrack):
     ends: str = eqx.field(static=True)
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return self.reference_length
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         return self.motion(distance)[0]
 
     @at_once
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+    def motion(self, distance):
         # the four cubic B-splines that reach into an interval, and their derivatives
         (a, b, c, d), u, s = self._interval(distance)
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
@@ -137,32 +136,32 @@ class AbstractRail(AbstractTrack):
         """Distances between which the rail is given [m], known while programs are made unless they are traced."""
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return self.reference_length
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         if self.ends != "repeat":
             return jnp.asarray(jnp.inf)
         begin, end = self.bounds
         return least_common_count(self.reference_length, end - begin)
 
     @property
-    def begin(self) -> Any:
+    def begin(self):
         return -np.inf if self.ends == "repeat" else self.bounds[0]
 
     @property
-    def extent(self) -> Any:
+    def extent(self):
         return np.inf if self.ends == "repeat" else self.bounds[1]
 
     @property
-    def end(self) -> float:
+    def end(self):
         return self.extent if self.ends == "error" else np.inf
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         return self.prepared().irregularity(distance)
 
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+    def motion(self, distance):
         return self.prepared().motion(distance)
 
 
@@ -257,7 +256,7 @@ class SampledTrack(AbstractRail):
         return self.distance[1] - self.distance[0]
 
     @at_once
-    def prepared(self) -> SplineTrack:
+    def prepared(self):
         """Return the spline through the samples, risen from zero by ramps at the ends."""
         samples = jnp.stack([c for c in (self.lateral, self.vertical, self.roll) if c is not None], axis=1)
         if self.ends == "straight":
@@ -268,19 +267,19 @@ class SampledTrack(AbstractRail):
         return SplineTrack(self.distance[0], self.spacing, intervals, coefficients, self.reference_length, self.ends)
 
     @property
-    def bounds(self) -> Any:
+    def bounds(self):
         return self.distance if is_traced(self.distance) else np.asarray(self.distance).tolist()
 
     @property
     @at_once
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """Greatest lateral or vertical slope at the samples and between them [1]."""
         _, slope = self.prepared().motion(self._places())
         return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
 
     @property
     @at_once
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         """The wavelength of a sine with the same root mean squares of slope and curvature [m]: that of short waves as
         far as these matter; at most the reference length."""
         places = self._places()
@@ -391,18 +390,15 @@ class TrackSet(AbstractRail):
     def _whole(self, name: str) -> Check:
         return whole_number(name, most=len(self.tracks) - 1)
 
-    def __repr__(self) -> str:
-        return f"TrackSet({len(self.tracks)} rails, number={shown_number(self.number)})"
-
     @property
-    def ends(self) -> str:
+    def ends(self):
         return self.tracks[0].ends
 
     @property
-    def reference_length(self) -> Float[Array, ""]:
+    def reference_length(self):
         return self.tracks[0].reference_length
 
-    def prepared(self) -> SplineTrack:
+    def prepared(self):
         """Return the chosen rail's spline, with coefficients for the longest."""
         splines = [track.prepared() for track in self.tracks]
         index, known = chosen(self)
@@ -417,22 +413,22 @@ class TrackSet(AbstractRail):
         return SplineTrack(first, spacing, intervals, coefficients, self.wavelength, self.ends)
 
     @property
-    def bounds(self) -> Any:
+    def bounds(self):
         """Distances between which all of them are given [m]."""
         begins, ends = zip(*(track.bounds for track in self.tracks), strict=True)
         return greatest(begins), -greatest([-end for end in ends])
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         return self._most("recurrence")
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """That of the steepest rail [1], so that all take the same steps."""
         return self._most("steepest_slope")
 
     @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         return jnp.min(jnp.stack([track.shortest_wavelength for track in self.tracks]))
 
     def _most(self, name: str) -> Float[Array, ""]:

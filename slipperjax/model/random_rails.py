@@ -195,11 +195,11 @@ class RandomTrack(AbstractRail):
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
-    def bounds(self) -> tuple[float, float]:
+    def bounds(self):
         return 0.0, self.length
 
     @with_standard_promotion
-    def prepared(self) -> SplineTrack:
+    def prepared(self):
         """Return this seed's rail as a spline, by one Fourier transform for each direction."""
         # eight samples in the shortest wave: the spline changes that wave by a thousandth
         count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
@@ -244,7 +244,7 @@ class RandomTrack(AbstractRail):
         return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """Four times the greater root mean square slope [1], the same for all seeds: of normal deviates one in 30,000
         is greater."""
         slope = self.rms(1)
@@ -252,7 +252,7 @@ class RandomTrack(AbstractRail):
 
     @property
     @at_once
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
         return mean_wave(size(self.rms(1)), size(self.rms(2)), self.reference_length)

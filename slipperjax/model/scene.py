@@ -38,8 +38,6 @@ PARTS: dict[str, tuple[type, str]] = {
     "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
-OPTIONAL = ("load", "friction", "sled", "wear")
-"""Parts that may be None."""
 NUMBERS = ("speed", "gravity")
 """Numbers of the scene itself."""
 
@@ -76,8 +74,9 @@ class Scene(ShapeChecked):
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
-            if getattr(self, name) is not None or name not in OPTIONAL:
-                instance(name, getattr(self, name), kind, text)
+            part = getattr(self, name)
+            if part is not None or name not in ("load", "friction", "sled", "wear"):
+                instance(name, part, kind, text)
         if is_traced((self.track, self.slipper.length)):
             return
         with jax.ensure_compile_time_eval():  # inside jit, too

@@ -145,11 +145,12 @@ class _Reader:
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
-        names = ("base", *NUMBERS, *PARTS, "start", "run")
+        tables = (*PARTS, "start", "run")
+        names = ("base", *NUMBERS, *tables)
         for name, value in self.tables.items():
             if name not in names:
                 raise ValueError(f"`{name}` is none of {', '.join(names)}.")
-            if name in (*PARTS, "start", "run") and not isinstance(value, dict):
+            if name in tables and not isinstance(value, dict):
                 raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
             if name == "gravity" and isinstance(value, dict):
                 raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")

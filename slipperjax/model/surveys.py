@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..tools.checks import brief, number, positive, require, shown_number, warn
+from ..tools.checks import brief, number, positive, require, warn
 from ..tools.fields import unit_of
 from ..tools.files import content_of, readable, user_path
 from ..tools.units import unit_factor
@@ -75,10 +75,6 @@ class SurveyedTrack(SampledTrack):
                 f"Argument `file`, {self.file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} "
                 "m: what lies between the samples is made up."
             )
-
-    def __repr__(self) -> str:
-        ends = f"{shown_number(self.distance)} m, {len(self.lateral)} samples, ends='{self.ends}'"
-        return f"SurveyedTrack('{self.file}', {ends})"
 
 
 def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> SurveyedTrack:

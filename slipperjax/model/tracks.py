@@ -62,9 +62,7 @@ class AbstractTrack(ShapeChecked):
     def origin(self) -> Any:
         """Distance at which runs begin unless told otherwise [m]: where the rail does, or else zero."""
         begin = self.begin
-        if is_traced(begin):
-            return jnp.where(jnp.isfinite(begin), begin, 0.0)
-        return float(begin) if np.isfinite(begin) else 0.0
+        return begin if is_traced(begin) or np.isfinite(begin) else 0.0
 
     @property
     def extent(self) -> Any:
@@ -153,15 +151,15 @@ class _Waves(AbstractTrack):
     wavelengths: eqx.AbstractVar[Float[Array, " waves"]]
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return as_argument(on_host(self.wavelengths)[0])
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         return least_common_count(self.wavelength, self.wavelengths)
 
     @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         return as_argument(on_host(self.wavelengths).min())
 
 
@@ -196,7 +194,7 @@ class HarmonicTrack(_Waves):
         require(good, "wavelengths", "be a sequence of one or more lengths", shown=f"of shape {shape}")
 
     @at_once
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         shape = jnp.zeros_like(distance)
         for k in range(self.wavelengths.shape[0]):
             cycles = distance / self.wavelengths[k]
@@ -206,7 +204,7 @@ class HarmonicTrack(_Waves):
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """An upper bound, attained where the slopes of all waves are greatest at one place, as at the start [1]."""
         return jnp.sum(2 * jnp.pi * jnp.abs(self.amplitude) / self.wavelengths)
 
@@ -218,19 +216,19 @@ class StraightTrack(AbstractTrack):
     """Length of travel that counts as one period [m]."""
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return self.reference_length
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         zero = jnp.zeros_like(distance)
         return Irregularity(zero, zero, None)
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         return jnp.ones(())
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         return jnp.zeros(())
 
 
@@ -264,7 +262,7 @@ class FourierTrack(_Waves):
                 require(array.shape == self.wavelengths.shape, name, need, shown=f"shape {array.shape}")
 
     @at_once
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         cycles = distance[..., None] / _row(self.wavelengths, distance)
         # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
         angle = 2 * jnp.pi * (cycles - jnp.floor(cycles))
@@ -278,7 +276,7 @@ class FourierTrack(_Waves):
         return Irregularity(lateral, vertical, None if self.roll is None else waves(self.roll, self.roll_phase))
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """An upper bound: the sum of all slopes [1]."""
         sum_of = lambda size: jnp.sum(2 * jnp.pi * jnp.abs(size) / self.wavelengths)
         return jnp.maximum(sum_of(self.lateral), sum_of(self.vertical))
@@ -331,11 +329,11 @@ class LocalTrack(AbstractTrack):
         require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return self.reference_length
 
     @at_once
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         x = distance[..., None] - _row(self.place, distance)
         # the distance from the nearest of those that come again
         if self.every is not None:
@@ -346,11 +344,11 @@ class LocalTrack(AbstractTrack):
         return Irregularity(along, zero, None) if self.direction == "lateral" else Irregularity(zero, along, None)
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         return jnp.asarray(jnp.inf) if self.every is None else least_common_count(self.reference_length, self.every)
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """That of the highest shape [1], from samples."""
         # one shape alone, as high as the highest
         u = jnp.linspace(-0.5, 0.5, 401) * self.length
@@ -358,7 +356,7 @@ class LocalTrack(AbstractTrack):
         return jnp.max(jnp.abs(own.motion(u)[1].vertical))
 
     @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         """The shapes' length, or the reference length if that is less [m]."""
         return jnp.minimum(self.length, self.reference_length)
 
@@ -378,45 +376,45 @@ class SumTrack(AbstractTrack):
         return f"SumTrack({self.one!r}, {self.other!r})"
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
+    def wavelength(self):
         return self.one.wavelength
 
-    def prepared(self) -> "SumTrack":
+    def prepared(self):
         return SumTrack(self.one.prepared(), self.other.prepared())
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+    def irregularity(self, distance):
         return _sum(*(track.irregularity(distance) for track in (self.one, self.other)))
 
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+    def motion(self, distance):
         (here, slope), (there, other_slope) = (track.motion(distance) for track in (self.one, self.other))
         return _sum(here, there), _sum(slope, other_slope)
 
     @property
-    def recurrence(self) -> Float[Array, ""]:
+    def recurrence(self):
         """The least number of first wavelengths after which both recur."""
         # the sum recurs where both do
         lengths = [track.recurrence * track.wavelength for track in (self.one, self.other)]
         return least_common_count(self.wavelength, jnp.stack(lengths))
 
     @property
-    def begin(self) -> Any:
+    def begin(self):
         return greatest((self.one.begin, self.other.begin))
 
     @property
-    def extent(self) -> Any:
+    def extent(self):
         return -greatest((-self.one.extent, -self.other.extent))
 
     @property
-    def end(self) -> float:
+    def end(self):
         return min(self.one.end, self.other.end)
 
     @property
-    def steepest_slope(self) -> Float[Array, ""]:
+    def steepest_slope(self):
         """An upper bound: the sum of both [1]."""
         return self.one.steepest_slope + self.other.steepest_slope
 
     @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
+    def shortest_wavelength(self):
         return jnp.minimum(self.one.shortest_wavelength, self.other.shortest_wavelength)
 
 
