@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import re
 
 import h5py
 import jax.numpy as jnp
@@ -80,13 +79,6 @@ def test_chords_are_turned_into_displacements(tmp_path):
     np.testing.assert_allclose(here, 1e-3 * np.sin(2 * np.pi * np.asarray(middle) / 8), atol=1e-8)
 
 
-def rows(**cells):
-    table = np.column_stack([DISTANCE, LATERAL * 1e3, VERTICAL * 1e3]).astype(object)
-    for (k, j), value in cells.pop("at", {}).items():
-        table[k, j] = value
-    return table
-
-
 HEADER = "distance [m], lateral [mm], vertical [mm]"
 
 
@@ -95,23 +87,22 @@ HEADER = "distance [m], lateral [mm], vertical [mm]"
     [
         ("distance [m], lateral, vertical [mm]", {}, "line 1: 'lateral' is no name with a unit"),
         ("distance [m], lateral [s], vertical [mm]", {}, "line 1: `lateral` must be in a unit like m, but is"),
-        ("distance [m], height [m], vertical [mm]", {}, r"line 1: 'height \[m\]' is no name with a unit"),
         (HEADER, {(7, 1): "?"}, r"line 10: `lateral` must be a number, but is '\?'"),
         (HEADER, {(7, 2): ""}, "line 10: `vertical` has no number"),
-        (HEADER, {(7, 1): "nan"}, "line 10: `lateral` must be a number, but is 'nan'"),
         (HEADER, {(7, 1): "-9999"}, "line 10: `lateral` has no number"),
         (HEADER, {(7, 1): "1,5"}, "line 10: has 4 values for 3 names; decimal commas need semicolons"),
         (HEADER, {(7, 0): "1+75"}, r"line 10: `distance` must be a number, or as 129\+773 in m.* but is '1\+75'"),
         ("distance [m], lateral [mm], y [mm]", {}, r"lateral \[mm\] and y \[mm\] are both lateral: leave one out"),
-        ("chainage [m], x [m], y [mm]", {}, r"chainage \[m\] and x \[m\] are both distance: leave one out"),
         (HEADER, {(7, 0): 1.5}, r"line 10: distance 1.5 m does not exceed 1.5 m"),
         (HEADER, {(240, 0): 90.0}, r"line 243: a gap of 30.25 m after 59.75 m, in samples every 0.25 m"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_file_and_line(tmp_path, header, cells, words):
     path = tmp_path / "survey.csv"
-    lines = [header, "# a remark", *(",".join(map(str, row)) for row in rows(at=cells).tolist())]
-    path.write_text("\n".join(lines))
+    table = np.column_stack([DISTANCE, LATERAL * 1e3, VERTICAL * 1e3]).astype(object)
+    for place, value in cells.items():
+        table[place] = value
+    path.write_text("\n".join([header, "# a remark", *(",".join(map(str, row)) for row in table.tolist())]))
     with pytest.raises(ValueError, match=rf"survey\.csv[,:] {words}"):
         sj.load_rail(path)
 
@@ -180,22 +171,16 @@ def test_numbers_that_may_mean_two_things_are_one_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "change", "words"),
+    ("header", "factors", "words"),
     [
-        (HEADER, [0, 0, 1.277e6], "`vertical` is 1277 m; plausible are -1 to 1 m"),
-        (HEADER.replace("[mm]", "[Mm]", 1), [0, 0, 0], "`lateral` is 1e[+]06 m; plausible"),
-        (HEADER.replace("vertical [mm]", "roll [rad], z [m]"), [0, 0, 3.0], "`roll` is .* rad; plausible"),
+        (HEADER, [1, 1, 1e6], "`vertical` is .* m; plausible are -1 to 1 m"),
+        ("distance [m], roll [rad], z [mm]", [1, 1, 1], "`roll` is .* rad; plausible"),
     ],
 )
-def test_implausible_samples_are_told(tmp_path, header, change, words):
-    table = TABLE if "roll" not in header else np.column_stack([TABLE * 1e-3, 0 * DISTANCE])
-    table = table + 0.0
-    table[:, 0] = DISTANCE
-    table[7, :3] += change
-    (tmp_path / "survey.csv").write_text(text([header], table=table))
-    with pytest.warns(sj.ImplausibleWarning) as told:
+def test_implausible_samples_are_told(tmp_path, header, factors, words):
+    (tmp_path / "survey.csv").write_text(text([header], table=TABLE * factors))
+    with pytest.warns(sj.ImplausibleWarning, match=words):
         sj.load_rail(tmp_path / "survey.csv")
-    assert re.search(words, "\n".join(str(one.message) for one in told))
 
 
 def netcdf(folder, format="NETCDF4", change=lambda ds: ds, **encoding):
@@ -227,35 +212,25 @@ def test_gaps_in_netcdf_files_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda ds: ds.assign(z=ds["z"].assign_attrs(positive="down")),
-            ": z` must be positive upwards: change its signs",
-        ),
+        (lambda ds: ds.assign(z=ds["z"].assign_attrs(positive="down")), ": z` must be positive upwards"),
         (lambda ds: ds.assign(lateral=ds["y"]), ": (y and lateral|lateral and y) are both lateral: leave one out"),
         (lambda ds: ds.assign(y=ds["y"].astype(str).assign_attrs(units="m")), ": y` must be numbers along one dim"),
-        (
-            lambda ds: ds.assign(y=ds["y"].expand_dims("side", 1)),
-            r": y` must be .* but is float64 of shape \(241, 1\)",
-        ),
+        (lambda ds: ds.assign(y=ds["y"].assign_attrs(units="s")), ": y: `lateral` must be in a unit like m"),
         (lambda ds: ds.assign(y=ds["y"][:9].rename(row="some")), ": .* must have one length"),
     ],
 )
 def test_wrong_netcdf_files_are_one_line(tmp_path, change, words):
     with pytest.raises(ValueError, match=rf"survey\.nc{words}"):
         sj.load_rail(netcdf(tmp_path, change=change))
-    (tmp_path / "cut.nc").write_bytes(netcdf(tmp_path).read_bytes()[:700])
-    with pytest.raises(ValueError, match="no netCDF file that can be read"):
-        sj.load_rail(tmp_path / "cut.nc")
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
-def test_netcdf_files_of_version_3_that_were_cut_are_one_line(tmp_path, share):
-    """Of which scipy's reader raises errors of many classes."""
-    content = netcdf(tmp_path, "NETCDF3_64BIT").read_bytes()
+@pytest.mark.parametrize(("format", "share"), [("NETCDF4", 0.1), ("NETCDF3_64BIT", 0.2), ("NETCDF3_64BIT", 0.9)])
+def test_netcdf_files_that_were_cut_are_one_line(tmp_path, format, share):
+    """scipy's reader raises errors of many classes."""
+    content = netcdf(tmp_path, format).read_bytes()
     (tmp_path / "cut.nc").write_bytes(content[: int(share * len(content))])
-    with pytest.raises(ValueError, match=r"cut\.nc is no netCDF file that can be read: \w+: ") as told:
+    with pytest.raises(ValueError, match=r"cut\.nc is no netCDF file that can be read: \w+: [^\n]*$"):
         sj.load_rail(tmp_path / "cut.nc")
-    assert "\n" not in str(told.value)
 
 
 def test_huge_cells_are_one_line(tmp_path):
