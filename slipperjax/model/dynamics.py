@@ -27,7 +27,6 @@ from .kinematics import (
     contacts,
     of_slipper,
     rail_frame,
-    rotation,
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
@@ -411,16 +410,12 @@ class Reactions(NamedTuple):
     """Gap at each point, front and rear [m]."""
     drive_force: Float[Array, ""]
     """Force along x that keeps the speed constant, the multiplier of Eq. (A6) [N]."""
-    node_force: Float[Array, "2 3"]
-    """Force of the slipper on the front and the rear track node, x, y, z [N]."""
-    node_moment: Float[Array, "2 3"]
-    """Moment of the slipper on the front and the rear track node, about the node, x, y, z [N m]."""
     acceleration: Float[Array, "5"]
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Return contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes.
+    """Return the contact forces, the drive force of Eq. (13), and the accelerations.
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
 
@@ -435,29 +430,16 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
 @jax.jit
 def _reactions(t: Any, state: State, args: Args) -> Reactions:
     scene = args.scene
-    m = state.motion
-    frame = args.frame(t)
     travel = args.travel(t)
-    now = contacts(frame, m)
-    force = contact_forces(scene, now, state.memory)
-    at = Acting(frame, now, m, force)
+    frame = args.frame(t)
+    now = contacts(frame, state.motion)
+    at = Acting(frame, now, state.motion, contact_forces(scene, now, state.memory))
+    rates = motion_rates(scene, at, travel)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    on_track = ends(-force[None] * jnp.stack(per_force(scene, at, travel)[:3]))  # (3, 2, points)
-    # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
-    r = jnp.array(rotation(m))
-    point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
-    node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
-    distance = phase(t, args.epoch) * scene.track.wavelength - jnp.stack([0.0, 1.0]) * scene.slipper.length
-    rail = scene.track.irregularity(distance)
-    node = jnp.stack([node_x, rail.lateral, rail.vertical])[:, :, None]
-    moment = jnp.cross(point - node, on_track, axis=0)
-    rates = motion_rates(scene, at, travel)
     return Reactions(
-        contact_force=ends(force),
+        contact_force=ends(at.force),
         gap=ends(now.gap),
         drive_force=drive_force(scene, at, travel),
-        node_force=jnp.sum(on_track, axis=-1).T,
-        node_moment=jnp.sum(moment, axis=-1).T,
         acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
     )

@@ -1,7 +1,6 @@
 """Adaptive steps for slippers: errors in multiples of the motion's scales, with a larger weight at touchdowns."""
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
@@ -43,12 +42,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     scales: Motion = MOTION_SCALES
     """Sizes of the motion [m], [1], [m/s] and [rad/s], those of its attitude being half an angle's. The default is
     for a clearance of a millimetre; another system has others."""
-    safety: float = eqx.field(static=True, default=0.9)
-    least_factor: float = eqx.field(static=True, default=0.2)
-    most_factor: float = eqx.field(static=True, default=5.0)
 
     def __check_init__(self):
-        for name in "tolerance", "touchdown", "per_contact", "shortest", "safety", "least_factor", "most_factor":
+        for name in "tolerance", "touchdown", "per_contact", "shortest":
             if not is_traced(getattr(self, name)):
                 number(positive, name, getattr(self, name))
         instance("scales", self.scales, Motion, "a slipperjax.Motion of sizes")
@@ -105,8 +101,10 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
         keep = size <= 1
-        factor = self.safety * jnp.maximum(size, 1e-12) ** (-1 / error_order)
-        factor = jnp.clip(factor, self.least_factor, jnp.where(keep, self.most_factor, self.safety))
+        # a tenth shorter than the error would allow, and neither much longer nor much shorter than the last step
+        safety = 0.9
+        factor = safety * jnp.maximum(size, 1e-12) ** (-1 / error_order)
+        factor = jnp.clip(factor, 0.2, jnp.where(keep, 5.0, safety))
         wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args, t1)))
         at = jnp.where(keep, t1, t0)
         # a kept step may propose a shorter one than allowed, a rejected one may not
