@@ -138,13 +138,9 @@ def test_quantities_of_another_dimension_are_refused(call, words):
 
 
 def test_every_field_with_a_unit_takes_quantities_of_its_dimension():
-    checks = [
-        check
-        for kind in subclasses(ShapeChecked)
-        if kind.__module__.startswith("slipperjax")
-        for field in kind.__dataclass_fields__.values()
-        if isinstance(check := field.metadata.get("converter"), Check)
-    ]
+    kinds = [kind for kind in subclasses(ShapeChecked) if kind.__module__.startswith("slipperjax")]
+    converters = [f.metadata.get("converter") for kind in kinds for f in kind.__dataclass_fields__.values()]
+    checks = [converter for converter in converters if isinstance(converter, Check)]
     assert len(checks) > 40
     for check in checks:
         with warnings.catch_warnings():

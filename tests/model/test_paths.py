@@ -33,9 +33,8 @@ def test_paths_lead_to_one_number(path, unit, leaf):
 
 
 def test_names_are_set_and_read():
-    values = dict(speed=900.0, clearance=2e-3, length=0.3, mass=12.0, stiffness=1e9, restitution=0.5)
+    values = dict(speed=900.0, clearance=2e-3, length=0.3, mass=12.0, stiffness=1e9, restitution=0.5, gravity=9.81)
     values |= dict(amplitude=5e-4, roll_amplitude=1e-3, inertia_x=0.05, inertia_y=0.06, inertia_z=0.07)
-    values |= dict(gravity=9.81)
     changed = SCENE.replace(**values)
     for name, value in values.items():
         assert float(changed.value(name)) == pytest.approx(value, rel=1e-15)

@@ -36,14 +36,13 @@ class Bump(sj.AbstractTrack):
 
 def scenes():
     scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
-    parts = {
-        "track": (sj.StraightTrack(7.7), Bump(5.0, (1e-3, 0.3))),
-        "contact": (sj.HuntCrossley(1e9, 1 / 3, clamp=False), sj.HertzSpring(1e7), sj.ConstantDamping(1e8, 0.1)),
-        "memory": (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3)),
-    }
-    others = [
-        eqx.tree_at(lambda s, name=name: getattr(s, name), scene, part) for name in parts for part in parts[name]
-    ]
+    laws = (sj.HuntCrossley(1e9, 1 / 3, clamp=False), sj.HertzSpring(1e7), sj.ConstantDamping(1e8, 0.1))
+    memories = (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3))
+    parts = {"track": (sj.StraightTrack(7.7), Bump(5.0, (1e-3, 0.3))), "contact": laws, "memory": memories}
+    others = [dataclasses.replace(scene, **{name: part}) for name in parts for part in parts[name]]
+    load, friction = sj.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]), sj.FadingFriction(0.3, 1e6, 0.5)
+    others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.SledMass(100.0, [2e6, 8e6]))]
+    others += [dataclasses.replace(scene, speed=sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0]))]
     return [scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}), *others]
 
 
@@ -52,7 +51,7 @@ def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
     for scene in scenes():
         assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
         assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
-        assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(speed=1234.6))
+        assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(length=0.31))
 
 
 def test_starts_come_back_too():
@@ -95,10 +94,9 @@ pitch = "1 mrad"
 def test_units_are_converted_and_the_rest_is_the_base_s():
     found = scene_from_toml(FILE)
     scene = found.scene
-    for name, value in {
-        **dict(speed=1250.0, mass=15.0, inertia_x=0.051, inertia_y=0.060, inertia_z=0.086, length=0.2),
-        **{"clearance": 1.5e-3, "track.wavelengths.0": 8.0, "roll_amplitude": math.radians(0.2)},
-    }.items():
+    values = dict(speed=1250.0, mass=15.0, inertia_x=0.051, inertia_y=0.060, inertia_z=0.086, length=0.2)
+    values |= {"clearance": 1.5e-3, "track.wavelengths.0": 8.0, "roll_amplitude": math.radians(0.2)}
+    for name, value in values.items():
         np.testing.assert_allclose(scene.value(name), value, rtol=1e-15, err_msg=name)
     assert type(scene.contact) is sj.HuntCrossley
     assert float(scene.contact.stiffness) == 1e8
@@ -217,12 +215,10 @@ def test_files_are_written_and_read(tmp_path):
     scene, start = sj.paper_scene(900.0), sj.Motion(v_y=0.1)
     text = scene.to_toml(tmp_path / "a.toml", start=start)
     assert (tmp_path / "a.toml").read_text() == text
-    assert eqx.tree_equal(sj.load_scene(tmp_path / "a.toml"), scene)
-    assert eqx.tree_equal(sj.load_start(str(tmp_path / "a.toml")), start)
     (tmp_path / "bom.toml").write_text("\ufeff" + text, encoding="utf-8")
-    assert eqx.tree_equal(sj.load_scene(tmp_path / "bom.toml"), scene)
+    for file in ("a.toml", "bom.toml"):
+        assert eqx.tree_equal(sj.load_scene(tmp_path / file), scene)
+    assert eqx.tree_equal(sj.load_start(str(tmp_path / "a.toml")), start)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"bad\.toml is no UTF-8 text"):
         sj.load_scene(tmp_path / "bad.toml")
-    with pytest.raises(OSError, match=r"none\.toml"):
-        sj.load_scene(tmp_path / "none.toml")

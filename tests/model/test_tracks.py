@@ -113,12 +113,10 @@ def test_default_steps_resolve_a_short_second_wave():
 
 def test_short_waves_get_more_steps_where_impacts_are_damped():
     """See `slipperjax.model.step_size.damped_waves`."""
-    steps = lambda track, restitution: sj.default_steps_per_period(
-        dataclasses.replace(sj.paper_scene(1000.0), track=track).replace(restitution=restitution)
-    )
-    rail, sine = sj.RandomTrack.sled(length=200.0), sj.paper_scene().track
-    assert [steps(rail, r) for r in (0.9, 0.7, 0.5, 0.3)] == [120, 200, 320, 480]
-    assert [steps(sine, r) for r in (0.9, 0.7, 0.5, 0.3)] == [40, 40, 40, 80]
+    sine = sj.paper_scene(1000.0)
+    rail = dataclasses.replace(sine, track=sj.RandomTrack.sled(length=200.0))
+    steps = lambda scene: [sj.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)]
+    assert (steps(rail), steps(sine)) == ([120, 200, 320, 480], [40, 40, 40, 80])
 
 
 def test_default_steps_are_there_for_every_law():
