@@ -252,11 +252,11 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
     instance("scene", scene, Scene, "a slipperjax.Scene")
     points = contact_points(scene) if points is None else points
-    front, rear, own = _nodes(scene, points, real("phase", phase))
+    front, rear = _nodes(scene, points, real("phase", phase))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     along_y = rear.y - front.y
     along_z = rear.z - front.z
-    n_y, n_z, t_y, t_z, v_y, v_z = own
+    n_y, n_z, t_y, t_z, v_y, v_z = _own(scene, front, rear)
     n_x = store((n_y * along_y + n_z * along_z) / scene.slipper.length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
@@ -279,11 +279,15 @@ class _Node(NamedTuple):
 
 
 def _nodes(scene: Scene, points: Points, phase: Any) -> list[_Node]:
-    """Return all points as if at the front node, as if at the rear one, and each at its own."""
+    """Return all points as if at the front node, and as if at the rear one."""
     distance = jnp.asarray(phase, float) * scene.track.wavelength
-    front, rear = [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
+    return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
+
+
+def _own(scene: Scene, front: _Node, rear: _Node) -> _Node:
+    """Return each point at its own node."""
     is_front = np.repeat([True, False], len(scene.section.names))
-    return [front, rear, _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))]
+    return _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
 
 
 def _node(scene: Scene, points: Points, distance: Array) -> _Node:
@@ -343,7 +347,7 @@ def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]
     second. With the gap, across the face, it tells where each point is relative to the rail head.
     """
     points = contact_points(scene)
-    _, _, node = _nodes(scene, points, phase)
+    node = _own(scene, *_nodes(scene, points, phase))
     _, across, up = rotation(m)
     from_rail_y = m.y + sum(r * a for r, a in zip(across, points.arm, strict=True)) - node.y
     from_rail_z = m.z + sum(r * a for r, a in zip(up, points.arm, strict=True)) - node.z
