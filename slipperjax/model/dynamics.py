@@ -27,6 +27,7 @@ from .kinematics import (
     contacts,
     of_slipper,
     rail_frame,
+    rotation,
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
@@ -410,12 +411,16 @@ class Reactions(NamedTuple):
     """Gap at each point, front and rear [m]."""
     drive_force: Float[Array, ""]
     """Force along x that keeps the speed constant, the multiplier of Eq. (A6) [N]."""
+    node_force: Float[Array, "2 3"]
+    """Force of the slipper on the front and the rear track node, x, y, z [N]."""
+    node_moment: Float[Array, "2 3"]
+    """Moment of the slipper on the front and the rear track node, about the node, x, y, z [N m]."""
     acceleration: Float[Array, "5"]
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Return the contact forces, the drive force of Eq. (13), and the accelerations.
+    """Return contact forces, Eq. (13)'s reactions, the drive force and the loads on the track nodes, and accelerations.
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
 
@@ -430,16 +435,26 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
 @jax.jit
 def _reactions(t: Any, state: State, args: Args) -> Reactions:
     scene = args.scene
+    m = state.motion
     travel = args.travel(t)
     frame = args.frame(t)
-    now = contacts(frame, state.motion)
-    at = Acting(frame, now, state.motion, contact_forces(scene, now, state.memory))
+    now = contacts(frame, m)
+    at = Acting(frame, now, m, contact_forces(scene, now, state.memory))
     rates = motion_rates(scene, at, travel)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
+    on_track = ends(-at.force * jnp.stack(per_force(scene, at, travel)[:3]))
+    # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
+    arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
+    point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
+    lengths = scene.slipper.length * jnp.array([0.0, 1.0])
+    rail = scene.track.irregularity(phase(t, args.epoch) * scene.track.wavelength - lengths)
+    node = jnp.stack([scene.slipper.length / 2 - lengths, rail.lateral, rail.vertical])
     return Reactions(
         contact_force=ends(at.force),
         gap=ends(now.gap),
         drive_force=drive_force(scene, at, travel),
+        node_force=jnp.sum(on_track, axis=-1).T,
+        node_moment=jnp.sum(jnp.cross(point - node[..., None], on_track, axis=0), axis=-1).T,
         acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
     )
