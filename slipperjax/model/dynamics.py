@@ -420,7 +420,7 @@ class Reactions(NamedTuple):
 
 
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Return contact forces, Eq. (13)'s reactions, the drive force and the loads on the track nodes, and accelerations.
+    """Return contact forces, Eq. (13)'s reactions (drive force, loads on the track nodes), and accelerations.
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
 
@@ -443,7 +443,7 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     rates = motion_rates(scene, at, travel)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    on_track = ends(-at.force * jnp.stack(per_force(scene, at, travel)[:3]))
+    on_track = ends(-at.force[None] * jnp.stack(per_force(scene, at, travel)[:3]))
     # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
