@@ -113,7 +113,7 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
     is none. Traced numbers may be any, and the rail of such a one is NaN."""
     number, check = getattr(track, track.chosen_by), track.check_of(track.chosen_by)
     assert check is not None  # of each such track
-    known = ~check.is_bad(number)
+    known = check.is_good(number)
     return jnp.where(known, number, 0).astype(int), known
 
 

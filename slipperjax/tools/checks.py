@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from contextvars import ContextVar
+from functools import partial
 from typing import Any
 
 import jax
@@ -83,9 +84,9 @@ class Check:
     """
 
     name: str
-    unit: str
-    need: str
-    is_bad: Callable[[Any], Any]
+    unit: str = ""
+    need: str = "finite"
+    is_good: Callable[[Any], Any] = lambda x: abs(x) < np.inf
     optional: bool = False
     whole: bool = False
     """Whether the numbers are whole, which cannot be varied by little."""
@@ -98,21 +99,20 @@ class Check:
         # a traced value cannot be refused; as NaN it gives the result a status
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
-            return jnp.where(self.is_bad(value), jnp.nan, value)
+            return jnp.where(self.is_good(value), value, jnp.nan)
         unit = "" if self.unit == "1" else self.unit
         try:
-            numbers = in_unit(value, self.unit)
-            # NumPy makes numbers of None, bools and some texts: refuse these
-            if numbers is None or (np.size(numbers) and np.asarray(numbers).dtype.kind not in "fiu"):
+            array = np.asarray(in_unit(value, self.unit))
+            # NumPy makes numbers of bools and some texts, too
+            if array.size and array.dtype.kind not in "fiu":
                 raise TypeError
-            array = np.asarray(numbers, dtype=float)
+            array = array.astype(float)
         except (TypeError, ValueError, RecursionError):
             kind = f"a number in {unit}" if unit else "a number"
             raise self._error(f"{brief(value)}, not {kind}") from None
-        bad = self.is_bad(array)
-        if np.any(bad):
-            worst = array[bad][0] if array.ndim else array
-            raise self._error(f"{float(worst):.12g} {unit}".rstrip())
+        bad = array[~self.is_good(array)]
+        if bad.size:
+            raise self._error(f"{bad[0]:.12g} {unit}".rstrip())
         if self.plausible is not None:
             warn_unless_within(self.name, array, *self.plausible, self.unit)
         return jnp.asarray(array)
@@ -121,33 +121,17 @@ class Check:
         return ValueError(f"Argument `{self.name}` must be {self.need}, but is {shown}.")
 
 
-def positive(name: str, unit: str = "") -> Check:
-    """Return a field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
-    return Check(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)))
-
-
-def not_negative(name: str, unit: str = "") -> Check:
-    """Return a field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
-    return Check(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)))
-
-
-def finite(name: str, unit: str = "") -> Check:
-    """Return a field converter to an array of any shape, which requires finite numbers [`unit`]."""
-    return Check(name, unit, "finite", lambda x: ~(abs(x) < np.inf))
-
-
-def fraction(name: str, unit: str = "") -> Check:
-    """Return a field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
-    return Check(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)))
+# kinds of numbers: of a name and a unit each makes a check
+finite = Check
+positive = partial(Check, need="positive", is_good=lambda x: (x > 0) & (x < np.inf))
+not_negative = partial(Check, need="zero or positive", is_good=lambda x: (x >= 0) & (x < np.inf))
+fraction = partial(Check, need="above 0 and at most 1", is_good=lambda x: (x > 0) & (x <= 1))
 
 
 def whole_number(name: str, unit: str = "", *, most: int = 2**53 - 1) -> Check:
-    """Return a field converter to an array of any shape, which requires whole numbers of 0 to `most`.
-
-    Up to 2^53 - 1 all whole numbers are exact in double precision.
-    """
+    """Return a check of whole numbers of 0 to `most`: up to 2^53 - 1 they are exact in double precision."""
     need = f"a whole number of 0 to {'2^53 - 1' if most == 2**53 - 1 else most}"
-    return Check(name, unit, need, lambda x: ~((x >= 0) & (x <= most) & (x == x.round())), whole=True)
+    return Check(name, unit, need, lambda x: (x >= 0) & (x <= most) & (x == x.round()), whole=True)
 
 
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
@@ -170,26 +154,28 @@ def instance(name: str, value: Any, kind: type, text: str) -> Any:
     return value
 
 
+def _kind(value: Any) -> str:
+    """Return NumPy's letter for the type of numbers, and "O" for what it cannot take as an array."""
+    try:
+        return np.asarray(value).dtype.kind
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        return "O"
+
+
 def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
     """Return an array of numbers with so many axes or more; raises `ValueError` otherwise."""
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
-        array = np.asarray(None)
     need = "be numbers"
     if axes:
         need += " along one axis or more" if axes == 1 else f" with {axes} axes or more"
-    require(array.dtype.kind in "biufc", name, need, value)
+    require(_kind(value) in "biufc", name, need, value)
+    array = np.asarray(value)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
     return array
 
 
 def is_real(value: Any) -> bool:
     """Tell whether a value is a real number, or an array of them."""
-    try:
-        return np.asarray(value).dtype.kind in "fiu"
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
-        return False
+    return _kind(value) in "fiu"
 
 
 def real(name: str, value: Any) -> Any:
@@ -265,11 +251,9 @@ def shown_number(value: Any) -> str:
     """Return a number, or an array of six at most, as text with five digits; of a larger one its shape and range."""
     if isinstance(value, jax.core.Tracer):
         return f"<traced {value.dtype}{list(value.shape)}>"
-    if not isinstance(value, jax.Array | np.ndarray | np.generic | float):
+    if not isinstance(value, jax.Array | np.ndarray | np.generic | float) or not is_real(value):
         return brief(value)
     array = np.asarray(value)
-    if array.dtype.kind not in "fiu":
-        return brief(value)
     if array.ndim == 0:
         return f"{array:.5g}"
     if array.size <= 6:

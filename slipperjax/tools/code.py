@@ -37,23 +37,15 @@ def code_digest(thing: Any) -> str:
 
 def classes_of(value: Any) -> Iterator[type]:
     """Yield the classes of a user's modules and dataclasses inside a value."""
-    if _is_dataclass(value) and not _of_library(type(value)):
-        yield type(value)
-    for part in _parts(value):
-        yield from classes_of(part)
-
-
-def _is_dataclass(value: Any) -> bool:
-    return dataclasses.is_dataclass(value) and not isinstance(value, type)
-
-
-def _parts(value: Any) -> list[Any]:
-    """Return what a dataclass or a container holds; nothing for other values."""
-    if _is_dataclass(value):
-        return [getattr(value, field.name) for field in dataclasses.fields(value)]
+    parts = value if isinstance(value, tuple | list) else ()
     if isinstance(value, Mapping):
-        return list(value.items())
-    return list(value) if isinstance(value, tuple | list) else []
+        parts = value.values()
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = [getattr(value, field.name) for field in dataclasses.fields(value)]
+        if not _of_library(type(value)):
+            yield type(value)
+    for part in parts:
+        yield from classes_of(part)
 
 
 def _of_library(thing: Any) -> bool:

@@ -20,11 +20,8 @@ TYPE = "type"
 OPAQUE = "opaque"
 """Key in place of a value that plain data cannot hold, such as a function."""
 
-NORMS = {
-    "optimistix.max_norm": optimistix.max_norm,
-    "optimistix.rms_norm": optimistix.rms_norm,
-    "optimistix.two_norm": optimistix.two_norm,
-}
+_NORMS = (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)
+NORMS = {f"optimistix.{norm.__name__}": norm for norm in _NORMS}
 """Functions that solvers of diffrax hold, by the names that descriptions give them."""
 
 
@@ -112,12 +109,20 @@ def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
             names = ", ".join(description) or "nothing"
             raise ValueError(f"Argument `{where}` must have a `{TYPE}`, but has {names}.")
         kind = known_type(str(description[TYPE]), bases, where)
-        check_fields(description, kind, where)
+        taken = arguments_of(kind)
         fields = {}
         for name, part in description.items():
-            if name != TYPE:
-                fields[name] = build(part, bases, f"{where}.{name}" if where else name)
-        return kind(**fields)
+            if name == TYPE:
+                continue
+            if name not in taken:
+                raise ValueError(f"Argument `{where}` must have only {', '.join(taken)}, but has `{name}`.")
+            fields[name] = part
+        for name, default in taken.items():
+            if default is inspect.Parameter.empty and name not in fields:
+                given = ", ".join(fields) or "nothing"
+                raise ValueError(f"Argument `{where}` must have `{name}`, but has only {given}.")
+        within = f"{where}." if where else ""
+        return kind(**{name: build(part, bases, within + name) for name, part in fields.items()})
     if isinstance(description, list):
         return tuple(build(part, bases, where) for part in description)
     return NORMS.get(description, description) if isinstance(description, str) else description
@@ -140,15 +145,3 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
             f"imported before."
         )
     return classes[name]
-
-
-def check_fields(description: Mapping[str, Any], kind: type, where: str) -> None:
-    """Raise `ValueError` where a class lacks fields that a description has, or needs others."""
-    fields = arguments_of(kind)
-    for name in description:
-        if name != TYPE and name not in fields:
-            raise ValueError(f"Argument `{where}` must have only {', '.join(fields)}, but has `{name}`.")
-    for name, default in fields.items():
-        if default is inspect.Parameter.empty and name not in description:
-            given = [other for other in description if other != TYPE]
-            raise ValueError(f"Argument `{where}` must have `{name}`, but has only {', '.join(given) or 'nothing'}.")

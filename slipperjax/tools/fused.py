@@ -95,18 +95,15 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
         # only operands whose cotangent is asked for and is not zero
         live = [k for k, zero in enumerate(out) if zero is not None and type(cotangents[k]) is not ad.Zero]
         if live:
-            shape_of_operands = operands[live[0]].aval.shape
-            pulled = transpose([cotangents[k] for k in live], shape_of_operands)
+            pulled = transpose([cotangents[k] for k in live], operands[live[0]].aval.shape)
             for k, c in zip(live, pulled, strict=True):
                 out[k] = c
         return out
 
     def batch(operands, axes, **parameters):
         size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
-        moved = []
         # all operands get the axis of cases, as the first
-        for x, a in zip(operands, axes, strict=True):
-            moved.append(jnp.broadcast_to(x, (size, *x.shape)) if a is None else jnp.moveaxis(x, a, 0))
+        moved = [batching.bdim_at_front(x, a, size) for x, a in zip(operands, axes, strict=True)]
         return primitive.bind(*moved, **parameters), [0] * len(moved)
 
     def avals_of_results(*avals, **parameters):
@@ -137,15 +134,11 @@ def _repeated(*operands, n):
 
 def _reduced(*operands):
     """Store on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
-    shape = operands[0].shape
-    wide = (*shape, 2)
-    first = jnp.broadcast_to(np.array([True, False]), wide)
-    nothing = jnp.zeros(wide)
-    pairs = []
-    for x in operands:
-        twice = lax.broadcast_in_dim(x, wide, range(len(shape)))
-        pairs.append(lax.select(first, twice, nothing))
-    return _summed(*pairs)
+    twice = _repeated(*operands, n=2)
+    shape = twice[0].shape
+    first = jnp.broadcast_to(np.array([True, False]), shape)
+    nothing = jnp.zeros(shape)
+    return _summed(*(lax.select(first, x, nothing) for x in twice))
 
 
 def _passed_on(context, *operands):

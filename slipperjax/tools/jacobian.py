@@ -7,11 +7,11 @@ as much longer to compile. Where few numbers are differentiated, the product wit
 import functools
 import math
 from collections.abc import Callable, Sequence
+from itertools import compress
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.extend.core import ClosedJaxpr, Primitive, Var, jaxpr_as_fun, set_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
 
@@ -35,19 +35,9 @@ def by_jacobian(fun: Callable, *args: Any) -> Any:
     """
     call, arrays = split_arrays(fun, args)
     program, shapes = jax.make_jaxpr(call, return_shape=True)(arrays)
-    results = _called.bind(*_operands(program), *jax.tree.leaves(arrays), program=program.jaxpr)
+    operands = [*map(jnp.asarray, program.consts), *jax.tree.leaves(arrays)]
+    results = _called.bind(*operands, program=program.jaxpr, live=(False,) * len(operands))
     return jax.tree.unflatten(jax.tree.structure(shapes), results)
-
-
-def _operands(program: ClosedJaxpr) -> list[Any]:
-    """Return what a traced function closed over, which may be traced itself."""
-    return [jnp.asarray(value) for value in program.consts]
-
-
-def _call(*operands: Any, program: Any) -> list[Any]:
-    count = len(program.constvars)
-    closed = ClosedJaxpr(program, operands[:count])
-    return jaxpr_as_fun(closed)(*operands[count:])
 
 
 def _is_float(value: Any) -> bool:
@@ -55,64 +45,59 @@ def _is_float(value: Any) -> bool:
 
 
 def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> tuple[list[Any], list[Any]]:
-    """Return results, and tangents of those that are numbers, from arguments and tangents of the `live` ones."""
+    """Return results of a program, and tangents of those that are numbers where any arguments are `live`.
+
+    **Arguments:** `operands`: what the program closed over, its arguments, and tangents of the `live` ones of both.
+    """
     primals = operands[: len(live)]
-    tangents = operands[len(live) :]
+    closed_over = len(program.constvars)
 
     def moving(*some):
         # the arguments that are differentiated, among the others
         of_live = iter(some)
         every = [next(of_live) if is_live else p for p, is_live in zip(primals, live, strict=True)]
-        results = _call(*every, program=program)
+        results = jaxpr_as_fun(ClosedJaxpr(program, every[:closed_over]))(*every[closed_over:])
         return [r for r in results if _is_float(r)], results
 
-    _, pushed, results = jax.jvp(moving, _of_live(primals, live), tangents, has_aux=True)
+    if not any(live):
+        return moving()[1], []
+    _, pushed, results = jax.jvp(moving, tuple(compress(primals, live)), operands[len(live) :], has_aux=True)
     return results, pushed
 
 
-def _push_flat(*operands: Any, **parameters: Any) -> list[Any]:
+def _called_at(*operands: Any, **parameters: Any) -> list[Any]:
     results, pushed = _push(*operands, **parameters)
     return [*results, *pushed]
 
 
-def _of_live(values: Sequence[Any], live: tuple[bool, ...]) -> tuple[Any, ...]:
-    return tuple(value for value, is_live in zip(values, live, strict=True) if is_live)
-
-
-def _linearised(
-    operands: Sequence[Any],
-    live: tuple[bool, ...],
-    program: Any,
-) -> tuple[list[Any], list[list[Any]]]:
+def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
     """Return results and Jacobians: of each result that is a number, by each of the `live` arguments."""
-    at = _of_live(operands, live)
-    sizes = [math.prod(p.shape) for p in at]
-    ends = np.cumsum(sizes)
     # places of each argument in the vector of all numbers
-    parts = [(slice(end - size, end), p) for end, size, p in zip(ends, sizes, at, strict=True)]
+    parts = []
+    end = 0
+    for p in compress(operands, live):
+        parts.append((slice(end, end + p.size), p))
+        end += p.size
 
     def pushed(direction):
         directions = [direction[where].reshape(p.shape).astype(p.dtype) for where, p in parts]
         return _push(*operands, *directions, program=program, live=live)
 
-    def split(jacobian):
-        return [jacobian[where].reshape(*p.shape, *jacobian.shape[1:]) for where, p in parts]
-
-    results, jacobians = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(int(ends[-1])))
-    return results, [split(jacobian) for jacobian in jacobians]
+    results, jacobians = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(end))
+    return results, [[j[where].reshape(*p.shape, *j.shape[1:]) for where, p in parts] for j in jacobians]
 
 
-def _jvp(primals, tangents, *, of: Primitive, **parameters):
-    """Rule of both primitives: the second one pushes the tangents of a function that calls the one `of`."""
+def _jvp(primals, tangents, program, live):
+    """Call the program with tangents; for second derivatives, the program that pushes its tangents."""
     operands = list(primals)
-    program = parameters["program"]
-    if of is _pushed:
-        closed = jax.make_jaxpr(functools.partial(_push_flat, **parameters))(*primals)
+    if any(live):
+        push = functools.partial(_called_at, program=program, live=live)
+        closed = jax.make_jaxpr(push)(*primals)
         program = closed.jaxpr
-        operands = [*_operands(closed), *primals]
+        operands = [*map(jnp.asarray, closed.consts), *primals]
         tangents = [None] * len(closed.consts) + list(tangents)
     live = tuple(t is not None and type(t) is not ad.Zero for t in tangents)
-    both = _pushed.bind(*operands, *_of_live(tangents, live), program=program, live=live)
+    both = _called.bind(*operands, *compress(tangents, live), program=program, live=live)
     count = len(program.outvars)
     pushed = iter(both[count:])
     moved = []
@@ -123,12 +108,10 @@ def _jvp(primals, tangents, *, of: Primitive, **parameters):
 
 
 def _batched(operands, axes, **parameters):
-    """Rule of both primitives: reverse mode goes through a batch."""
-    live = parameters.get("live", ())
-    count = len(live) if live else len(operands)
+    """Pass a batch through the program, whose reverse mode goes through it."""
+    count = len(parameters["live"])
     if any(axis is not None for axis in axes[:count]):
-        of = _push_flat if live else _call
-        results = jax.vmap(functools.partial(of, **parameters), in_axes=axes)(*operands)
+        results = jax.vmap(functools.partial(_called_at, **parameters), in_axes=axes)(*operands)
         return results, [0] * len(results)
     # only tangents are a batch: all its lanes have the same results
     push = lambda *tangents: _push(*operands[:count], *tangents, **parameters)
@@ -137,44 +120,36 @@ def _batched(operands, axes, **parameters):
 
 
 def _evaluated_partially(trace, *tracers, program, live):
-    """Rule of pushed tangents: the results are known, and tangents will be."""
+    """Make a product with the Jacobian where arguments are known now, and their tangents later."""
     known = [t.pval.get_known() for t in tracers]
     if all(k is not None for k in known):
-        return _pushed.bind(*known, program=program, live=live)
+        return _called.bind(*known, program=program, live=live)
     count = len(live)
     size = sum(math.prod(t.aval.shape) for t in tracers[count:])
     if any(k is None for k in known[:count]) or size > MOST_FORWARD:
         with set_current_trace(trace):
-            return _push_flat(*tracers, program=program, live=live)
+            return _called_at(*tracers, program=program, live=live)
     results, jacobians = _linearised([jnp.asarray(k) for k in known[:count]], live, program)
     with set_current_trace(trace):
         return [*results, *(_product(row, tracers[count:]) for row in jacobians)]
 
 
 def _evaluated_twice(saveable, unknown, instantiated, equation):
-    """The same rule inside `jax.checkpoint`: results are known, and are computed again with the tangents."""
-    program = equation.params["program"]
+    """Follow the same rule inside `jax.checkpoint`: results are known, and are computed again with the tangents."""
     count = len(equation.params["live"])
-    results = len(program.outvars)
+    results = len(equation.params["program"].outvars)
     # values that the later computation needs
-    needed = [
-        x
-        for x, there in zip(
-            equation.invars,
-            instantiated,
-            strict=True,
-        )
-        if isinstance(x, Var) and not there
-    ]
+    inputs = zip(equation.invars, instantiated, strict=True)
+    needed = [x for x, there in inputs if isinstance(x, Var) and not there]
     known = equation
     later = [False] * len(equation.outvars)
     if any(unknown[:count]):
         known = None
-        later = [True] * len(equation.outvars)
+        later = [True] * len(later)
     elif any(unknown):
         # the results now, their tangents later
         of_results = dict(invars=equation.invars[:count], outvars=equation.outvars[:results])
-        known = equation.replace(primitive=_called, params={"program": program}, **of_results)
+        known = equation.replace(params=equation.params | {"live": (False,) * count}, **of_results)
         later[results:] = [True] * (len(later) - results)
     return known, equation, later, [True] * len(later), needed
 
@@ -184,30 +159,20 @@ def _product(row: list[Any], tangents: Sequence[Any]) -> Any:
     return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
 
 
-def _primitive(name: str, implementation: Callable, avals: Callable) -> Primitive:
-    primitive = Primitive(name)
-    primitive.multiple_results = True
-    primitive.def_impl(implementation)
-    primitive.def_abstract_eval(lambda *operands, **parameters: avals(parameters["program"]))
-    ad.primitive_jvps[primitive] = functools.partial(_jvp, of=primitive)
-    batching.primitive_batchers[primitive] = _batched
-    mlir.register_lowering(primitive, mlir.lower_fun(implementation, multiple_results=True))
-    return primitive
+def _types_of_results(*operands, program, live):
+    results = [v.aval for v in program.outvars]
+    return results + [r for r in results if any(live) and _is_float(r)]
 
 
-def _results(program):
-    return [v.aval for v in program.outvars]
-
-
-def _results_and_tangents(program):
-    results = _results(program)
-    return [*results, *(r for r in results if _is_float(r))]
-
-
-_called = _primitive("slipperjax_called", _call, _results)
-_pushed = _primitive("slipperjax_pushed", _push_flat, _results_and_tangents)
-partial_eval.custom_partial_eval_rules[_pushed] = _evaluated_partially
-partial_eval.partial_eval_jaxpr_custom_rules[_pushed] = _evaluated_twice
+_called = Primitive("slipperjax_called")
+_called.multiple_results = True
+_called.def_impl(_called_at)
+_called.def_abstract_eval(_types_of_results)
+ad.primitive_jvps[_called] = _jvp
+batching.primitive_batchers[_called] = _batched
+partial_eval.custom_partial_eval_rules[_called] = _evaluated_partially
+partial_eval.partial_eval_jaxpr_custom_rules[_called] = _evaluated_twice
+mlir.register_lowering(_called, mlir.lower_fun(_called_at, multiple_results=True))
 
 
 @jax.custom_jvp

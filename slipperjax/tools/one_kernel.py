@@ -59,27 +59,6 @@ def _called(fun: Callable, kernel: bool) -> Callable:
     return call
 
 
-def _nothing_on(name: str) -> Primitive:
-    """Return a linear primitive of one array that leaves it as it is."""
-    primitive = Primitive(name)
-    primitive.def_impl(lambda x, kernel: x)
-    primitive.def_abstract_eval(lambda x, kernel: x)
-
-    def jvp(primals, tangents, **of_call):
-        (tangent,) = tangents
-        if type(tangent) is not ad.Zero:
-            tangent = primitive.bind(tangent, **of_call)
-        return primitive.bind(*primals, **of_call), tangent
-
-    def batch(operands, axes, **of_call):
-        return primitive.bind(*operands, **of_call), axes[0]
-
-    ad.primitive_jvps[primitive] = jvp
-    batching.primitive_batchers[primitive] = batch
-    mlir.register_lowering(primitive, lambda context, x, kernel: [x])
-    return primitive
-
-
 def _mark(context: Any, x: Any, kernel: bool) -> list:
     """Set the attributes on the call that a value comes from, once; none where it cannot be a kernel."""
     call = getattr(x.owner, "operation", x.owner)
@@ -139,10 +118,9 @@ def _callee(call: Any) -> str:
 def _only_calls(call: Any, functions: Any) -> bool:
     """Tell whether the called function does nothing but call another one, not inlined, with all its arguments."""
     block = functions[_callee(call)].entry_block
-    operations = [operation.operation for operation in block.operations]
-    if [operation.name for operation in operations] != ["func.call", "func.return"]:
+    inner, *others = [operation.operation for operation in block.operations]
+    if inner.name != "func.call" or len(others) > 1:
         return False
-    inner = operations[0]
     return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
 
@@ -177,13 +155,14 @@ def _updates_once(scatter: Any) -> bool:
     return all(size == 1 for k, size in enumerate(shape) if k != numbers.index_vector_dim)
 
 
-def _transposed_to(other: Primitive) -> Callable:
-    return lambda t, x, kernel: [t if type(t) is ad.Zero else other.bind(t, kernel=kernel)]
-
-
-_argument = _nothing_on("slipperjax_argument")
-_result = _nothing_on("slipperjax_result")
-ad.primitive_transposes[_argument] = _transposed_to(_result)
-ad.primitive_transposes[_result] = _transposed_to(_argument)
+_argument = Primitive("slipperjax_argument")
+_result = Primitive("slipperjax_result")
+# both leave an array as it is, and are the transposes of each other
+for primitive, other in ((_argument, _result), (_result, _argument)):
+    primitive.def_impl(lambda x, kernel: x)
+    primitive.def_abstract_eval(lambda x, kernel: x)
+    ad.deflinear2(primitive, lambda cotangent, x, kernel, other=other: [other.bind(cotangent, kernel=kernel)])
+    batching.defvectorized(primitive)
+    mlir.register_lowering(primitive, lambda context, x, kernel: [x])
 # a lowering that JAX keeps for several calls would not see where its operand comes from
 mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)
