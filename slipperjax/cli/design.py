@@ -7,7 +7,7 @@ import click
 
 from ..model.parameters import PARAMETERS, parameter
 from ..tools.checks import require
-from .files import Outputs, keeping
+from .files import Outputs, fitting, keeping
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -97,18 +97,20 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     for name, low, high in vary:
         require(name not in variables, "--vary", "name each parameter once", name)
         variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
-    options |= dict(
-        over=None if speeds is None else {"speed": _speeds(*speeds, variables=variables)},
-        constraints=_limits(constraint),
-        progress=True,
-        **case.options,
-    )
+    over = {} if speeds is None else {"speed": _speeds(*speeds, variables=variables)}
+    limits: dict[Any, tuple[float, ...]] = {}
+    # limits of each objective in its display unit
+    for name, *ends in constraint:
+        objective = OBJECTIVES[name]
+        require(objective not in limits, "--constraint", "name each objective once", name)
+        limits[objective] = tuple(map(objective.quantity.from_shown, ends))
+    options |= dict(over=over or None, constraints=limits, progress=True, **case.options)
     files = Outputs(out, ".nc", ".png")
-    of_case = case.text([*variables, *([] if speeds is None else ["speed"])])
+    of_case = case.text([*variables, *over])
 
     def keep(best: Any) -> str:
         print(f"{report(best)}\n{of_case}")
-        return files.write(best.to_xarray(), _overview, partial=True)
+        return files.write(best.to_xarray(), partial=True)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
     # an interrupted search keeps its best design
@@ -118,14 +120,8 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     done = best.status == "converged"
     around = on_thread(partial(_around, best), TRIAL_PATIENCE) if check and done else None
     events = on_thread(partial(_margins, best), TRIAL_PATIENCE) if margins and done else None
-    print(files.write(best.to_xarray(events), partial(_overview, surroundings=around, margins=events)))
+    print(files.write(best.to_xarray(events), partial(fitting, surroundings=around, margins=events)))
     return LOST if best.status == "no motion" else 0
-
-
-def _overview(ds: Any, **parts: Any) -> Any:
-    from ..plots.designs import design_overview
-
-    return design_overview(ds, **parts)
 
 
 def _around(best: Any) -> Any:
@@ -169,19 +165,6 @@ def _margins(best: Any) -> Any:
         )
         print(f"  {where or 'the case'}: {quantity.name} {event} {value}", flush=True)
     return ds
-
-
-def _limits(constraint: tuple[tuple[str, float, float], ...]) -> dict[Any, tuple[float, float]]:
-    """Limits [SI unit] by objective."""
-    from ..design.objectives import OBJECTIVES
-
-    limits = {}
-    # the ends are in the objective's display unit
-    for name, *ends in constraint:
-        objective = OBJECTIVES[name]
-        require(objective not in limits, "--constraint", "name each objective once", name)
-        limits[objective] = tuple(map(objective.quantity.from_shown, ends))
-    return limits
 
 
 def _speeds(low: float, high: float, count: int, variables: Any) -> Any:

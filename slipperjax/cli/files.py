@@ -18,7 +18,7 @@ PARTIAL = "_partial"
 
 
 def make_folder(folder: Path, out: Path) -> None:
-    """Makes the folder to write into, before anything long is begun.
+    """Make the folder to write into, before anything long is begun.
 
     **Raises:** `ValueError` where it cannot be made or written to.
     """
@@ -30,8 +30,16 @@ def make_folder(folder: Path, out: Path) -> None:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
+def fitting(ds: Any, **options: Any) -> Any:
+    """Draw the picture that fits a dataset."""
+    # imported when it draws: help and errors need not wait for it
+    from ..plots.picture import plot
+
+    return plot(ds, **options)
+
+
 def _picture(ds: Any, draw: Draw) -> bytes:
-    """Draws a dataset by `draw`, as the content of a PNG file."""
+    """Draw a dataset by `draw`, as the content of a PNG file."""
     import matplotlib
     import numpy as np
 
@@ -45,7 +53,7 @@ class Outputs:
     """The files of a command: OUT with endings."""
 
     def __init__(self, out: Path, *endings: str):
-        """Makes the folder, and says which files will be replaced, before anything long is begun.
+        """Make the folder, and say which files will be replaced, before anything long is begun.
 
         **Raises:** `ValueError` where they cannot be written.
         """
@@ -63,11 +71,13 @@ class Outputs:
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
-    def write(self, ds: Any, draw: Draw | None, *, partial: bool = False, picture: Path | None = None) -> str:
-        """Writes a dataset as OUT.nc where that is one of the files, and what `draw` makes of it as OUT.png; says so.
+    def write(
+        self, ds: Any, draw: Draw | None = fitting, *, partial: bool = False, picture: Path | None = None
+    ) -> str:
+        """Write a dataset as OUT.nc where that is one of the files, and its picture as OUT.png; says so.
 
-        **Arguments:** `partial`: whether an interrupt left it, which makes it OUT_partial; `picture`: another name
-        than OUT for the picture.
+        **Arguments:** `draw`: None for no picture; `partial`: whether an interrupt left it, which makes it
+        OUT_partial; `picture`: another name than OUT for the picture.
         """
         out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
         contents: dict[Path, Any] = {}
@@ -95,7 +105,7 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
 
 
 def step_error(scene: Any, changes: Any) -> str:
-    """Says by how much half the step changes forcing periods: the most of some, in multiples of `accuracy_scales`."""
+    """Say by how much half the step changes forcing periods: the most of some, in multiples of `accuracy_scales`."""
     import numpy as np
 
     from ..model.kinematics import share_of_scale

@@ -20,7 +20,6 @@ from .options import (
     app,
     begin,
     bounds,
-    case_text,
     given,
     make_bounds,
     option,
@@ -34,13 +33,6 @@ WITHOUT_FROM = ("period", "transient", *CASE)
 """Options that stand in the file of --from."""
 BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the point that is being computed."""
-
-
-def _overview(ds: Any) -> Any:
-    # imported when it draws: help and errors need not wait for it
-    from ..plots.trajectories import overview
-
-    return overview(ds)
 
 
 @app.command()
@@ -62,7 +54,7 @@ def simulate(
     options = dict(saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
-    print(files.write(ds, _overview))
+    print(files.write(ds))
     status = Status(int(trajectory.status))
     parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
@@ -98,7 +90,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     motion = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
     if _is_lost(motion):
         return LOST
-    print(files.write(motion.to_xarray(), _overview))
+    print(files.write(motion.to_xarray()))
     leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
     print(
         f"{case.text()}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
@@ -175,7 +167,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     if branch is None:
         return LOST
     varied = [parameter.name]
-    text = case.text(varied) if source is None else case_text(branch.scene, varied, f"from {source}")
+    text = case.text(varied) if source is None else Case(branch.scene).text(varied, f"from {source}")
     print(f"{branch.summary()}\n{text}")
     print(files.write(branch.points, draw))
     drawn.append(branch.points)

@@ -219,10 +219,10 @@ class Case(NamedTuple):
     """A case as options describe it."""
 
     scene: Any
-    start: Any
+    start: Any = None
     """A motion, or None for Table 2's."""
-    solver: Any
-    steps_per_period: int | None
+    solver: Any = None
+    steps_per_period: int | None = None
     """None for the scene's own."""
 
     @property
@@ -230,25 +230,22 @@ class Case(NamedTuple):
         """All but the scene, as the package's functions take it."""
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
-    def text(self, varied: Iterable[str] = ()) -> str:
-        """Speed, clearance, length and origin of the start, without what is varied, for summaries."""
-        but = [name for name in varied if name in STARTS]
-        start = "Table 2's start" if self.start is None else "the scene file's start"
-        return case_text(self.scene, varied, f"from {start}{f' but for {listed(but)}' if but else ''}")
+    def text(self, varied: Iterable[str] = (), start: str = "") -> str:
+        """Return speed, clearance and length without what is varied, and the origin of the start, for summaries."""
+        from ..flow.datasets import scene_attributes
 
-
-def case_text(scene: Any, varied: Iterable[str], start: str) -> str:
-    """Speed, clearance and length of a scene, without what is varied, and the start in words."""
-    from ..flow.datasets import scene_attributes
-
-    known = scene_attributes(scene, list(varied))
-    words = []
-    for name in ("speed", "clearance", "length"):
-        q = PARAMETERS[name]
-        value = known.get(f"{name} [{q.unit}]")
-        if value is not None:
-            words.append(f"{name} {q.shown(value):g} {q.display_unit}")
-    return ", ".join([*words, start])
+        known = scene_attributes(self.scene, list(varied))
+        words = []
+        for name in ("speed", "clearance", "length"):
+            q = PARAMETERS[name]
+            value = known.get(f"{name} [{q.unit}]")
+            if value is not None:
+                words.append(f"{name} {q.shown(value):g} {q.display_unit}")
+        if not start:
+            start = "from Table 2's start" if self.start is None else "from the scene file's start"
+            but = [name for name in varied if name in STARTS]
+            start += f" but for {listed(but)}" if but else ""
+        return ", ".join([*words, start])
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -263,7 +260,6 @@ def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
         case = make_case(**{name: given.pop(name) for name in CASE})
         return command(case=case, **given)
 
-    # decorators add options from the last to the first
     # decorators apply from the last, so that help lists the first one first
     for name, add in reversed(CASE.items()):
         call = call if name in own else add(call)
@@ -276,54 +272,47 @@ def given(*names: str) -> list[str]:
     return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
 
 
-def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int | None, **values: Any) -> Case:
-    """The case that options describe.
+def make_case(
+    *,
+    scene: Path | None = None,
+    memory: str | None = None,
+    wavelength: Sequence[float] = (),
+    rail: Path | None = None,
+    set: Sequence[str] = (),
+    solver: str | None = None,
+    steps_per_period: int | None = None,
+    **values: float | None,
+) -> Case:
+    """Return the case that options describe.
+
+    **Arguments:** those of `CASE`; `wavelength`: [m]; `values`: parameters by name, in display units, None for those
+    of the scene.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..flow.datasets import load_scene, load_start
-    from ..solvers.named import resolve_solver
-
-    base = paper_scene() if scene is None else load_scene(scene)
-    start = None if scene is None else load_start(scene)
-    made = make_scene(base, **values)
-    return Case(made, start, resolve_solver(made, solver), steps_per_period)
-
-
-def make_scene(
-    scene: Any,
-    *,
-    memory: str | None = None,
-    wavelength: Any = (),
-    rail: Path | None = None,
-    set: Sequence[str] = (),
-    **values: float | None,
-) -> Any:
-    """A scene with the values of options.
-
-    **Arguments:** `memory`: event or smooth; `wavelength`: [m]; `rail`: a survey's file; `set`: texts such as
-    section.play.2=0.4 mm; `values`: parameters by name, in display units, None for those of the scene.
-
-    **Raises:** `ValueError` that names the argument or option which is wrong.
-    """
     from ..model.contact import EventLatch, SmoothSwitch
     from ..model.surveys import load_rail
     from ..model.tracks import HarmonicTrack
+    from ..solvers.named import resolve_solver
     from ..tools.units import parsed
 
+    made = paper_scene() if scene is None else load_scene(scene)
+    start = None if scene is None else load_start(scene)
+    parts: dict[str, Any] = {}
     if memory is not None:
-        scene = dataclasses.replace(scene, memory=SmoothSwitch() if memory == "smooth" else EventLatch())
+        parts["memory"] = SmoothSwitch() if memory == "smooth" else EventLatch()
     if rail is not None:
-        scene = dataclasses.replace(scene, track=load_rail(rail))
+        parts["track"] = load_rail(rail)
     if wavelength:
-        track = scene.track
+        track = parts.get("track", made.track)
         if not isinstance(track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {track!r}.")
-        track = dataclasses.replace(track, wavelengths=tuple(wavelength))
-        scene = dataclasses.replace(scene, track=track)
+        parts["track"] = dataclasses.replace(track, wavelengths=tuple(wavelength))
+    if parts:
+        made = dataclasses.replace(made, **parts)
     numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
     # each text is a name and a value, with or without a unit
-    # each text is a name and a value
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
         require(equals, "--set", "be a name and a value, as in mass=15", text)
@@ -332,8 +321,9 @@ def make_scene(
         try:
             numbers[name] = float(value)
         except ValueError:
-            numbers[name] = parsed(name, value, parameter(name, scene).unit)
-    return scene.replace(**numbers)
+            numbers[name] = parsed(name, value, parameter(name, made).unit)
+    made = made.replace(**numbers)
+    return Case(made, start, resolve_solver(made, solver), steps_per_period)
 
 
 def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tuple[Any, tuple[float, float]]:

@@ -21,16 +21,15 @@ def run(case: Case, begin: float | None, out: Any) -> int:
     """
     from ..flow.datasets import load_run
     from ..flow.status import Status
-    from ..plots.runs import run_overview
     from ..sweeps.runs import run as over_rail
 
     table = load_run(click.get_current_context().params["scene"])
     of_file = {name: value for name, value in table.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out, ".nc", ".png")
-    with keeping(lambda ds: files.write(ds, run_overview, partial=True)):
+    with keeping(lambda ds: files.write(ds, partial=True)):
         ds = over_rail(case.scene, **options, probe=3, progress=True)
-    print(files.write(ds, run_overview))
+    print(files.write(ds))
     print(f"{case.text()}\n{report(ds, case.scene)}")
     return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
 

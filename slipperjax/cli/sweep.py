@@ -14,7 +14,7 @@ from ..analysis.attractor import MIN_TEST
 from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..tools.cache import compile_cache
 from ..tools.checks import require
-from .files import Outputs, keeping, make_folder
+from .files import Draw, Outputs, fitting, keeping, make_folder
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -141,7 +141,7 @@ def sweep(
         records = NearestOrbit(periods)
     options: dict[str, Any] = dict(transient=transient, periods=periods, record=records, begin=begin)
     options["product"] = sample is None
-    grid = _grid(case, (over, *by), log, sample)
+    grid = make_grid(case.scene, over, *by, log=log, sample=sample)
     target = _target(store, **storing)
     if explain:
         options |= case.options
@@ -157,27 +157,18 @@ def sweep(
         return _swept(run, case, grid, files, show, **options)
 
 
-def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:
-    """Return values by name, of every combination or of a sample."""
-    from ..sweeps.grid import sample_box
-
-    if sample is None:
-        return make_grid(case.scene, *axes, log=log)
-    ends = make_grid(case.scene, *((name, *ends, 2) for name, *ends, _ in axes), log=log)
-    box = {name: (min(pair), max(pair)) for name, pair in ends.items()}
-    return sample_box(box, sample, log=log, scene=case.scene)
-
-
-def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
+def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, Any]:
     """Return values in SI units by parameter name; those named by `log` in equal ratios.
 
-    **Arguments:** `axes`: of `--over` and of each `--by`.
+    **Arguments:** `axes`: of `--over` and of each `--by`; `sample`: number of points spread over the box that they
+    span, in place of every combination.
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
     import numpy as np
 
     from ..sweeps.estimate import Estimate
+    from ..sweeps.grid import sample_box
 
     grid = {}
     for name, first, last, count in axes:
@@ -189,13 +180,17 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
         need = f"have values above zero where --log names {name}"
         require(name not in log or min(low, high) > 0, option, need, shown=f"{min(low, high):g}")
         quantity.check(quantity.from_shown(np.array([low, high])))
+        count = count if sample is None else 2  # the sides of a box
         cases = count * math.prod(map(len, grid.values()))
         Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before they take the memory
         spread = np.geomspace if name in log else np.linspace
         grid[name] = quantity.from_shown(spread(low, high, count))
     for name in log:
         require(name in grid, "--log", "name a parameter of --over or --by", name)
-    return grid
+    if sample is None:
+        return grid
+    box = {name: (values.min(), values.max()) for name, values in grid.items()}
+    return sample_box(box, sample, log=log, scene=scene)
 
 
 def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
@@ -256,7 +251,7 @@ def _swept(
         if store is not None:
             return f"kept in {store.path}; the same command goes on"
         assert files is not None
-        return files.write(ds, _draw(ds), partial=True)
+        return files.write(ds, _draw(ds, None), partial=True)
 
     before = time.perf_counter()
     with keeping(keep):
@@ -271,13 +266,13 @@ def _swept(
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
 
 
-def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
-    """Return the function that draws a sweep, where it has few enough parameters for a picture."""
+def _draw(ds: Any, show: str | None) -> Draw | None:
+    """Return what draws a sweep, or a variable of it; None for more parameters than a picture has."""
     from ..plots.maps import quantity_map
-    from ..plots.picture import plot
 
-    draw = plot if show is None else partial(quantity_map, name=show)
-    return draw if ds["status"].ndim <= 2 else None
+    if ds["status"].ndim > 2:
+        return None
+    return fitting if show is None else partial(quantity_map, name=show)
 
 
 def _write(ds: Any, files: Outputs, show: str | None) -> None:

@@ -13,7 +13,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.bench.work_precision import Point
 from slipperjax.cli import main
-from slipperjax.cli.options import CASE, Measure, make_case, make_scene
+from slipperjax.cli.options import CASE, Measure, make_case
 from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
 from slipperjax.model.parameters import PARAMETERS
@@ -66,7 +66,7 @@ def test_options_in_display_units_make_the_scene():
     more = dict(wavelength=(8.0, 3.0), amplitude=1.5, roll_amplitude=0.1, memory="smooth")
     si = dict(wavelengths=(8.0, 3.0), amplitude=1.5e-3, roll_amplitude=math.radians(0.1), memory=sj.SmoothSwitch())
     wanted = sj.paper_scene(1000.0, 2e-3, 0.3, stiffness=1e9, restitution=0.5, **si)
-    assert equal(make_scene(SCENE, **given, **more), wanted)
+    assert equal(make_case(**given, **more).scene, wanted)
 
 
 def test_options_override_the_scene_s_file(tmp_path):
