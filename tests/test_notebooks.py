@@ -55,30 +55,6 @@ def test_notebooks_read_as_a_story(path):
             assert [kinds[k - 1][0], kinds[k + 1][0]] == ["markdown", "markdown"], k
 
 
-def test_faults_of_a_notebook_are_found():
-    png = {"output_type": "display_data", "data": {"image/png": "iVBORw0"}}
-    good = {
-        "cell_type": "code",
-        "execution_count": 1,
-        "metadata": {},
-        "source": ["plots.history(ds)"],
-        "outputs": [png],
-    }
-    assert faults({"cells": [good]}) == []
-    for change, words in (
-        ({"execution_count": None}, "cells were not executed in order"),
-        ({"outputs": []}, "cell 0 draws, but shows no picture"),
-        (
-            {"outputs": [png, {"output_type": "stream", "name": "stderr", "text": "?"}]},
-            "cell 0 has an error or a warning",
-        ),
-        ({"outputs": [png, {"output_type": "error"}]}, "cell 0 has an error or a warning"),
-        ({"outputs": [png, {"output_type": "stream", "text": "/home/me/x"}]}, "an output names a path of a machine"),
-        ({"metadata": {"execution": 1}}, "cell 0 has metadata"),
-    ):
-        assert faults({"cells": [good | change]}) == [words]
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # those of the client are not ours
 @each

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 PARTS = {
     "import": ("#bdbdbd", "black"),
@@ -21,20 +22,18 @@ def bars(groups: Mapping[str, Mapping[str, Mapping[str, float]]]):
     at, places, labels = 0.0, [], []
     for title, group in groups.items():
         ax.text(0, at + 0.1, title, fontsize=9, fontweight="bold", va="center")
-        at += 1
-        for label, of in group.items():
-            left = 0.0
-            for part, (color, ink) in PARTS.items():
-                width = of.get(part, 0.0)
-                ax.barh(at, width, left=left, color=color, height=0.8, label="_" if places else part)
-                if width > 0.03 * longest:
-                    ax.text(left + width / 2, at, f"{width:.1f}", color=ink, fontsize=7, ha="center", va="center")
-                left += width
-            ax.text(left + 0.006 * longest, at, f"{left:.1f} s", fontsize=8, fontweight="bold", va="center")
-            places.append(at)
-            labels.append(label)
-            at += 1
-        at += 0.3
+        rows_at = at + 1 + np.arange(len(group))
+        left = np.zeros(len(group))
+        for part, (color, ink) in PARTS.items():
+            widths = np.array([of.get(part, 0.0) for of in group.values()])
+            drawn = ax.barh(rows_at, widths, left=left, color=color, height=0.8, label="_" if labels else part)
+            texts = [f"{width:.1f}" if width > 0.03 * longest else "" for width in widths]
+            ax.bar_label(drawn, texts, label_type="center", color=ink, fontsize=7)
+            left += widths
+        ax.bar_label(drawn, [f"{total:.1f} s" for total in left], padding=3, fontsize=8, fontweight="bold")
+        places += [*rows_at]
+        labels += group
+        at = rows_at[-1] + 1.3
     ax.set_yticks(places, labels, fontsize=8)
     ax.tick_params("y", length=0)
     ax.set(xlim=(0, 1.08 * longest), ylim=(at - 0.5, -0.6), xlabel="seconds until the first result is there")

@@ -68,7 +68,7 @@ def main() -> None:
     begin = time.perf_counter()
     jax.block_until_ready(asked(at))
     again = time.perf_counter() - begin
-    print("PARTS " + json.dumps(parts | {"first": first, "again": again}))
+    print("ROW " + json.dumps(parts | {"first": first, "again": again}))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def main() -> None:
     everything = union([*spans["trace"], *spans["compile"], *written])
     parts["run and the rest"] = end - imported - everything
     parts["all"] = end - begin
-    print("PARTS " + json.dumps(parts | {"programs": programs.count("compile")}))
+    print("ROW " + json.dumps(parts | {"programs": programs.count("compile")}))
 
 
 if __name__ == "__main__":

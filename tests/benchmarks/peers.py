@@ -9,7 +9,6 @@ import shutil
 import statistics
 import subprocess
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +18,8 @@ from scipy.integrate import solve_ivp
 
 import slipperjax as sj
 from slipperjax.bench.methods import Case
+
+from .timing import seconds
 
 Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]
 """Setting, states (cases, periods, 10), best and median seconds per trajectory, and which of the speeds they are."""
@@ -73,9 +74,9 @@ class CppPeer:
             program = CppProgram(Path(folder))
             for steps in (n for n in self.steps if n >= least):
                 found = [program(speed, numbers, case.periods, steps) for speed in speeds[picked]]
-                seconds = [1e-6 * each * steps * case.periods for _, each in found]
+                taken = [1e-6 * each * steps * case.periods for _, each in found]
                 states = np.array([states for states, _ in found])
-                yield f"{steps} steps", states, (min(seconds), statistics.median(seconds)), picked
+                yield f"{steps} steps", states, (min(taken), statistics.median(taken)), picked
 
 
 _Y = np.array([0.03, 0.048, 0.048, 0.0445, 0.029, -0.029, -0.0445, -0.048, -0.048, -0.03])
@@ -184,13 +185,14 @@ class SciPyPeer:
             return
         picked = np.array([len(speeds) // 2])
         for tolerance in self.tolerances:
-            begin = time.perf_counter()
-            states = self.integrate(speeds[picked[0]], numbers, case.periods, tolerance)
-            seconds = time.perf_counter() - begin
+            speed = speeds[picked[0]]
+            states, taken = seconds(
+                lambda speed=speed, rtol=tolerance: self.integrate(speed, numbers, case.periods, rtol)
+            )
             if states is None:
                 print(f"{self.name} left out at rtol {tolerance:.0e}: more than 10,000 events")
             else:
-                yield f"rtol {tolerance:.0e}", states[None], (seconds, seconds), picked
+                yield f"rtol {tolerance:.0e}", states[None], (taken, taken), picked
 
     def integrate(self, speed: float, numbers: dict[str, float], periods: int, tolerance: float) -> np.ndarray | None:
         """States (periods, 10) from Table 2's start; None where it stops at more than 10,000 events."""

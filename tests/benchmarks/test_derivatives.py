@@ -3,15 +3,14 @@
 pytest -m benchmark -s tests/benchmarks/test_derivatives.py
 """
 
-import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from slipperjax.tools.files import table_lines
+
+from .timing import told
 
 ROWS = [
     *((solver, mode) for solver in ("RK4", "ImpulseRK4") for mode in ("value", "jacfwd", "grad", "jacfwd of jacfwd")),
@@ -29,9 +28,7 @@ ROWS = [
 
 def timed(what: str, mode: str, **variables: str) -> dict[str, float]:
     """The parts of a derivative's time [s], in a process with these environment variables besides."""
-    command = [sys.executable, str(Path(__file__).with_name("derivatives.py")), what, mode]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | variables)
-    return json.loads(next(line for line in done.stdout.splitlines() if line.startswith("PARTS "))[6:])
+    return told(Path(__file__).with_name("derivatives.py"), what, mode, **variables)
 
 
 @pytest.mark.benchmark

@@ -5,12 +5,9 @@ pytest -m benchmark -s tests/benchmarks/test_first_picture.py
 Draws the bars of docs/speed.md, too.
 """
 
-import json
-import os
 import statistics
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +19,7 @@ from .bars import bars
 from .peers import CppProgram, SciPyPeer, plain_numbers
 from .test_derivatives import timed
 from .test_peers import NOMINAL
+from .timing import seconds, told
 
 COMMANDS = {
     "simulate": ["simulate"],
@@ -38,52 +36,33 @@ BIFURCATION_PERIODS = 310
 """Those of the command: 300 before and 10 recorded."""
 WHEN = {"cold": "first time", "warm": "later"}
 REPEATS = 5
-# as after an installation, which compiles modules once
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def run(arguments: list[str], cache: Path, folder: Path) -> dict[str, float]:
     """The parts of a command's time, from typing it to the end of its process."""
-    script = Path(__file__).with_name("first_picture.py")
-    out = ["--out", str(folder / "picture")]
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, str(script), *arguments, *out],
-        env={**ENVIRONMENT, "SLIPPERJAX_CACHE": str(cache)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    everything = time.perf_counter() - begin
-    parts = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("PARTS "))[6:])
+    words = [Path(__file__).with_name("first_picture.py"), *arguments, "--out", folder / "picture"]
+    parts, everything = seconds(lambda: told(*words, SLIPPERJAX_CACHE=str(cache)))
     return parts | {"run and the rest": parts["run and the rest"] + everything - parts["all"], "all": everything}
 
 
-def seconds(code: str) -> float:
-    """Of a process that runs some code."""
-    begin = time.perf_counter()
-    subprocess.run([sys.executable, "-c", code], check=True, env=ENVIRONMENT)
-    return time.perf_counter() - begin
+def of_code(code: str) -> float:
+    """Seconds of a process that runs some code."""
+    return seconds(lambda: subprocess.run([sys.executable, "-c", code], check=True))[1]
 
 
 def other_codes(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
     """The parts of the time of other codes, by command: C++ at 50 steps per period, SciPy at an rtol of 1e-3."""
-    begin = time.perf_counter()
-    program = CppProgram(folder)
-    compiled = time.perf_counter() - begin
+    program, compiled = seconds(lambda: CppProgram(folder))
     numbers = plain_numbers(NOMINAL)
     assert numbers is not None
 
     def cpp(speeds, periods):
-        begin = time.perf_counter()
-        for speed in speeds:
-            program(speed, numbers, periods, 50)
-        return {"compile": compiled, "run and write": time.perf_counter() - begin}
+        _, run = seconds(lambda: [program(speed, numbers, periods, 50) for speed in speeds])
+        return {"compile": compiled, "run and write": run}
 
-    imported = seconds("import numpy, scipy.integrate")
-    begin = time.perf_counter()
-    SciPyPeer("DOP853").integrate(1250.0, numbers, 60, 1e-3)
-    scipy = {"import": imported, "run and write": time.perf_counter() - begin}
+    imported = of_code("import numpy, scipy.integrate")
+    _, run = seconds(lambda: SciPyPeer("DOP853").integrate(1250.0, numbers, 60, 1e-3))
+    scipy = {"import": imported, "run and write": run}
     return {
         "simulate": {"C++, first time": cpp([1250.0], 60), "SciPy with events": scipy},
         "bifurcation of 241": {"C++, first time": cpp(np.linspace(100.0, 2500.0, 241), BIFURCATION_PERIODS)},
@@ -91,9 +70,11 @@ def other_codes(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
 
 
 @pytest.mark.benchmark
-def test_time_to_first_picture(tmp_path):
-    seconds("import slipperjax")
-    pairs = [(seconds("import jax, diffrax"), seconds("import slipperjax")) for _ in range(5)]
+def test_time_to_first_picture(tmp_path, monkeypatch):
+    # as after an installation, which compiles modules once
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    of_code("import slipperjax")
+    pairs = [(of_code("import jax, diffrax"), of_code("import slipperjax")) for _ in range(5)]
     stock, own = (statistics.median(times) for times in zip(*pairs, strict=True))
     print(f"\nimport jax, diffrax: {stock:.2f} s; import slipperjax: {own:.2f} s, {own / stock:.2f} times that")
     groups = {title: {} for title in (*COMMANDS, "first derivative")}
@@ -113,9 +94,7 @@ def test_time_to_first_picture(tmp_path):
     kept = dict(JAX_COMPILATION_CACHE_DIR=str(tmp_path / "kept"), JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0")
     for solver in ("ImpulseRK4", "RK4"):
         for state in WHEN:
-            begin = time.perf_counter()
-            parts = timed(solver, "jacfwd", **kept)
-            everything = time.perf_counter() - begin
+            parts, everything = seconds(lambda solver=solver: timed(solver, "jacfwd", **kept))
             traced = parts["first"] - parts["compile"] - parts["again"]
             start = everything - parts["first"] - parts["again"]
             parts |= {"import": start, "trace": traced, "run and write": parts["again"]}

@@ -9,9 +9,7 @@ against RK4 with the event latch at many more steps, beside which ImpulseRK4 at 
 import dataclasses
 import json
 import resource
-import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -20,6 +18,8 @@ import slipperjax as sj
 from slipperjax.bench.measure import REFERENCE_STEPS, batch_speeds, cost_of, errors, run
 from slipperjax.bench.methods import METHODS, Case, all_cases
 from slipperjax.tools.files import table_lines
+
+from .timing import seconds, told
 
 LANES, STRIDE = 241, 4
 """Cases in the batch, and the stride through those whose errors are measured."""
@@ -49,9 +49,7 @@ def main():
     steps = sj.default_steps_per_period(case.scene)
     plain, default = METHODS[:2]
     speeds = batch_speeds(case, LANES)
-    begin = time.perf_counter()
-    states, _ = run(case, default, steps, speeds, None)
-    first = time.perf_counter() - begin
+    (states, _), first = seconds(lambda: run(case, default, steps, speeds, None))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # of the process so far, before the reference
     costs = {}
     for lanes in (LANES, 1):
@@ -81,9 +79,7 @@ def main():
 def test_table_of_the_default():
     rows = []
     for case in hard_cases():
-        command = [sys.executable, "-m", __name__, case.name]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        rows.append(json.loads(next(line for line in done.stdout.splitlines() if line.startswith("ROW "))[4:]))
+        rows.append(told("-m", __name__, case.name))
         print(rows[-1], flush=True)
     print("\n" + "\n".join(table_lines(rows)))
     assert all(float(row["error, median"]) < 0.1 for row in rows)

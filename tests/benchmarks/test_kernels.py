@@ -12,6 +12,8 @@ import pytest
 from slipperjax.bench import rates
 from slipperjax.tools import one_kernel
 
+from .timing import in_turns
+
 pytestmark = pytest.mark.benchmark
 RUNS = 30
 STEPS = rates.NOMINAL_STEPS * rates.CALL_PERIODS
@@ -19,14 +21,12 @@ STEPS = rates.NOMINAL_STEPS * rates.CALL_PERIODS
 
 def least(calls, at_once):
     """The least time of each call [s], of runs that alternate, so many of one call at once."""
-    found = dict.fromkeys(calls, float("inf"))
     with ThreadPoolExecutor(at_once) as pool:
-        for _ in range(RUNS):
-            for name, call in calls.items():
-                begin = time.perf_counter()
-                list(pool.map(lambda _, call=call: jax.block_until_ready(call()), range(at_once)))
-                found[name] = min(found[name], time.perf_counter() - begin)
-    return found
+        runs = {
+            name: lambda call=call: list(pool.map(lambda _: jax.block_until_ready(call()), range(at_once)))
+            for name, call in calls.items()
+        }
+        return {name: min(run.later) for name, run in in_turns(runs, RUNS).items()}
 
 
 @pytest.mark.parametrize(

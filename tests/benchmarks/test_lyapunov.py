@@ -4,9 +4,7 @@ pytest -m benchmark -s tests/benchmarks/test_lyapunov.py
 """
 
 import statistics
-import time
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,6 +13,8 @@ import slipperjax as sj
 from slipperjax.flow.period_map import advance, advance_tangents, initial_states, initial_tangents
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.grid import Cases
+
+from .timing import in_turns
 
 pytestmark = pytest.mark.benchmark
 
@@ -31,14 +31,9 @@ def test_cost_against_the_trajectory(count):
         "plain": lambda: advance(scenes, states, 0.0, steps, **options).state,
         "full": lambda: advance_tangents(scenes, states, tangents, 0.0, steps, **options).history,
     }
-    taken = {name: [] for name in runs}
-    for _ in range(101):  # alternating; the first run compiles
-        for name, run in runs.items():
-            begin = time.perf_counter()
-            jax.block_until_ready(run())
-            taken[name].append(time.perf_counter() - begin)
+    taken = in_turns(runs, 100)
     for name, of in (("best", min), ("median", statistics.median)):
-        one, many = (of(taken[name][1:]) for name in runs)
+        one, many = (of(taken[name].later) for name in runs)
         print(
             f"\n{count} exponents, 121 cases, 50 steps, {name} of 100: {many / one:.1f} times the trajectory "
             f"({many / 121 * 1e6:.0f} us per case and period); "

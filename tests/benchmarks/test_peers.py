@@ -64,9 +64,3 @@ def test_scipy_lands_on_the_reference():
     assert np.max(np.abs(states[0] - case["states"][0]) / SCALES) < 1e-5
     model = NumpyModel(case["speed"], numbers)
     assert model.contacts(0.0, np.zeros(10))[0].min() > 0
-
-
-def test_other_codes_leave_out_scenes_that_they_cannot_run():
-    (resting,) = (case for case in all_cases() if case.name == "resting")  # has gravity and another start
-    for peer in PEERS:
-        assert list(peer.runs(resting, np.array([1250.0]))) == []

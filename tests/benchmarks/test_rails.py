@@ -1,13 +1,13 @@
 """What rails of samples cost, and do to slippers: `pytest -m benchmark -s tests/benchmarks/test_rails.py`."""
 
 import dataclasses
-import statistics
-import time
 
 import numpy as np
 import pytest
 
 import slipperjax as sj
+
+from .timing import in_turns
 
 SCENE = sj.paper_scene(1000.0)
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=800.0))
@@ -25,14 +25,8 @@ def test_sweeps_on_rails_beside_the_harmonic_one():
         "harmonic, 241 speeds": (SCENE, speeds),
         "sampled sine, 241 speeds": (dataclasses.replace(SCENE, track=SAMPLED), speeds),
     }
-    times = {name: [] for name in kinds}
-    for k in range(6):
-        for name, (scene, grid) in kinds.items():
-            begin = time.perf_counter()
-            sj.sweep(scene, grid, **OPTIONS)
-            if k:  # the first one compiles
-                times[name].append(time.perf_counter() - begin)
-    medians = {name: statistics.median(values) for name, values in times.items()}
+    runs = {name: lambda of=of: sj.sweep(*of, **OPTIONS) for name, of in kinds.items()}
+    medians = {name: timed.median for name, timed in in_turns(runs, 5).items()}
     for name, base in zip(kinds, ["harmonic, 200 cases"] * 3 + ["harmonic, 241 speeds"] * 2, strict=True):
         print(f"{name}: {medians[name]:.2f} s, {medians[name] / medians[base]:.2f} of the harmonic one")
 

@@ -3,8 +3,6 @@
 pytest -m benchmark -s tests/benchmarks/test_records.py
 """
 
-import time
-
 import numpy as np
 import pytest
 
@@ -19,13 +17,13 @@ from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.records import resolved_record
 from slipperjax.tools.files import table_lines
 
-pytestmark = pytest.mark.benchmark
+from .timing import in_turns
+
+pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 CASES, STEPS, PERIODS, ROUNDS = 256, 100, 20, 7
 
 NAMED = ["motion", "peak_force", "rms", "extremes", "sections"]
-OWN = [
-    RECORDS["drive_force"],
-]
+OWN = [RECORDS["drive_force"]]
 ASKED = {
     "plain": None,
     "history": "history",
@@ -44,17 +42,10 @@ def test_costs():
     for name, record in ASKED.items():
         records = RecordSet() if record is None else resolved_record(record)
         plan = make_plan(grid, sj.table_2_start(), Call(0, PERIODS, STEPS), records)
-        kept[name] = 8 * plan.values
+        kept[name] = 8 * plan.records.values(scene, 0, PERIODS)
         options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
-        calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options)
-    times = {name: [] for name in calls}
-    for call in calls.values():
-        call().state.motion.y.block_until_ready()
-    for _ in range(ROUNDS):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            call().state.motion.y.block_until_ready()
-            times[name].append(time.perf_counter() - begin)
+        calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options).state
+    times = {name: timed.later for name, timed in in_turns(calls, ROUNDS).items()}
     plain = np.median(times["plain"])
     rows = []
     for name, seconds in times.items():

@@ -8,8 +8,6 @@ Tools that are not installed are left out. bifpy is AUTO-07p from Python; it is 
 
 import functools
 import inspect
-import statistics
-import time
 from importlib.metadata import version
 
 import jax
@@ -23,20 +21,9 @@ from ..analysis.systems import HENON_AT, Stopped, two_trajectories
 from ..analysis.test_lyapunov import Rk4, free, touching
 from . import rivals
 from .rivals import GAP, PERIOD, PERIODS, D, K, W
+from .timing import in_turns
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
-
-
-def in_turns(runs, times=5):
-    """What each of some functions gives, the seconds of its first call, and the median of later ones, in turns."""
-    jax.clear_caches()
-    given, taken = {}, {name: [] for name in runs}
-    for _ in range(times + 1):
-        for name, run in runs.items():
-            begin = time.perf_counter()
-            given[name] = jax.block_until_ready(run())
-            taken[name].append(time.perf_counter() - begin)
-    return {name: (given[name], taken[name][0], statistics.median(taken[name][1:])) for name in runs}
 
 
 def lines(function):
@@ -71,19 +58,20 @@ def test_an_oscillator_with_a_stop():
     one = {name: functools.partial(jax.jit(run), FORCES[0]) for name, run in runs.items()}
     each = lambda forces: np.array([rivals.by_scipy_events(force, 1e-6) for force in forces])
     many[SCIPY], one[SCIPY] = lambda: each(FORCES), lambda: each(FORCES[:1])
-    many, one = in_turns(many), in_turns(one, times=15)
+    jax.clear_caches()
+    many, one = in_turns(many, 5), in_turns(one, 15)
     derivatives = {name: jax.jit(jax.vmap(jax.jacfwd(run)))(FORCES) for name, run in runs.items()}
     derivatives[SCIPY] = (each(FORCES + 1e-3) - each(FORCES - 1e-3)) / 2e-3
     print(f"\n{len(FORCES)} oscillators with a stop, {PERIODS} periods; errors: median, 90 %, worst")
-    for name, (states, first, later) in many.items():
+    for name, timed in many.items():
         user = lines(BATCHED[name][0] if name in BATCHED else rivals.by_scipy_events)
-        cost = 1e6 * later / len(FORCES) / PERIODS, 1e6 * one[name][2] / PERIODS
+        cost = 1e6 * timed.median / len(FORCES) / PERIODS, 1e6 * one[name].median / PERIODS
         print(
-            f"  {name:28} {user:2} lines, first {first:5.2f} s, then {cost[0]:6.1f} us per case and period, "
-            f"{cost[1]:5.0f} us for a single case; {quantiles(states - true)}; "
+            f"  {name:28} {user:2} lines, first {timed.first:5.2f} s, then {cost[0]:6.1f} us per case and period, "
+            f"{cost[1]:5.0f} us for a single case; {quantiles(timed.result - true)}; "
             f"derivatives {quantiles((derivatives[name] - slopes) / size)}"
         )
-    assert np.max(np.abs(many["switched_step, 400 steps"][0] - true)) < 1e-4  # measured: 1.2e-5
+    assert np.max(np.abs(many["switched_step, 400 steps"].result - true)) < 1e-4  # measured: 1.2e-5
 
 
 LORENZ = np.array([0.9056, 0.0, -14.5723])
@@ -94,10 +82,13 @@ def test_lorenz(rival):
     pytest.importorskip(rival)
     runs = {name: getattr(rivals, f"lorenz_by_{name}") for name in ("slipperjax", rival)}
     print(f"\nLorenz's three exponents and their errors; {rival} {version(rival)}")
-    for name, (exponents, first, later) in in_turns(runs).items():
-        errors = " ".join(f"{error:.1e}" for error in np.abs(exponents - LORENZ))
-        print(f"  {name:12} {lines(runs[name])} lines, first {first:5.2f} s, then {later:.3f} s; {errors}")
-        assert abs(exponents[0] - LORENZ[0]) < 0.03
+    jax.clear_caches()
+    for name, timed in in_turns(runs, 5).items():
+        errors = " ".join(f"{error:.1e}" for error in np.abs(timed.result - LORENZ))
+        print(
+            f"  {name:12} {lines(runs[name])} lines, first {timed.first:5.2f} s, then {timed.median:.3f} s; {errors}"
+        )
+        assert abs(timed.result[0] - LORENZ[0]) < 0.03
 
 
 def test_a_force_that_jumps():
@@ -130,9 +121,11 @@ def test_bifurcations_on_a_branch(rival, system):
     users = {name: getattr(rivals, f"{system}_by_{name}") for name in ("slipperjax", rival)}
     runs = {name: functools.partial(user, *guess) for name, user in users.items()}
     print(f"\nBifurcations of {system} and the errors of their places; {rival} {version(rival)}")
-    for name, (found, first, later) in in_turns(runs, times=3 if system == "henon" else 1).items():
+    jax.clear_caches()
+    for name, timed in in_turns(runs, 3 if system == "henon" else 1).items():
+        found, count = timed.result, lines(users[name])
         errors = {label: abs(found[label] - true) for label, true in TRUE[system].items() if label in found}
         told = ", ".join(f"{label} {error:.1e}" for label, error in errors.items())
-        print(f"  {name:12} {lines(users[name]):2} lines, first {first:5.2f} s, then {later:6.3f} s; {told}")
+        print(f"  {name:12} {count:2} lines, first {timed.first:5.2f} s, then {timed.median:6.3f} s; {told}")
         assert errors
         assert max(errors.values()) < 1e-6

@@ -4,15 +4,15 @@ pytest -m benchmark -s tests/benchmarks/test_runs.py
 """
 
 import dataclasses
-import statistics
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 
 import slipperjax as sj
+
+from .timing import median, seconds
 
 FAST = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-160.0, speed=100.0)], start=50.0)
 RAIL = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=5100.0), gravity=9.81)
@@ -26,26 +26,16 @@ print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) /
 """
 
 
-def seconds(call, repeats=5):
-    """Median time of a call [s], the first one, which compiles, left out."""
-    times = []
-    for _ in range(repeats + 1):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times[1:])
-
-
 @pytest.mark.benchmark
 def test_runs_beside_sweeps():
     grid, options = {"restitution": np.linspace(0.85, 0.95, 128)}, dict(steps_per_period=80, record="peak_force")
     of_sweep = lambda: sj.sweep(sj.paper_scene(), grid, transient=0, periods=100, **options)
     of_run = lambda window: sj.run(sj.paper_scene(), grid, length=800.0, window=window, **options)
-    base = seconds(of_sweep)
+    base = median(of_sweep, 5)
     print(f"\n128 cases over 800 m, 80 steps per 8 m: sweep {base:.2f} s")
     for window in (8.0, 1.0):
-        print(f"run with windows of {window:g} m: {seconds(lambda w=window: of_run(w)) / base:.2f} of that")
-    default = seconds(lambda: sj.run(sj.paper_scene(), grid, length=800.0, steps_per_period=80))
+        print(f"run with windows of {window:g} m: {median(lambda w=window: of_run(w), 5) / base:.2f} of that")
+    default = median(lambda: sj.run(sj.paper_scene(), grid, length=800.0, steps_per_period=80), 5)
     print(f"with all records of a run, windows of 1 m: {default / base:.2f}")
 
 
@@ -53,13 +43,11 @@ def test_runs_beside_sweeps():
 def test_five_kilometres():
     for parts in ({}, dict(friction=sj.Coulomb(0.1)), dict(sled=sj.SledMass(100.0, [2e6, 8e6], [2e3, 8e3]))):
         scene = dataclasses.replace(RAIL, **parts)
-        one = seconds(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)
+        one = median(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)
         print(f"\n5 km, {'plain' if not parts else next(iter(parts))}: one run {one:.2f} s")
     grid = {"track.seed": np.arange(200.0)}
-    begin = time.perf_counter()
-    ds = sj.run(RAIL, grid, length=5000.0, speed=FAST)
-    print(f"200 rails: {time.perf_counter() - begin:.1f} s with compiling, {ds.nbytes / 2**20:.0f} MB")
-    print(f"again: {seconds(lambda: sj.run(RAIL, grid, length=5000.0, speed=FAST), 1):.1f} s")
+    (ds, first), (_, again) = (seconds(lambda: sj.run(RAIL, grid, length=5000.0, speed=FAST)) for _ in range(2))
+    print(f"200 rails: {first:.1f} s with compiling, {ds.nbytes / 2**20:.0f} MB; again: {again:.1f} s")
 
 
 @pytest.mark.benchmark

@@ -5,13 +5,11 @@
 Each map runs in a process of its own, with a cache of programs. Twelve minutes on two cores.
 """
 
-import json
-import subprocess
-import sys
-
 import pytest
 
 from slipperjax.tools.files import table_lines
+
+from .timing import told
 
 SCRIPT = """
 import json, resource, sys, time, numpy as np, slipperjax as sj
@@ -43,9 +41,6 @@ print("ROW " + json.dumps({
 def test_maps_of_growing_size(tmp_path):
     rows = []
     for side in (10, 32, 100, 316, 1000):
-        words = [sys.executable, "-c", SCRIPT, str(tmp_path / "cache"), str(tmp_path / f"{side}.zarr"), str(side)]
-        done = subprocess.run(words, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        rows.append(json.loads(next(line for line in done.stdout.splitlines() if line.startswith("ROW "))[4:]))
+        rows.append(told("-c", SCRIPT, tmp_path / "cache", tmp_path / f"{side}.zarr", side))
         print(rows[-1], flush=True)
     print("\n" + "\n".join(table_lines(rows)))

@@ -9,7 +9,6 @@ or of two runs for central differences, whose step is at each point the one of `
 """
 
 import dataclasses
-import time
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +27,7 @@ from slipperjax.tools.compile import jit
 from ..common import SCALES
 from .peers import CppProgram, plain_numbers
 from .test_steps import SCENES
+from .timing import in_turns
 
 pytestmark = pytest.mark.benchmark
 DEFAULT = "ImpulseRK4"
@@ -94,11 +94,7 @@ def off(found, exact):
 
 def micros(call, repeats=7):
     """Best microseconds per scene of a call."""
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        jax.block_until_ready(call())
-        times.append(time.perf_counter() - begin)
+    times = in_turns({"": call}, repeats - 1)[""].later
     cost = np.array([min(times), np.median(times)]) * 1e6 / (COPIES * len(SCENES))
     return float(cost[0]), float(cost[1])
 

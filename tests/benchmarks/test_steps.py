@@ -6,7 +6,6 @@ Errors are the worst of the ten states, in multiples of 1 mm, 10 mrad, 1 m/s and
 """
 
 import functools
-import time
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +18,8 @@ from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.step_size import PER_CONTACT, steps_needed
 from slipperjax.tools.compile import jit
+
+from .timing import in_turns
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 SOLVERS = {"RK4": sj.RK4(), "ImpulseRK4": sj.ImpulseRK4(), "Tsit5": sj.Tsit5()}
@@ -173,15 +174,9 @@ def test_cost(tangent):
         one = (lambda v: jax.jvp(motion, (v,), (jnp.ones(()),))) if tangent else motion
         return jit(jax.vmap(one))
 
-    def timed(run):
-        begin = time.perf_counter()
-        jax.block_until_ready(run(speeds))
-        return time.perf_counter() - begin
-
-    runs = {name: program(name) for name in SOLVERS}
-    print("\nfirst call with compiling [s]: " + ", ".join(f"{name} {timed(run):.1f}" for name, run in runs.items()))
-    times = [[timed(run) for run in runs.values()] for _ in range(12)]
-    best = dict(zip(runs, np.min(times, axis=0), strict=True))
+    timed = in_turns({name: lambda run=program(name): run(speeds) for name in SOLVERS}, 12)
+    print("\nfirst call with compiling [s]: " + ", ".join(f"{name} {of.first:.1f}" for name, of in timed.items()))
+    best = {name: min(of.later) for name, of in timed.items()}
     for name, seconds in best.items():
         micro = 1e6 * seconds / (lanes * steps * periods)
         print(f"{name:11} {micro:.3f} us per step and case, {seconds / best['RK4']:.2f} of RK4's")

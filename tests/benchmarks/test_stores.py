@@ -7,7 +7,6 @@ import os
 import statistics
 import subprocess
 import sys
-import time
 import warnings
 
 import numpy as np
@@ -17,6 +16,7 @@ import slipperjax as sj
 from slipperjax.sweeps.store import store_status
 
 from ..sweeps.made_up import a_grid, made_up
+from . import timing
 
 HOW = dict(transient=100, periods=10, steps_per_period=100)
 
@@ -26,10 +26,11 @@ def grid(across: int, up: int) -> dict:
 
 
 def seconds(path, cases: dict, **how) -> float:
-    begin = time.perf_counter()
-    made = sj.Store(path, tile=256, fresh=True)
-    sj.sweep(sj.paper_scene(), cases, store=made, **(HOW | how))
-    return time.perf_counter() - begin
+    def run():
+        made = sj.Store(path, tile=256, fresh=True)
+        return sj.sweep(sj.paper_scene(), cases, store=made, **(HOW | how))
+
+    return timing.seconds(run)[1]
 
 
 @pytest.mark.benchmark
@@ -80,10 +81,9 @@ def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
 
     def timed(pool, name):
         run(pool, f"warm-{name}")  # processes import what they need
-        begin = time.perf_counter()
-        run(pool, name)
+        _, lasts = timing.seconds(lambda: run(pool, name))
         # a second of it is the look at one case that tells what there is to store
-        print(f"\n{name}: {(time.perf_counter() - begin - 1.0) / 6.0 - 1:.1%} above six seconds")
+        print(f"\n{name}: {(lasts - 1.0) / 6.0 - 1:.1%} above six seconds")
 
     with sj.processes(2) as pool:
         timed(pool, "processes.zarr")
@@ -101,8 +101,6 @@ def test_a_map_of_40000_cases(tmp_path):
     axes = {"speed": np.linspace(100, 2500, 200), "clearance": np.linspace(0.2e-3, 3e-3, 200)}
     how = dict(record=["motion", "peak_force"], transient=300, periods=50, steps_per_period=100)
     print(f"\n{sj.explain(sj.sweep, sj.paper_scene(), axes, store=tmp_path / 'map.zarr', **how)}")
-    begin = time.perf_counter()
-    ds = sj.sweep(sj.paper_scene(), axes, store=tmp_path / "map.zarr", **how)
-    lasts = time.perf_counter() - begin
+    ds, lasts = timing.seconds(lambda: sj.sweep(sj.paper_scene(), axes, store=tmp_path / "map.zarr", **how))
     print(f"{ds['status'].size} cases in {lasts:.0f} s, {ds['status'].size / lasts:.0f} cases/s: ", end="")
     print(store_status(tmp_path / "map.zarr"))

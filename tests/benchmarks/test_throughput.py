@@ -5,10 +5,10 @@
 Reports medians and best of alternating runs; asserts no time.
 """
 
+import functools
 import math
 import resource
 import statistics
-import time
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from slipperjax.sweeps.attractors import strobe_states
 
 from ..common import SCALES
 from .peers import CppProgram
+from .timing import in_turns, seconds
 
 pytestmark = pytest.mark.benchmark
 STEPS = 50
@@ -39,24 +40,13 @@ def peer(tmp_path_factory):
 @pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4"])
 def test_sweep_against_scalar_cpp(peer, solver, lanes, periods, repeats):
     speeds = np.linspace(100, 2500, lanes)
-    run = lambda: sj.sweep(
-        sj.paper_scene(),
-        {"speed": speeds},
-        record="strobe",
-        transient=0,
-        periods=periods,
-        steps_per_period=STEPS,
-        solver=solver,
-    )
-    begin = time.perf_counter()
-    found = run()
-    first = time.perf_counter() - begin
+    options = dict(record="strobe", transient=0, periods=periods, steps_per_period=STEPS, solver=solver)
+    run = lambda: sj.sweep(sj.paper_scene(), {"speed": speeds}, **options)
+    found, first = seconds(run)
     ours, theirs = [], []
     for k in range(repeats):
         theirs.append(peer(float(speeds[(k * lanes) // repeats]))[1])
-        begin = time.perf_counter()
-        run()
-        ours.append((time.perf_counter() - begin) / (lanes * periods * STEPS) * 1e6)
+        ours.append(seconds(run)[1] / (lanes * periods * STEPS) * 1e6)
     ratio = statistics.median(theirs) / statistics.median(ours)
     best = min(theirs) / min(ours)
     print(
@@ -81,18 +71,10 @@ def test_sweep_against_scalar_cpp(peer, solver, lanes, periods, repeats):
 
 def test_cost_of_contact_loads():
     """Sections of ten periods after 200, with and without peak forces and their like."""
-    run = lambda loads: sj.sweep(
-        sj.paper_scene(), {"speed": np.linspace(100, 2500, 241)}, steps_per_period=200, loads=loads
-    )
-    seconds = {True: [], False: []}
-    for loads in (True, False):
-        run(loads)
-    for _ in range(9):
-        for loads, found in seconds.items():
-            begin = time.perf_counter()
-            run(loads)
-            found.append((time.perf_counter() - begin) / (241 * 210 * 200) * 1e6)
-    with_loads, without = (statistics.median(seconds[loads]) for loads in (True, False))
+    grid = {"speed": np.linspace(100, 2500, 241)}
+    run = lambda loads: sj.sweep(sj.paper_scene(), grid, steps_per_period=200, loads=loads)
+    timed = in_turns({loads: functools.partial(run, loads) for loads in (True, False)}, 9)
+    with_loads, without = (timed[loads].median / (241 * 210 * 200) * 1e6 for loads in (True, False))
     print(
         f"\n200 + 10 periods, 200 steps: {with_loads:.4f} us per step and case with loads, {without:.4f} without "
         f"(medians): {with_loads / without:.3f}"

@@ -18,7 +18,7 @@ from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
 from slipperjax.model.parameters import PARAMETERS
 from slipperjax.model.quantities import SECTIONS
-from slipperjax.plots.style import COLORS, REGIME_COLORS
+from slipperjax.plots.style import COLORS
 
 from ..orbits.nominal import STEPS
 from .commands import TEN, call, dataset, names, picture, share
@@ -81,13 +81,6 @@ def test_options_override_the_scene_s_file(tmp_path):
     assert case.options == dict(start=case.start, solver=case.solver, steps_per_period=70)
 
 
-def test_solvers_are_found_by_name():
-    solver = lambda name: make_case(**NOTHING | {"solver": name}).solver
-    assert isinstance(solver("Rodas4"), sj.Rodas4)
-    assert type(solver("Tsit5")) is sj.Tsit5  # the one that latches, not diffrax's
-    assert type(solver("Dopri8").solver).__module__.startswith("diffrax")  # inside Latching
-
-
 def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     simulate = replaced("flow.simulate.simulate", side_effect=ValueError("seen"))
     out, error = call(["simulate", "--out", tmp_path / "run"], capsys, 2)
@@ -97,13 +90,6 @@ def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     assert periods == 60
     assert isinstance(options.pop("solver"), sj.ImpulseRK4)
     assert options == dict(start=None, steps_per_period=None, saves_per_period=None, probe=4, begin=None)
-
-
-def test_help_names_the_paper_s_values_with_units(capsys):
-    text, _ = call(["lyapunov", "--help"], capsys)
-    for option, unit in (("--speed", "[m/s]"), ("--clearance", "[mm]"), ("--length", "[m]"), ("--amplitude", "[mm]")):
-        assert re.search(rf"{option} [^-]*{re.escape(unit)}", text), option
-    assert "mass [kg]" in re.sub(r"\s+", " ", text)  # of --over
 
 
 def test_no_arguments_ask_for_help(monkeypatch, capsys):
@@ -168,19 +154,6 @@ def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     assert sj.load_start(f"{out}.nc").v_y == 0.3
     assert equal(sj.load_scene(f"{out}.nc", speed=900.0), sj.paper_scene(900.0).replace(mass=21.0))
     assert share(picture(out, 7.2, 5.5), COLORS["blue"]) > 0
-
-
-def test_exponents_are_written_and_drawn(tmp_path, capsys):
-    out = tmp_path / "exponents"
-    how = ["--transient", 200, "--periods", 60, "--no-certify", "--steps-per-period", 50]  # as in tests/sweeps
-    text, _ = call(["lyapunov", "--over", "speed", 1250, 1500, 2, *how, "--out", out], capsys)
-    ds = dataset(out)
-    assert "resolved" not in ds
-    kinds, counts = np.unique(ds["regime"].values, return_counts=True)
-    found = dict(zip(kinds, counts, strict=True))
-    assert f"; {', '.join(f'{found.get(name, 0)} {name}' for name in REGIME_COLORS)}; 0 cases flagged\n" in text
-    pixels = picture(out, 3.5, 2.8)
-    assert all(share(pixels, REGIME_COLORS[name]) > 0 for name in found)
 
 
 def test_an_orbit_is_written(tmp_path, capsys):

@@ -13,9 +13,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli.interrupts import on_thread
-from slipperjax.cli.options import make_bounds
 from slipperjax.flow.status import ASKED, Status
-from slipperjax.model.parameters import PARAMETERS
 from slipperjax.orbits.branches import FINER, OrbitBranch
 
 from .commands import BRANCH, call, error_of, names, picture
@@ -45,20 +43,6 @@ def interruption(branch):
 
 
 # bounds
-
-
-@pytest.mark.filterwarnings("ignore::slipperjax.tools.checks.ImplausibleWarning")
-def test_bounds_are_read_in_display_units():
-    for over, low, high in (
-        (("clearance", 0.5, 1.5), 0.5e-3, 1.5e-3),
-        (("roll_amplitude", 0.1, 0.3), np.radians(0.1), np.radians(0.3)),
-        (("section.play.2", 1e-4, 1e-3), 1e-4, 1e-3),
-        (("clearance", "0.5 mm", "1/16 in"), 0.5e-3, 1.5875e-3),
-        *(((name, 0.5, 0.6), 0.5 * q.per_shown, 0.6 * q.per_shown) for name, q in PARAMETERS.items()),
-    ):
-        known, bounds = make_bounds("--over", sj.paper_scene(), *over)
-        assert known.name == over[0]
-        assert bounds == pytest.approx((low, high))
 
 
 def test_files_of_another_kind_are_refused(tmp_path, capsys):

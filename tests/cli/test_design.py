@@ -141,12 +141,6 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     xr.testing.assert_equal(ds, dataset(tmp_path / "again"))
 
 
-def test_one_case_and_one_variable_are_enough(bowl, tmp_path, capsys):
-    one = ["design", "--minimise", "drive_force", *VARIED[:4], *GIVEN[-4:], "--speed", 1200, "--starts", 1]
-    text, _ = call([*one, "--out", tmp_path / "run"], capsys)
-    assert text.splitlines()[-4].split() == ["drive_force", "[N]", "regime"]
-
-
 def test_an_interrupted_search_gets_a_name_of_its_own(bowl, replaced, tmp_path, capsys):
     def search(*arguments, **options):
         found = optimise_design(*arguments, **options)

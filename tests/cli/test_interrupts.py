@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.cli.interrupts import Signals, on_thread
+from slipperjax.cli.interrupts import Signals
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import SECTIONS
 
@@ -160,12 +160,6 @@ def test_impossible_counts_are_one_line(tmp_path, capsys):
         assert last.startswith("error: ")
         assert "of memory and" in last
         assert last.endswith("are available.")
-
-
-def test_calls_on_a_thread_give_what_they_give():
-    assert on_thread(lambda: 3) == 3
-    with pytest.raises(ValueError, match="seen"):
-        on_thread(lambda: (_ for _ in ()).throw(ValueError("seen")))
 
 
 @pytest.mark.usefixtures("python_s_own_interrupts")

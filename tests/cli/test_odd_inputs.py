@@ -405,6 +405,7 @@ LINES = [
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),
     (["simulate", "--scene", "/proc"], "/proc is no zarr store"),
     (["simulate", "--out", "."], "--out must name files, as ./result does, but is the folder '.'"),
+    (["simulate", "--out", ".."], "--out must name files, as ./result does, but is the folder '..'"),
     (["simulate", "--out", "/"], "--out must name files, as ./result does, but is the folder '/'"),
     (["simulate", "--scene", "/proc/version"], "no TOML file or netCDF file"),
     (["simulate", "--set", "mass"], "--set must be a name and a value"),

@@ -79,14 +79,6 @@ def test_sockets_from_pages_of_other_hosts_are_refused(page):
         assert status_of(page, socket, socket=True, Origin=origin) == 403, origin
 
 
-def test_a_stopped_page_is_gone():
-    page = sj.explore(sj.paper_scene(), GRID)
-    urllib.request.urlopen(page.url).close()
-    page.stop()
-    with pytest.raises(urllib.error.URLError):
-        urllib.request.urlopen(page.url, timeout=5)
-
-
 def test_the_browser_is_led_by_a_file_of_this_user_alone(page, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     seen = []

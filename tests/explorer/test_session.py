@@ -9,14 +9,13 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.explorer.pictures import choices, image, label, picture_of
+from slipperjax.explorer.pictures import choices, image, picture_of
 from slipperjax.explorer.scripts import python_of, scene_text, start_text
 from slipperjax.explorer.session import Session, _on_grid
 from slipperjax.explorer.worker import Worker
 from slipperjax.flow.datasets import run_attributes
 from slipperjax.flow.status import Status
 from slipperjax.model import scene_to_json
-from slipperjax.model.parameters import PARAMETERS, quantity
 from slipperjax.plots.style import MOTION_COLORS
 from slipperjax.sweeps.grid import Cases
 
@@ -208,12 +207,6 @@ def test_an_image_has_each_value_where_its_cell_is(x):
         column = min(int((place - left) / width * pixels.shape[1]), pixels.shape[1] - 1)
         assert pixels[[0, -1], column].tolist() == values[:, k].tolist()
     assert drawn["dh"] == [2.0]
-
-
-def test_labels_have_words_and_units():
-    assert label(PARAMETERS["clearance"]) == "clearance [mm]"
-    assert label(quantity("w_x")) == "roll rate [rad/s]"
-    assert label(PARAMETERS["restitution"]) == "restitution"
 
 
 # --- work beside the page -------------------------------------------------------------------------------------------

@@ -8,13 +8,6 @@ import pytest
 from slipperjax.tools.hermite import Cubic, sign_change
 
 
-def test_values_are_exact_for_cubics():
-    f = lambda x: 2 * x**3 - x**2 + 0.3 * x - 0.7
-    df = lambda x: 6 * x**2 - 2 * x + 0.3
-    x = np.linspace(0, 1, 7)
-    np.testing.assert_allclose(Cubic.through(f(0.0), df(0.0), f(1.0), df(1.0)).value(x), f(x), atol=1e-15)
-
-
 def test_cubics_have_the_values_slopes_and_extremes_of_their_polynomials():
     rng = np.random.default_rng(0)
     begin, slope, end, end_slope = rng.standard_normal((4, 50))

@@ -11,24 +11,6 @@ from slipperjax.analysis.floquet import floquet, largest_exponent, multipliers
 from slipperjax.tools.batching import Batched
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: sj.paper_scene(speed=[900.0, 1000.0]), r"`speed` must be of shape \(\), but has shape \(2,\)"),
-        (
-            lambda: sj.HarmonicTrack((8.0,), np.full(3, 1e-3)),
-            r"`amplitude` must be of shape \(\), but has shape \(3,\)",
-        ),
-        (lambda: sj.Slipper(14.0, (1.0, 2.0), 0.2), r"`inertia` must be of shape \(3\), but has shape \(2,\)"),
-        (lambda: sj.Section(np.ones((10, 3)), np.ones(5)), r"`points` must be of shape \(points, 2\), but has shape"),
-        (lambda: sj.SmoothSwitch(width=np.full(2, 1e-5)), r"`width` must be of shape \(\), but has shape \(2,\)"),
-    ],
-)
-def test_fields_have_the_shapes_they_declare(make, words):
-    with pytest.raises(ValueError, match=words):
-        make()
-
-
 def test_scenes_are_made_one_by_one_under_vmap():
     periods = jax.vmap(lambda v: sj.paper_scene(speed=v).period)(jnp.array([900.0, 1000.0]))
     np.testing.assert_allclose(periods, [8 / 900, 8 / 1000])

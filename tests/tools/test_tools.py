@@ -1,10 +1,5 @@
 """Compiling inside transformations, batches with shared leaves, and stored values."""
 
-import contextlib
-import io
-import subprocess
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +7,6 @@ import numpy as np
 from slipperjax.tools.batching import Batched
 from slipperjax.tools.compile import call_compiled, compiler_options, jit
 from slipperjax.tools.description import describe
-from slipperjax.tools.fused import store
 
 
 def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
@@ -72,14 +66,6 @@ def test_calls_compile_once_for_other_numbers():
     assert jax.grad(lambda x: call_compiled(scaled, jnp.sin, (2.0,), x))(0.0) == 2.0
 
 
-def test_stored_values_are_the_same_values():
-    x = jnp.arange(3.0)
-    tree = store({"a": x, "b": x, "c": jnp.asarray(2.0)})
-    np.testing.assert_array_equal(tree["a"], x)
-    assert tree["b"] is tree["a"]  # stored once
-    np.testing.assert_array_equal(tree["c"], [2.0, 2.0, 2.0])
-
-
 def test_functions_are_described_by_name_and_code_in_any_process():
     def scaled(k):
         return lambda x: k * x
@@ -93,13 +79,3 @@ def test_functions_are_described_by_name_and_code_in_any_process():
     nested = lambda k: lambda x: [x + y for y in range(k)]
     assert text(nested(2)) == text(nested(2))
     assert " at 0x" not in text(nested(2))
-    program = (
-        "from slipperjax.tools.description import describe\n"
-        "def f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
-    )
-    said = {subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout}
-    with contextlib.redirect_stdout(io.StringIO()) as here:
-        exec(compile(program, "<string>", "exec"), {"__name__": "__main__"})
-    said.add(here.getvalue())
-    assert len(said) == 1
-    assert "__main__.f, " in said.pop()
