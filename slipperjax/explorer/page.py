@@ -47,7 +47,7 @@ class Page:
     def _begin(self, event: Any) -> None:
         """Compute what is shown first, when the page is there: tracing would delay it."""
         self._look(self.session.case)
-        if self.session.view.ds is None:
+        if not self.session.view.ds:
             self._compute(self.session.view)
 
     # --- what computes ----------------------------------------------------------------------------------------------
@@ -185,7 +185,7 @@ class Page:
             self.curve.data = curve = pictures.along(view, choice)
             x = curve["x"]
             y = np.append(curve["y"], 0.0)
-        elif view.ds is not None:
+        elif view.ds:
             self.dots.data = pictures.dots(view, choice)
             y = np.asarray(self.dots.data["y"])
         self._set_axes(pictures.label(q), pictures.label(quantity_of(choice, view.ds)), x, y)
@@ -197,7 +197,7 @@ class Page:
         up, across = map(pictures.label, quantities)
         self._set_axes(across, up, x, y)
         self.pixels.data = {name: [] for name in self.pixels.data}
-        if view.ds is None:
+        if not view.ds:
             return
         picture = pictures.picture_of(view, self.choice.value)
         self.bar.visible = not picture.colors

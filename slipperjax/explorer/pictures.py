@@ -26,7 +26,7 @@ def choices(view: View) -> list[str]:
     ds = view.ds
     plane = len(view.names) == 2
     found = []
-    if ds is None:
+    if not ds:
         return ["motion"] if plane else list(SECTIONS)
     if plane:
         words = {"motion": "kind", "regime": "regime"}
@@ -54,7 +54,6 @@ class Picture(NamedTuple):
 
 def picture_of(view: View, choice: str) -> Picture:
     """Return the colours of a map."""
-    assert view.ds is not None
     ds = view.ds
     dims = view.names
     if choice not in ("motion", "regime"):
@@ -88,7 +87,6 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
 
 def dots(view: View, choice: str) -> dict[str, np.ndarray]:
     """Return dots over one parameter: those of a section, or the highest number of each case."""
-    assert view.ds is not None
     (name,) = view.names
     values = view.ds[choice].astype(float)
     if choice not in SECTIONS:
@@ -105,7 +103,6 @@ def dots(view: View, choice: str) -> dict[str, np.ndarray]:
 
 def along(view: View, choice: str) -> dict[str, np.ndarray]:
     """Return a number of each window of a run, the highest of all points, over distance [m]."""
-    assert view.ds is not None
     y = highest(view.ds, choice, "distance")
     return {"x": edges_of(view.ds, "distance"), "y": np.append(y[:1], y)}
 

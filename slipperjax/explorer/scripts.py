@@ -34,7 +34,7 @@ def python_of(session: Session) -> str:
 def _left(session: Session) -> list[str]:
     """Return the lines of the map or the run."""
     view = session.view
-    if view.grid is None:
+    if not view.grid:
         source = "ds  # that with which the page was opened"
         if view.source is not None:
             source = f"sj.flow.dataset_of({str(view.source)!r})"

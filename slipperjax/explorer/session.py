@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,37 +54,32 @@ class View:
 
     scene: Scene
     start: Any = None
-    ds: xr.Dataset | None = None
-    """Its cases so far; None before there are any."""
-    grid: dict[str, np.ndarray] | None = None
-    """Values by parameter [SI units] of what is computed here; None for what was given."""
+    ds: xr.Dataset = field(default_factory=xr.Dataset)
+    """Its cases so far; empty before there are any."""
+    grid: dict[str, np.ndarray] = field(default_factory=dict)
+    """Values by parameter [SI units] of what is computed here; empty for what was given."""
     source: Path | None = None
     """File or store that it is from."""
 
     @property
     def names(self) -> list[str]:
         """Coordinates that vary, the one drawn upwards first; of a run its distance."""
-        if self.grid is not None:
-            return list(self.grid)
-        return varied_names(self.ds) or ["distance"]
+        return list(self.grid) or varied_names(self.ds) or ["distance"]
 
     @property
     def is_run(self) -> bool:
         """Whether it is of a run over a length of rail."""
-        return self.ds is not None and "distance" in self.ds.dims
+        return "distance" in self.ds.dims
 
     @property
     def growing(self) -> bool:
         """Whether it is a store that lacks cases."""
-        if self.source is None or self.ds is None:
-            return False
-        return bool((self.ds["status"] == Status.NOT_RUN).any())
+        return self.source is not None and bool((self.ds["status"] == Status.NOT_RUN).any())
 
     def axis(self, name: str) -> np.ndarray:
         """Return the values of a coordinate [SI units]; of a distance the middles of windows."""
-        if self.grid is not None:
+        if self.grid:
             return self.grid[name]
-        assert self.ds is not None
         return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
 
     def quantity(self, name: str) -> Quantity:
@@ -110,8 +105,7 @@ class Case:
     @property
     def options(self) -> dict[str, Any]:
         """Arguments of its functions besides the scene."""
-        options = {"steps_per_period": self.steps, "solver": self.solver}
-        return {name: value for name, value in options.items() if value is not None}
+        return {"steps_per_period": self.steps, "solver": self.solver}
 
     @property
     def saves(self) -> int | None:
@@ -159,19 +153,20 @@ class Session:
             need = "be a store, a netCDF file or a scene's TOML file of slipperjax"
             there = path.suffix != ".zarr" or path.is_dir()
             require(there, "source", need, shown=f"{path}, which is not there")
-            source = path if path.suffix.lower() == ".toml" else _opened(path)
-        ds = None
+            if path.suffix.lower() == ".toml":
+                source = load_scene(path)
+                start = start or load_start(path)
+            else:
+                source = _opened(path)
+        ds = xr.Dataset()
         if source is None or isinstance(source, Scene):
             scene = paper_scene() if source is None else source
-        elif isinstance(source, Path):
-            scene = load_scene(source)
-            start = start or load_start(source)
         else:
             ds = dataset_of(source)
             scene, of_ds = load_base(ds)
-            start = of_ds if start is None else start
+            start = start or of_ds
         # a dataset that varies nothing is the source of a scene
-        if ds is not None and grid is None and (varied_names(ds) or "distance" in ds.dims):
+        if ds.attrs and grid is None and (varied_names(ds) or "distance" in ds.dims):
             view = View(scene, start, ds, source=path)
             _check_drawable(view)
         else:
@@ -188,7 +183,6 @@ class Session:
         session = cls([view], Case(scene, start))
         # the window with the highest force, where forces are known
         if view.is_run:
-            ds = session.run
             place = float(peak_of(ds)["peak_distance"]) if "peak_force" in ds else 0.0
             session.case = session.case_at(session.nearest(place))
         return session
@@ -241,7 +235,6 @@ class Session:
         view = self.view
         if not view.growing:
             return False
-        assert view.ds is not None
         ds = _opened(view.source)
         if np.array_equal(ds["status"].values, view.ds["status"].values):
             return False
@@ -253,7 +246,6 @@ class Session:
     @property
     def run(self) -> xr.Dataset:
         """The run, of which cases are windows."""
-        assert self.view.ds is not None
         return self.view.ds
 
     @property
@@ -319,7 +311,7 @@ class Session:
         scene = view.scene
         for name in view.names:
             scene = scene.replace(**{name: float(view.axis(name)[index[name]])})
-        if view.ds is None or view.grid is not None:
+        if view.grid:
             return Case(scene, view.start)
         # what was given keeps its own steps and solver
         solver = load_call(view.ds).get("solver")
@@ -359,7 +351,6 @@ def sweep_options(view: View) -> dict[str, Any]:
 
 
 def _cases(view: View) -> Cases:
-    assert view.grid is not None
     return Cases(view.scene, view.grid, view.start or table_2_start())
 
 
@@ -375,7 +366,6 @@ def _opened(path: Any) -> xr.Dataset:
 
 def _check_drawable(view: View) -> None:
     """Raise `ValueError` for a dataset that is no run, and no grid of one or two parameters of the scene."""
-    assert view.ds is not None
     dims = ", ".join(map(str, view.ds["status"].dims)) if "status" in view.ds else "no cases"
     if view.is_run:
         require(not dims, "source", "be one run, as is ds.isel(...)", shown=f"over {dims}")
