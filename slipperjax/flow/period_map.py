@@ -38,17 +38,20 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
     The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
     itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
     """
-    return functools.partial(_weights, isinstance(vector_field(scene), SmoothField))
+    # functions of the module: one that is made anew would be compiled anew in every call
+    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _weights
 
 
-def _weights(integrated: bool, state: State) -> State:
+def _weights(state: State) -> State:
     memory = state.memory
-    if integrated:
-        memory = jnp.ones_like(memory)
-    elif memory is not None:
+    if memory is not None:
         closed = memory < -1e-9
         memory = jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
     return State(jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion)), memory)
+
+
+def _smooth_weights(state: State) -> State:
+    return State(_weights(state).motion, jnp.ones_like(state.memory))
 
 
 @functools.partial(jit, static_argnames=("count",))

@@ -6,6 +6,7 @@ import pytest
 import slipperjax as sj
 
 from ..common import compilations, fine
+from ..orbits.nominal import STEPS
 
 START = sj.table_2_start()
 
@@ -38,7 +39,11 @@ def simulated(speed):
     return fine(sj.paper_scene(speed)).status
 
 
-@pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated], ids=lambda f: f.__name__)
+def orbit(speed):
+    return sj.periodic_orbit(sj.paper_scene(speed), steps_per_period=STEPS, transient=20).residual
+
+
+@pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated, orbit], ids=lambda f: f.__name__)
 def test_the_second_call_compiles_nothing(call):
     call(900.0)
     call(1000.0)  # small programs for numbers that are arrays from here on
