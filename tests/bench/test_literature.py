@@ -38,7 +38,7 @@ def test_impacts_are_those_of_an_event_driven_code(capsys):
     lines = capsys.readouterr().out
     assert "10 of 10 within the published digits and our errors" in lines
     assert lines.count("| yes |") == 10
-    with pytest.raises(ValueError, match="must be one of vibrating-parabola, stop"):
+    with pytest.raises(ValueError, match="must be one of parabola, stop"):
         main(["nosuch"])
 
 

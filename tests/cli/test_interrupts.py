@@ -149,19 +149,6 @@ def test_a_folder_in_the_way_is_found_before_anything_runs(tmp_path, capsys):
     assert f"{tmp_path / 'fig.png'} is a folder" in error_of([*FOUR, tmp_path / "fig"], capsys)
 
 
-def test_impossible_counts_are_one_line(tmp_path, capsys):
-    for arguments in (
-        ["bifurcation", "--over", "speed", 100, 2500, 10**9],
-        ["lyapunov", "--over", "speed", 100, 2500, 10**5, "--by", "clearance", 1, 2, 10**5],
-        ["simulate", "--periods", 10**12],
-    ):
-        _, error = call([*arguments, "--out", tmp_path / "run"], capsys, 2)
-        last = error.strip().splitlines()[-1]
-        assert last.startswith("error: ")
-        assert "of memory and" in last
-        assert last.endswith("are available.")
-
-
 @pytest.mark.usefixtures("python_s_own_interrupts")
 def test_an_interrupt_that_falls_into_a_callback_is_delivered_again():
     class Dropped:

@@ -148,7 +148,6 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.shoot("1_first")
         window.ready()
         window.wait("period 1")
-        window.shoot("2_map")
         for name in ("first", "warm"):
             times = []
             for k in range(20):
@@ -174,7 +173,6 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.page.wait_for_function(COMPUTED, timeout=WAIT)
         print(f"a box of 400 cases took {time.perf_counter() - t:.2f} s")
         window.ready()
-        window.shoot("4_box")
         window.press("Back")
         window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
         # stop
@@ -221,14 +219,12 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         window = Window(browser, url)
         window.wait("not computed yet")
         window.ready()
-        window.shoot("6_growing_store")
         fill((2, 2))
         window.page.get_by_text("not computed yet").wait_for(state="hidden", timeout=WAIT)
         window.page.locator("select").first.select_option("peak_force")
         window.wait("Colours: highest normal contact force")
         window.look(1300, 1.5)
         window.ready()
-        window.shoot("7_store")
         window.close()
 
 
@@ -240,7 +236,6 @@ def test_a_diagram_is_computed_and_refined(browser):
         low, high = (window.model("map", f"y_range.{end}") for end in ("start", "end"))
         window.look(1200, (low + high) / 2)
         window.ready()
-        window.shoot("8_diagram")
         window.drag(1150, 0.3 * low + 0.7 * high, 1200, 0.7 * low + 0.3 * high)
         window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end < 1300")
         window.page.wait_for_function(COMPUTED, timeout=WAIT)
@@ -258,7 +253,6 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.wait(f"{highest - 1:g} to {highest:g} m", WAIT)  # where the force is highest
         assert f"{float(force.max()) / 1e3:.3g} kN" in window.model("case", "text")
         window.ready()
-        window.shoot("9_run")
         window.look(149.5, 1.0)
         window.wait("149 to 150 m")
         window.ready()
@@ -266,7 +260,6 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.drag(120, 0.5, 130, 1.0)
         window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end < 131")
         window.look(125.0, 1.0)
-        window.shoot("10_part_of_a_run")
         window.press("Copy as Python")
         assert float(run_copied(window, tmp_path)) == pytest.approx(peak_of(window), rel=1e-2)
         window.page.locator("select").first.select_option("impacts")
@@ -306,7 +299,6 @@ def test_a_map_with_uneven_values_is_clicked(browser):
         window.press("Play")
         window.page.get_by_role("button", name="Pause").wait_for()
         window.press("Pause")
-        window.shoot("11_logarithmic")
 
 
 def test_a_notebook_shows_the_page(browser, tmp_path):
