@@ -11,33 +11,19 @@ import pytest
 import slipperjax
 
 ROOT = Path(slipperjax.__file__).parent
-FLOORS = [
-    {"tools"},
-    {"model", "analysis"},
-    {"solvers"},
-    {"flow"},
-    {"orbits", "plots"},
-    {"sweeps"},
-    {"studies", "design", "bench", "explorer"},
-    {"cli"},
-]
+ROOMS = "tools; model analysis; solvers; flow; orbits plots; sweeps; studies design bench explorer; cli"
+FLOORS = [set(rooms.split()) for rooms in ROOMS.split(";")]
 EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
 # JAX alone below; these read and write labelled data, pictures and files
 HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "bokeh"}
-MAY_BE_HEAVY = (
-    "plots",
-    "sweeps",
+MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "bench", "explorer", "cli")
+MAY_BE_HEAVY += (
     "tools.progress",
     "tools.accessor",
     "model.surveys",
     "flow.datasets",
     "orbits.branches",
     "orbits.critical",
-    "studies",
-    "design",
-    "bench",
-    "explorer",
-    "cli",
 )
 
 
