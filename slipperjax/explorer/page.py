@@ -107,12 +107,10 @@ class Page:
     # --- what there is ----------------------------------------------------------------------------------------------
 
     def _header(self) -> Any:
-        self.back = Button(label="Back", width=108)
+        labels = ("Back", "Stop", "Copy as Python", "Save scene")
+        self.back, stop, copy, save = (Button(label=text, width=108) for text in labels)
         self.back.on_click(self._leave_box)
-        stop = Button(label="Stop", width=108)
         stop.on_click(self._stop)
-        copy = Button(label="Copy as Python", width=108)
-        save = Button(label="Save scene", width=108)
         # these end in the browser
         self.texts = source("python", "toml")
         for button, name in ((copy, "copy"), (save, "save")):
@@ -124,13 +122,13 @@ class Page:
         self.choice = Select(title="Shown", options=[], width=190)
         self.choice.on_change("value", self._chosen)
         self.legend = Div(width=WIDTH)
-        options: dict[str, Any] = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
+        tools: Any = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
         ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
-        self.map: Any = figure(width=WIDTH, height=440, name="map", **options, **ranges)
+        self.map: Any = figure(width=WIDTH, height=440, name="map", **tools, **ranges)
         self.map.grid.visible = False
-        self.map.on_event(Tap, self._tapped)
-        self.map.on_event(DoubleTap, self._tapped)  # as two quick clicks are
-        self.map.on_event(SelectionGeometry, self._boxed)
+        # a double tap is two quick clicks
+        for event, heard in ((Tap, self._tapped), (DoubleTap, self._tapped), (SelectionGeometry, self._boxed)):
+            self.map.on_event(event, heard)
         self.mapper: Any = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
         self.pixels = source("image", "x", "y", "dw", "dh")
         self.map.image("image", "x", "y", "dw", "dh", color_mapper=self.mapper, source=self.pixels)

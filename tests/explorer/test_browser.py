@@ -180,6 +180,7 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.press("Stop")
         window.wait("stopped")
         window.press("Back")
+        window.ready()
         # what was copied runs, and gives the same
         window.look(1250, 1.0)
         window.ready()
