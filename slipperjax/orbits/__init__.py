@@ -1,7 +1,6 @@
 """Events of branches of periodic orbits, critical orbits and their curves over two parameters, contact signatures."""
 
 from .branches import BranchEvent as BranchEvent
-from .critical import CriticalOrbit as CriticalOrbit
 from .critical import OrbitCurve as OrbitCurve
 from .critical import continue_event as continue_event
 from .critical import critical_orbit as critical_orbit

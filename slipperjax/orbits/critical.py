@@ -5,17 +5,17 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..analysis.critical import (
     CRITICAL_MULTIPLIERS,
     ConditionedMotions,
+    CriticalMotion,
     CriticalMotions,
     continue_critical,
     critical_motion,
@@ -33,9 +33,7 @@ from ..flow.stepping import AbstractStepping, ConstantSteps
 from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
-from ..model.step_size import given_steps
-from ..solvers.named import resolve_solver
-from ..tools.checks import known, one_of, require, shown_number
+from ..tools.checks import one_of, require, shown_number
 from ..tools.compile import is_traced, jit
 from ..tools.hermite import Cubic
 from .branches import (
@@ -52,41 +50,14 @@ from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 
 
-class CriticalOrbit(eqx.Module):
-    """An orbit with a critical multiplier, and the parameter's value at which it has it."""
-
-    scene: Scene
-    """With that value."""
-    value: Float[Array, ""]
-    """The parameter's value [its SI unit]."""
-    state: State
-    multiplier: Array
-    """The critical multiplier [1]: +1, -1, or exp(i angle)."""
-    residual: Float[Array, ""]
-    """Greatest scaled residual of the extended equations [1]."""
-    name: str = eqx.field(static=True)
-    label: str = eqx.field(static=True)
-    period: int = eqx.field(static=True)
-
-    def __repr__(self) -> str:
-        unit = parameter(self.name, self.scene).unit
-        return (
-            f"CriticalOrbit({self.label} of period {self.period} at {self.name} = {shown_number(self.value)} "
-            f"{unit}, residual {shown_number(self.residual)})"
-        )
-
-
 def critical_orbit(
     scene: Scene,
     name: str,
     label: str,
     start: PeriodicOrbit,
     *,
-    angle: float | None = None,
-    steps_per_period: int | None = None,
-    solver: diffrax.AbstractSolver | str | None = None,
     tolerance: float = TOLERANCE,
-) -> CriticalOrbit:
+) -> CriticalMotion:
     """Finds the fold, flip or Neimark-Sacker of orbits over a parameter, from an orbit near it, by Newton's method.
 
     `value` and `state` have the derivatives of the exact ones with respect to all numbers of `scene`, in both modes:
@@ -97,27 +68,19 @@ def critical_orbit(
 
     - `name`: of the parameter, or its path; `label`: "LP", "PD" or "NS".
     - `start`: near it, as `OrbitBranch.orbit(event)` gives it; its scene has the parameter's value that is tried
-        first.
-    - `angle`: of the multiplier [rad], for "NS"; default that of the multiplier of `start` nearest to the unit
-        circle.
-    - `steps_per_period`, `solver`: default those of `start`. `tolerance`: scaled residual [1].
+        first, and its multiplier nearest to the unit circle the angle for "NS".
+    - `tolerance`: scaled residual [1].
 
-    **Returns:** a `CriticalOrbit`; look at its `residual`.
+    **Returns:** the orbit with the parameter's `value` [its SI unit]; look at its `residual`.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    known("scene", check_scene(scene))
+    check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
-    parameter(name, scene)
-    steps = int(start.steps_per_period) if steps_per_period is None else given_steps(steps_per_period)
-    if solver is not None:
-        # the solver is part of the orbit
-        start = dataclasses.replace(start, solver=resolve_solver(scene, solver))
-    if angle is None:
-        angle = _angle(start)
+    steps = int(start.steps_per_period)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = ConstantSteps(steps) if is_traced(scene) else dynamic_steps(steps)
-    return _critical_orbit(scene, start, stepping, angle, tolerance, name=name, label=label)
+    return _critical_orbit(scene, start, stepping, _angle(start), tolerance, name, label)
 
 
 def _critical_orbit(
@@ -126,22 +89,15 @@ def _critical_orbit(
     stepping: AbstractStepping,
     angle,
     tolerance,
-    *,
     name: str,
     label: str,
-) -> CriticalOrbit:
+) -> CriticalMotion:
     """Finds the orbit of `critical_orbit`, unchecked."""
-    varied = parameter(name, scene)
     # a first guess has no derivatives
-    value = jax.lax.stop_gradient(varied.of(start.scene))
+    value = jax.lax.stop_gradient(parameter(name, scene).of(start.scene))
     options: dict[str, Any] = dict(stepping=stepping, solver=start.solver, period=start.period)
     motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **options)
-    motion = critical_motion(motions, label, start.state, value, angle=angle, tolerance=tolerance)
-    # with derivatives by the scene through the value, too
-    at = varied.replaced(scene, motion.value)
-    return CriticalOrbit(
-        at, motion.value, motion.state, motion.multiplier, motion.residual, name, label, start.period
-    )
+    return critical_motion(motions, label, start.state, value, angle=angle, tolerance=tolerance)
 
 
 def _angle(orbit: PeriodicOrbit) -> float:
@@ -183,16 +139,8 @@ def event_sensitivities(
 
     # with some number of steps: the event's value and its derivatives
     def located(steps: int) -> tuple[np.ndarray, np.ndarray]:
-        of_label = dict(name=own.name, names=names, label=event.label)
-        value, slope, residual = _place(
-            scene,
-            start,
-            values,
-            dynamic_steps(steps),
-            angle,
-            tolerance,
-            **of_label,
-        )
+        numbers = scene, start, values, dynamic_steps(steps), angle, tolerance
+        value, slope, residual = _place(*numbers, own.name, event.label, names)
         if not float(residual) <= tolerance:
             raise ValueError(
                 f"Argument `event` must be found with {steps} steps per period, too, but Newton's method ended with "
@@ -221,7 +169,7 @@ def event_sensitivities(
     )
 
 
-@functools.partial(jit, static_argnames=("name", "names", "label"))
+@functools.partial(jit, static_argnums=(6, 7, 8))
 def _place(
     scene: Scene,
     start: PeriodicOrbit,
@@ -229,18 +177,16 @@ def _place(
     stepping: AbstractStepping,
     angle,
     tolerance,
-    *,
     name: str,
-    names: tuple[str, ...],
     label: str,
+    names: tuple[str, ...],
 ) -> tuple[Array, Array, Array]:
     """Returns an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
 
     # the value is the result that is differentiated, and comes with itself and the residual
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
-        orbit = _critical_orbit(
-            at_values(scene, names, values), start, stepping, angle, tolerance, name=name, label=label
-        )
+        at = at_values(scene, names, values)
+        orbit = _critical_orbit(at, start, stepping, angle, tolerance, name, label)
         return orbit.value, (orbit.value, orbit.residual)
 
     slope, (value, residual) = jax.jacfwd(place, has_aux=True)(values)
