@@ -11,9 +11,8 @@ import dataclasses
 import functools
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +26,7 @@ from ..solvers.adaptive import AdaptiveSteps
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
 from ..sweeps.plan import make_plan
-from ..tools.checks import require, whole
+from ..tools.checks import one_of, whole
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points
 
@@ -100,16 +99,6 @@ def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
     return of(np.min), of(np.median)
 
 
-class _Timing(NamedTuple):
-    """The runs of a point with one batch."""
-
-    point: Point
-    lanes: int
-    call: Callable[[], tuple[np.ndarray, np.ndarray]]
-    seconds: list[np.ndarray]
-    """Of the periods, for each timed run."""
-
-
 def measure(
     case: Case,
     methods: Iterable[Method],
@@ -129,32 +118,30 @@ def measure(
     """
     truth, _ = run(case, METHODS[0], float(reference_steps), batch_speeds(case, batches[0]))
     points: list[Point] = []
-    timings: list[_Timing] = []
+    # the runs of each point with each batch, and their seconds by periods
+    timings = []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
             # the reference must be finer than what it judges
             if not method.adaptive and setting > reference_steps / 2:
                 continue
-            own = []
-            for lanes in batches:
-                call = functools.partial(run, case, method, setting, batch_speeds(case, lanes))
-                own.append((lanes, call))
+            calls = [functools.partial(run, case, method, setting, batch_speeds(case, lanes)) for lanes in batches]
             # these first runs compile, too
-            states = [call()[0] for _, call in own]
+            states = [call()[0] for call in calls]
             error = float(np.median(errors(states[0], truth)))
             point = Point(case.name, method.name, method.label(case, value), error, {})
             print(f"{case.name}: {method.name}, {point.setting}: error {error:.1e}", file=sys.stderr)
             points.append(point)
-            timings += [_Timing(point, lanes, call, []) for lanes, call in own]
+            timings += [(point, lanes, call, []) for lanes, call in zip(batches, calls, strict=True)]
     # each round times every batch of every point once
     for _ in range(repeats):
-        for timing in timings:
+        for _, _, call, seconds in timings:
             # slow ones are repeated less often
-            if np.sum(timing.seconds) < 10.0:
-                timing.seconds.append(timing.call()[1])
-    for timing in timings:
-        timing.point.cost[timing.lanes] = cost_of(np.array(timing.seconds), timing.lanes)
+            if np.sum(seconds) < 10.0:
+                seconds.append(call()[1])
+    for point, lanes, _, seconds in timings:
+        point.cost[lanes] = cost_of(np.array(seconds), lanes)
     return points
 
 
@@ -184,18 +171,10 @@ def bench(
         repeats = repeats or 2
         options = dict(reference_steps=3200, settings=slice(0, 4))
     # names are checked before anything is measured
-    chosen = _named("cases", scenes, cases or scenes)
-    rows = _named("methods", all_methods, methods or all_methods)
+    chosen = [scenes[one_of("cases", name, tuple(scenes))] for name in cases or scenes]
+    rows = [all_methods[one_of("methods", name, tuple(all_methods))] for name in methods or all_methods]
     sizes = tuple(whole("batches", n, 1) for n in batches or (241, 1))
     repeats = whole("repeats", 5 if repeats is None else repeats, 1)
     for case in chosen:
         points = measure(case, rows, batches=sizes, repeats=repeats, **options)
         yield points + mbdyn_points(case.name)
-
-
-def _named(argument: str, rows: dict, names: Iterable[str]) -> list:
-    """Return the rows with some names."""
-    names = list(names)
-    for name in names:
-        require(name in rows, argument, f"be of {'; '.join(rows)}", name)
-    return [rows[name] for name in names]

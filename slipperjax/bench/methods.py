@@ -72,22 +72,13 @@ class Method(NamedTuple):
         return f"tolerance {value:.0e}" if self.adaptive else f"{self.setting(case, value):.0f} steps"
 
 
-def _adaptive(
-    name: str,
-    solver: diffrax.AbstractSolver,
-    memory: AbstractMemory,
-    *tolerances: float,
-) -> Method:
-    return Method(name, solver, memory, tolerances, adaptive=True)
-
-
 _SMOOTH = SmoothSwitch()
 _KVAERNO5 = with_root_finder(diffrax.Kvaerno5())
 METHODS = [
     Method("RK4", RK4(), quick=True),
     Method("ImpulseRK4", ImpulseRK4(), quick=True),
     Method("Tsit5", Tsit5()),
-    _adaptive("Tsit5, adaptive", Tsit5(), EventLatch(), 1e-3, 1e-4, 1e-5, 1e-6),
+    Method("Tsit5, adaptive", Tsit5(), EventLatch(), (1e-3, 1e-4, 1e-5, 1e-6), adaptive=True),
     Method("diffrax Dopri8", Latching(diffrax.Dopri8()), settings=(0.5, 1.0, 2.0, 4.0, 8.0)),
     Method("Rodas4", Rodas4()),
     Method("ROS34PW2", ROS34PW2(), quick=True),
@@ -95,10 +86,10 @@ METHODS = [
     Method("diffrax Kvaerno5", Latching(diffrax.Kvaerno5()), settings=(0.5, 1.0, 2.0)),
     Method("smooth: RK4", RK4(), _SMOOTH, quick=True),
     Method("smooth: ROS34PW2", ROS34PW2(), _SMOOTH),
-    _adaptive("smooth: diffrax Tsit5, adaptive", diffrax.Tsit5(), _SMOOTH, 1e-3, 1e-4, 1e-5, 1e-6),
+    Method("smooth: diffrax Tsit5, adaptive", diffrax.Tsit5(), _SMOOTH, (1e-3, 1e-4, 1e-5, 1e-6), adaptive=True),
     Method("smooth: diffrax Kvaerno3", with_root_finder(diffrax.Kvaerno3()), _SMOOTH, (0.5, 1.0, 2.0)),
     Method("smooth: diffrax Kvaerno5", _KVAERNO5, _SMOOTH, (0.5, 1.0, 2.0)),
-    _adaptive("smooth: diffrax Kvaerno5, adaptive", _KVAERNO5, _SMOOTH, 1e-3, 1e-4, 1e-5),
+    Method("smooth: diffrax Kvaerno5, adaptive", _KVAERNO5, _SMOOTH, (1e-3, 1e-4, 1e-5), adaptive=True),
     Method(
         "smooth: diffrax implicit Euler", with_root_finder(diffrax.ImplicitEuler()), _SMOOTH, (0.5, 1.0, 2.0, 4.0)
     ),

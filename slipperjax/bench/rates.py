@@ -109,15 +109,5 @@ def program(engine: str, lanes: int) -> functools.partial:
 
 def rows(rates: Sequence[Rate]) -> list[str]:
     """Return the rates as lines of a table in Markdown."""
-    table = []
-    for rate in rates:
-        speed = f"{rate.rate:.3g}"
-        table.append(
-            {
-                "device": rate.device,
-                "engine": rate.engine,
-                "batch": rate.batch,
-                "trajectory-periods per second": speed,
-            }
-        )
-    return table_lines(table)
+    heading = "device", "engine", "batch", "trajectory-periods per second"
+    return table_lines([dict(zip(heading, (*rate[:3], f"{rate.rate:.3g}"), strict=True)) for rate in rates])

@@ -65,19 +65,12 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
 
     Between points logarithms are interpolated; infinite where no point is that accurate.
     """
-    rows = []
-    for point in points:
-        if lanes in point.cost and np.isfinite(point.error):
-            rows.append((point.error, point.cost[lanes][0]))
-    rows.sort()
-    best = min((cost for e, cost in rows if e <= error), default=np.inf)
-    for (e0, c0), (e1, c1) in itertools.pairwise(rows):
-        # the curve crosses the error between these points
-        if e0 <= error < e1 and c1 < c0:
-            share = np.log(error / e0) / np.log(e1 / e0)
-            between = np.exp((1 - share) * np.log(c0) + share * np.log(c1))
-            best = min(best, float(between))
-    return best
+    rows = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
+    if not rows or rows[0][0] > error:
+        return np.inf
+    errors, costs = np.transpose(rows)
+    between = np.exp(np.interp(np.log(error), np.log(errors), np.log(costs)))
+    return float(min(between, *costs[errors <= error]))
 
 
 def table(points: list[Point]) -> str:
@@ -103,9 +96,9 @@ def table(points: list[Point]) -> str:
     return "\n".join([*table_lines(every), "", said, "", *table_lines(at_error)]) + "\n"
 
 
-def _batches(points: list[Point]) -> list[int]:
+def _batches(points: Iterable[Point]) -> list[int]:
     """Return the numbers of trajectories at once, the largest first."""
-    return sorted({n for point in points for n in point.cost}, reverse=True)
+    return sorted(set().union(*(point.cost for point in points)), reverse=True)
 
 
 def draw(
@@ -129,9 +122,8 @@ def draw(
     names = list(dict.fromkeys(p.method for p in points))
     if len(names) > len(LOOKS):
         names = [name for name in names if name in shown] or names[: len(LOOKS)]
-    # curves of `shown` keep their looks in every picture, the others take those that are left
-    own = dict(zip(shown, LOOKS, strict=False))
-    free = iter([look for name, look in own.items() if name not in names])
+    # curves of `shown` come first, so that they look alike in all pictures that have them
+    names = sorted(names, key=lambda name: list(shown).index(name) if name in shown else len(shown))
     # one panel, two columns for up to four, else three
     columns = 1 if len(scenes) < 2 else 2 if len(scenes) < 5 else 3
     rows = max(1, -(-len(scenes) // columns))
@@ -145,8 +137,7 @@ def draw(
         ax.grid(alpha=0.25, linewidth=0.4)
     # one line of each method for the legend
     lines = {}
-    for name in names:
-        color, style = own[name] if name in own else next(free)
+    for name, (color, style) in zip(names, LOOKS, strict=False):
         width = 3.2 if name == next(iter(shown)) else 1.3
         for ax, scene in zip(axes.flat, scenes, strict=False):
             own_points = [p for p in points if (p.case, p.method) == (scene, name)]
@@ -169,9 +160,9 @@ def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]
     """Return cost and error of the points that can be drawn on logarithmic axes, of one trajectory if need be."""
     drawn = []
     for point in points:
-        cost = point.cost.get(lanes, point.cost.get(1))
-        if cost is not None and 0 < point.error < np.inf:
-            drawn.append((cost[0], point.error))
+        cost, _ = point.cost.get(lanes, point.cost.get(1, (np.nan, np.nan)))
+        if cost > 0 and 0 < point.error < np.inf:
+            drawn.append((cost, point.error))
     # two columns also where nothing is drawn
     cost, error = np.array(drawn).reshape(-1, 2).T
     return cost, error

@@ -441,8 +441,8 @@ LINES = [
     (["reproduce", "3"], "`figures` must be one of 4"),
     (["reproduce", "5", "--fast"], "No such option '--fast'"),
     # bench
-    (["bench", "--scene", "paper"], "`cases` must be of nominal"),
-    (["bench", "--method", "RK5"], "`methods` must be of RK4"),
+    (["bench", "--scene", "paper"], "`cases` must be one of nominal"),
+    (["bench", "--method", "RK5"], "`methods` must be one of RK4"),
     (["bench", "--batch", "0"], "'--batch': 0 is not in the range x>=1"),
     # one number by two options
     (["simulate", "--speed", "800", "--set", "speed=900"], "--set must not give speed, which another option gives"),
