@@ -11,7 +11,6 @@ from .critical import CriticalMotion as CriticalMotion
 from .critical import continue_critical as continue_critical
 from .critical import critical_motion as critical_motion
 from .events import Event as Event
-from .floquet import floquet as floquet
 from .floquet import jacobians as jacobians
 from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..tools.checks import finite, number, numbers, real, require, whole
+from ..tools.checks import finite, number, numbers, positive, require, whole
 from .kinds import Regime
 
 MIN_TEST = 200
@@ -126,24 +126,22 @@ def classify(
     for name, value in (("tolerance", tolerance), ("floor", floor)):
         require(0 < number(finite, name, value) < 1, name, "be above 0 and below 1", value)
     cases = [_classified(states, most, tolerance, floor) for states in x.reshape(-1, *x.shape[-2:])]
-    columns = zip(*cases, strict=True)
-    return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in columns))
+    return Attractors(*(np.reshape(column, x.shape[:-2]) for column in zip(*cases, strict=True)))
 
 
 def _scaled(strobe, scales):
     """Returns checked states over their scales."""
     x = numbers("strobe", strobe).astype(float)
-    need = "be of shape (*cases, periods, states)"
-    require(x.ndim >= 2 and 0 not in x.shape, "strobe", need, shown=f"of shape {x.shape}")
-    require(x.shape[-2] >= 16, "strobe", "be of 16 periods or more", shown=f"of shape {x.shape}")
+    enough = x.ndim >= 2 and x.shape[-2] >= 16 and x.size
+    need = "be of shape (*cases, periods, states) with 16 periods or more"
+    require(enough, "strobe", need, shown=f"of shape {x.shape}")
     if scales is None:
         every = x.reshape(-1, x.shape[-1])
         scales = np.max(np.abs(every), axis=0, initial=0.0, where=np.isfinite(every))
         scales = np.where(scales < 1e-12, 1.0, scales)
-    scales = real("scales", numbers("scales", scales)).astype(float)
+    scales = positive("scales")(scales)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
-    require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
-    return x / scales
+    return x / np.asarray(scales)
 
 
 def _classified(states, most, tolerance, floor):
@@ -165,12 +163,12 @@ class _Case:
         self.floor = floor
         self.periods = len(states)
         self.quarter = self.periods // 4
-        self.extent = float(np.ptp(states[-self.quarter :], axis=0).max())
+        self.extent = np.ptp(states[-self.quarter :], axis=0).max()
         self.near = max(tolerance * self.extent, floor)
         """Distance that counts as none."""
         self.lags = range(1, min(most, self.quarter) + 1)
         self.residuals = recurrence(states, self.lags[-1])
-        self.at_end = {n: float(residual[-self.tail(n) :].max()) for n, residual in self.residuals.items()}
+        self.at_end = {n: residual[-self.tail(n) :].max() for n, residual in self.residuals.items()}
         self.best = min(self.lags, key=lambda n: self.at_end[n])
         self.k = self.chaos()
 

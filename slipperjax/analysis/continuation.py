@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..tools.checks import instance, require, shown_number, whole
-from .curves import Pace, Spot, Walk, bounds_of_unknowns, check_within, checked_bounds, correct, evaluated, passes
-from .events import Event, EventSearch, Node, Observe, as_node
+from .curves import Node, Pace, Walk, check_within, checked_bounds, correct, evaluated, passes
+from .events import Event, EventSearch, Observe, observed
 from .floquet import product
 from .newton import AbstractEquations
 from .shooting import PeriodicMotions
@@ -40,7 +40,7 @@ class Branch:
     @property
     def values(self) -> np.ndarray:
         """The last parameter, of shape (points,)."""
-        return np.array([node.spot.z[-1] for node in self.nodes])
+        return np.array([node.z[-1] for node in self.nodes])
 
     @property
     def stable(self) -> np.ndarray:
@@ -55,7 +55,7 @@ class Branch:
     def turned(self) -> "Branch":
         """Returns the branch the other way round."""
         # points keep their places, and tangents point the other way
-        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+        turn = lambda node: node._replace(tangent=-node.tangent)
         events = []
         for event in reversed(self.events):
             events.append(event._replace(node=turn(event.node), change=tuple(-c for c in event.change)))
@@ -63,13 +63,13 @@ class Branch:
         return Branch(self.equations, tuple(nodes), tuple(events), self.ends[::-1])
 
     def __repr__(self) -> str:
-        labels = ", ".join(f"{e.label} at {shown_number(e.node.spot.z[-1])}" for e in self.events)
+        labels = ", ".join(f"{e.label} at {shown_number(e.node.z[-1])}" for e in self.events)
         return f"Branch({len(self.nodes)} points; {labels})"
 
 
 def continue_motion(
     equations: PeriodicMotions,
-    start: Spot | tuple[Any, Any],
+    start: Node | tuple[Any, Any],
     bounds: tuple[float, float],
     *,
     ways: Sequence[int] = (1, -1),
@@ -95,23 +95,22 @@ def continue_motion(
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
     instance("equations", equations, PeriodicMotions, "slipperjax.analysis.PeriodicMotions")
-    pair = isinstance(start, Spot | tuple | list) and len(start) >= 2
+    pair = isinstance(start, tuple | list) and len(start) >= 2
     require(pair, "start", "be a state and the parameter's value there, or a point of a branch", start)
-    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], checked_bounds(bounds))
-    if not isinstance(start, Spot):
+    check_within("start", start.z[-1] if isinstance(start, Node) else start[1], checked_bounds(bounds))
+    if not isinstance(start, Node):
         z = equations.unknowns(*start)
         row = np.append(np.zeros(z.size - 1), 1.0)
         start = correct(equations, z, row, tolerance=tolerance, iterations=30)
     check_found("start", "a periodic motion", start, tolerance)
-    begin = begun(equations, as_node(start, observe), pace, ways)
+    begin = begun(equations, observed(start, observe), pace, ways)
     return extend(begin, bounds, tolerance=tolerance, pace=pace, observe=observe, **options)
 
 
-def check_found(name: str, sought: str, spot: Spot, tolerance: float) -> None:
+def check_found(name: str, sought: str, point: Node, tolerance: float) -> None:
     """Raises `ValueError` where Newton's method has not converged."""
-    ended = f"Newton's method ended with a residual of {shown_number(spot.residual)}"
-    if not spot.residual <= tolerance:
-        raise ValueError(f"Argument `{name}` must be near {sought}, but {ended}.")
+    ended = f"at a residual of {shown_number(point.residual)}, where Newton's method ended"
+    require(point.residual <= tolerance, name, f"be near {sought}", shown=ended)
 
 
 def begun(
@@ -147,48 +146,50 @@ def extend(
     """
     instance("branch", branch, Branch, "a slipperjax.analysis.Branch")
     points = whole("points", points, 1)
-    low, high = bounds_of_unknowns(branch.nodes[0].spot.z.size - len(bounds), *bounds)
-    search = EventSearch(branch.equations, observe, tolerance) if locate else None
+    free = [(-np.inf, np.inf)] * (branch.nodes[0].z.size - len(bounds))
+    low, high = np.transpose([*free, *map(checked_bounds, bounds)])
+    search = EventSearch(branch.equations, observe, tolerance)
     interrupted = False
     # ahead from the last point, then turned around and ahead once more
     for _ in range(2):
         end = branch.ends[1]
-        last = branch.nodes[-1].spot
+        last = branch.nodes[-1]
         wider = end.reason == "bound" and np.all((low < last.z) & (last.z < high))
         if not interrupted and (wider or end.reason in ("count", "event", "interrupted")):
             walk = Walk(branch.equations, last, low, high, pace, tolerance, end.step, smooth=locate)
-            branch = _extended(branch, walk, search, observe, points, until, on_point)
+            branch = _extended(branch, walk, search, points, until, on_point)
             interrupted = branch.ends[1].reason == "interrupted"
         branch = branch.turned()
     return branch
 
 
-def _extended(branch, walk, search, observe, most, until, on_point):
+def _extended(branch, walk, search, most, until, on_point):
     """Returns a branch with up to `most` further points at its end, and the events among them."""
     nodes = list(branch.nodes)
     events = list(branch.events)
     if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
         nodes[-1] = nodes[-1]._replace(label="")
-        events = [event for event in events if not (event.label == "EP" and event.low == walk.spot.z[-1])]
+        events.pop()
     limit = len(nodes) + most
     reason = ""
     try:
-        for spot in walk:
+        for point in walk:
             last = nodes[-1]
-            new = as_node(spot, observe)
-            between = search.between(last, new) if search else []
+            new = observed(point, search.observe)
+            between = search.between(last, new) if walk.smooth else []
             events.extend(between)
             nodes.extend(event.node for event in between)
             # the first points are near the start without a return to it
-            if len(nodes) > 3 and passes(nodes[0].spot, last.spot, spot):
-                reason = "closed"
-            else:
+            closed = len(nodes) > 3 and passes(nodes[0], last, new)
+            if not closed:
                 nodes.append(new)
             if on_point is not None:
                 on_point(new)
-            if not reason and any(event.label in until for event in between):
+            if closed:
+                reason = "closed"
+            elif any(event.label in until for event in between):
                 reason = "event"
-            if not reason and len(nodes) >= limit and not walk.ended:
+            elif len(nodes) >= limit and not walk.ended:
                 reason = "count"
             if reason:
                 break
@@ -197,7 +198,7 @@ def _extended(branch, walk, search, observe, most, until, on_point):
     reason = reason or walk.ended
     if reason in ("bound", "no convergence"):
         label = "EP" if reason == "bound" else "MX"
-        value = float(nodes[-1].spot.z[-1])
+        value = float(nodes[-1].z[-1])
         nodes[-1] = nodes[-1]._replace(label=label)
         events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", ""))
     back = branch.ends[0]
@@ -212,7 +213,7 @@ def switch(
     *,
     length: float = 0.05,
     tolerance: float = 1e-10,
-) -> tuple[Any, Spot]:
+) -> tuple[Any, Node]:
     """Returns the equations and first point of the branch that leaves at a flip or a branch point.
 
     **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
@@ -227,19 +228,19 @@ def switch(
     if event.label not in ("PD", "BP"):
         raise ValueError(f"Argument `event` must be a flip (PD) or a branch point (BP), but is {event.label}.")
     equations = branch.equations
-    spot = event.node.spot
+    point = event.node
     if event.label == "PD":
         equations = dataclasses.replace(equations, intervals=2 * equations.intervals)
         # along the eigenvector of the multiplier -1
-        values, vectors = np.linalg.eig(product(np.asarray(spot.matrices)))
+        values, vectors = np.linalg.eig(product(np.asarray(point.matrices)))
         direction = np.append(vectors[:, np.argmin(np.abs(values + 1))].real, 0.0)
     else:
-        direction = _across(equations, spot)
-    direction = direction / spot.length(direction)
+        direction = _across(equations, point)
+    direction = direction / point.length(direction)
     # nearer and nearer to the event until Newton's method finds the other branch
     while length > 1e-6:
-        guess = spot.z + length * direction
-        new = correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance)
+        guess = point.z + length * direction
+        new = correct(equations, guess, point.weights**2 * direction, point.z, tolerance=tolerance)
         if new.residual <= tolerance and new.length(new.z - guess) < 2 * length:
             # A doubled motion that recurs after half the intervals is one of the old branch. At a flip its halves
             # are twice as far apart as it is from the flip.
@@ -251,14 +252,14 @@ def switch(
     raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
 
 
-def _across(equations: AbstractEquations, spot: Spot) -> np.ndarray:
+def _across(equations: AbstractEquations, point: Node) -> np.ndarray:
     """Returns the direction of solutions at right angles to the tangent, in weighted components."""
-    rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(spot.z)))
+    rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(point.z)))
     # components without weight count as they are
     rows = np.where(rows > 0, rows, 1.0)
     columns = np.where(columns > 0, columns, 1.0)
-    scaled = rows[:, None] * evaluated(equations, spot.z).jacobian / columns
-    tangent = columns * spot.tangent
+    scaled = rows[:, None] * evaluated(equations, point.z).jacobian / columns
+    tangent = columns * point.tangent
     # of two null vectors of the Jacobian one at least is not along the tangent
     for direction in np.linalg.svd(scaled)[2][-2:]:
         across = direction - tangent * (tangent @ direction) / (tangent @ tangent)

@@ -23,10 +23,10 @@ from ..tools.checks import one_of
 from ..tools.compile import call_compiled, is_transformed
 from .continuation import Branch, begun, check_found, extend
 from .curves import Pace, check_within, checked_bounds, correct
-from .events import as_node, resonance
+from .events import observed, resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, newton, without_derivatives
-from .shooting import PeriodicMotions
+from .shooting import PeriodicMotions, Shot
 
 CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
@@ -149,16 +149,12 @@ class CriticalMotions(AbstractEquations):
         return real + 1j * imaginary
 
 
-class CriticalMotion(eqx.Module):
-    """A periodic motion with a critical multiplier, and the parameter's value at which it has it."""
+class CriticalMotion(Shot):
+    """A periodic motion with a critical multiplier; `residual` is that of the extended equations."""
 
-    state: Any
     value: Float[Array, ""]
+    """The parameter's value at which it has it."""
     multiplier: Array
-    residual: Float[Array, ""]
-    """Greatest weighted residual of the extended equations."""
-    iterations: Any
-    matrices: Float[Array, "intervals size size"]
 
 
 def critical_motion(
@@ -187,14 +183,9 @@ def critical_motion(
     angles = [angle] if CRITICAL_MULTIPLIERS[label] is None else []
     z = motions.unknowns(state, value, *angles)
     limits = jnp.asarray(tolerance, float), jnp.asarray(max_iterations)
-    z, residual, count, matrices, mu = call_compiled(
-        _critical,
-        motions,
-        (label, is_transformed()),
-        z,
-        limits,
-    )
-    return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
+    static = label, is_transformed()
+    z, residual, count, matrices, mu = call_compiled(_critical, motions, static, z, limits)
+    return CriticalMotion(motions.state(z), residual, count, matrices, motions.values(z)[0], mu)
 
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
@@ -291,7 +282,7 @@ def continue_critical(
         # the distance from there at which the curve ends.
         pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
         limits.append(tuple(pair))
-    begin = begun(equations.update(first.z, first.null_vectors), as_node(first, None), pace)
+    begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace)
     curve = extend(begin, *limits, tolerance=tolerance, pace=pace, locate=False, **options)
     if not angles:
         return curve
@@ -299,9 +290,9 @@ def continue_critical(
     for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
         # a pair became real where the curve ends within the bounds of the parameters
         first, second = bounds
-        a, b = node.spot.z[size : size + 2]
+        a, b = node.z[size : size + 2]
         inside = first[0] < a < first[1] and second[0] < b < second[1]
-        near_to = resonance(node.spot.z[-1])
+        near_to = resonance(node.z[-1])
         if inside and near_to and end.reason in ("bound", "no convergence"):
             end = end._replace(reason=f"strong resonance {near_to}")
         ends.append(end)

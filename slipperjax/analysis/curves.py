@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from ..tools.checks import require, shown_number
 from ..tools.compile import as_argument, call_compiled
-from .floquet import solve
+from .floquet import CONSERVED, is_conservative, solve
 from .newton import AbstractEquations, Linearisation, newton
 
 LEAST_TURN = 0.9
@@ -43,8 +43,23 @@ class _OnPlane(AbstractEquations):
         return self.equations.project(z, before, residual[:-1])
 
 
-class Spot(NamedTuple):
-    """A point of a curve, as far as Newton's method came, with the tangent there."""
+class Observation(NamedTuple):
+    """A user's view of a point, by which grazings are detected."""
+
+    counts: tuple[int, ...] = ()
+    """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
+    grazing."""
+    margins: tuple[float, ...] = ()
+    """Distance of the orbit from such a change, for each kind: zero there, and continuous in its neighbourhood."""
+    data: Any = None
+    """Anything else to keep."""
+
+
+class Node(NamedTuple):
+    """A point of a curve, as far as Newton's method came, with the tangent there.
+
+    A branch of motions adds what follows the null vectors, see `slipperjax.analysis.events.observed`.
+    """
 
     z: Float[Array | np.ndarray, " more"]
     tangent: Float[Array | np.ndarray, " more"]
@@ -57,6 +72,13 @@ class Spot(NamedTuple):
     matrices: Any = None
     """As `null_vectors`, those of the `Linearisation` there."""
     null_vectors: Any = None
+    multipliers: Any = None
+    """The largest modulus first, of shape (size,)."""
+    errors: Any = 0.0
+    """Of the multipliers by rounding, see `rounding_errors`."""
+    view: Observation = Observation()
+    label: str = ""
+    """Of the event that it is, empty for others."""
 
     @property
     def row(self) -> Float[Array | np.ndarray, " more"]:
@@ -67,6 +89,29 @@ class Spot(NamedTuple):
         """Returns the weighted length of a difference of unknowns."""
         return float(np.linalg.norm(self.weights * way))
 
+    @property
+    def conserved(self) -> bool:
+        """Whether the map is conservative here, so that multipliers on the unit circle are neutral."""
+        return bool(is_conservative(self.multipliers))
+
+    def margins(self, conserved: bool) -> Any:
+        """Returns the distances from the unit circle within which multipliers are neutral."""
+        return np.maximum(self.errors, CONSERVED * conserved)
+
+    @property
+    def outside(self) -> int:
+        """Number of multipliers outside the unit circle, without neutral ones."""
+        return self.beyond(self.conserved)
+
+    def beyond(self, conserved: bool, sign: int = 0) -> int:
+        """Returns the number of multipliers outside the unit circle, without neutral ones.
+
+        **Arguments:** `sign`: 1 or -1 for the real ones beyond that number only.
+        """
+        mu = self.multipliers
+        sizes = np.where(mu.imag == 0, sign * mu.real, 0.0) if sign else np.abs(mu)
+        return int(np.sum(sizes > 1 + self.margins(conserved)))
+
 
 def correct(
     equations: AbstractEquations,
@@ -76,7 +121,7 @@ def correct(
     *,
     tolerance: float,
     iterations: int = 8,
-) -> Spot:
+) -> Node:
     """Returns the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
 
     **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
@@ -85,7 +130,7 @@ def correct(
     """
     arrays = (jnp.asarray(a) for a in (z, row, z if near is None else near))
     limits = as_argument(tolerance), jnp.asarray(np.asarray(iterations))
-    return jax.device_get(call_compiled(_correct, equations, (), *arrays, limits))
+    return Node(*jax.device_get(call_compiled(_correct, equations, (), *arrays, limits)))
 
 
 def _correct(
@@ -95,7 +140,8 @@ def _correct(
     row: Array,
     near: Array,
     limits: tuple,
-) -> Spot:
+) -> tuple:
+    """Returns the numbers of a `Node`."""
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
     # the guess must be consistent before the first iteration
@@ -106,15 +152,7 @@ def _correct(
     tangent = solve(now.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
     weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
-    return Spot(
-        root.z,
-        tangent,
-        weights,
-        root.residual,
-        root.iterations,
-        now.matrices,
-        now.null_vectors,
-    )
+    return root.z, tangent, weights, root.residual, root.iterations, now.matrices, now.null_vectors
 
 
 def evaluated(equations: AbstractEquations, z: Any) -> Linearisation:
@@ -135,107 +173,96 @@ class Pace:
     most: float = 0.1
 
 
+@dataclass
 class Walk:
-    """Walk along a curve, point by point, with steps that adapt.
+    """Walk along a curve, point by point, with steps that adapt."""
 
-    `spot` is its last point, `step` what is to be tried next, and `ended` says why there is no next point: "bound" or
-    "no convergence"; it is empty while there may be one.
-    """
+    equations: AbstractEquations
+    last: Node
+    """Where the walk is, its tangent pointing ahead."""
+    low: np.ndarray
+    """Bounds of all unknowns, infinite where there are none, of shape (more,)."""
+    high: np.ndarray
+    pace: Pace
+    tolerance: float
+    step: float
+    """What is to be tried next."""
+    smooth: bool = True
+    """False for equations whose derivatives are rough, so that the last chord tells more of the curve's direction
+    than the tangent."""
+    ended: str = ""
+    """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
 
-    def __init__(
-        self,
-        equations: AbstractEquations,
-        start: Spot,
-        low: np.ndarray,
-        high: np.ndarray,
-        pace: Pace,
-        tolerance: float,
-        step: float,
-        smooth: bool = True,
-    ):
-        """**Arguments:** `start`: where the way begins, its tangent pointing ahead; `low`, `high`: bounds of all
-        unknowns, infinite where there are none, of shape (more,); `step`: the first; `smooth`: False for equations
-        whose derivatives are rough, so that the last chord tells more of the curve's direction than the tangent."""
-        self.equations = equations
-        self.spot = start
-        self.low = low
-        self.high = high
-        self.pace = pace
-        self.tolerance = tolerance
-        self.step = step
-        self.smooth = smooth
-        self.ended = ""
-
-    def __iter__(self) -> Iterator[Spot]:
+    def __iter__(self) -> Iterator[Node]:
         """Yields the next points until the walk has ended. The last one lies on the bound that it meets."""
         while not self.ended:
-            before = self.spot
+            before = self.last
             guess = before.z + self.step * before.tangent
-            spot = correct(self.equations, guess, before.row, before.z, tolerance=self.tolerance)
-            if not self._good(spot, guess):
+            point = correct(self.equations, guess, before.row, before.z, tolerance=self.tolerance)
+            if not self._good(point, guess):
                 self.step /= 2
                 if self.step < self.pace.least:
                     self.ended = "no convergence"
                 continue
             # longer steps where Newton's method was fast, shorter ones where it was slow
-            if spot.iterations <= 3:
+            if point.iterations <= 3:
                 self.step = min(1.5 * self.step, self.pace.most)
-            elif spot.iterations >= 5:
+            elif point.iterations >= 5:
                 self.step = max(self.step / 1.5, self.pace.least)
-            within = self._within(spot)
+            within = self._within(point)
             if within is not None:
                 if not self.smooth:
                     chord = within.z - before.z
                     within = within._replace(tangent=chord / within.length(chord))
-                self.spot = within
+                self.last = within
                 self.equations = self.equations.update(within.z, within.null_vectors)
                 yield within
 
-    def _within(self, spot: Spot) -> Spot | None:
+    def _within(self, point: Node) -> Node | None:
         """Returns a new point, or that on the bound for one beyond it; None where the walk ends before."""
-        beyond = (spot.z < self.low) | (spot.z > self.high)
+        beyond = (point.z < self.low) | (point.z > self.high)
         if not np.any(beyond):
-            return spot
+            return point
         self.ended = "bound"
-        on_bound = (self.spot.z == self.low) | (self.spot.z == self.high)
+        on_bound = (self.last.z == self.low) | (self.last.z == self.high)
         if np.any(beyond & on_bound):  # the step began on the bound
             return None
-        spot = self._at_bound(spot)
-        if spot.residual <= self.tolerance:
-            return spot
+        point = self._at_bound(point)
+        if point.residual <= self.tolerance:
+            return point
         self.ended = "no convergence"
         return None
 
-    def _good(self, spot: Spot, guess: np.ndarray) -> bool:
+    def _good(self, point: Node, guess: np.ndarray) -> bool:
         """Tells whether a corrected point is the next one of the curve, and not one of another part of it."""
-        if not spot.residual <= self.tolerance:
+        if not point.residual <= self.tolerance:
             return False
-        strayed = spot.length(spot.z - guess)
+        strayed = point.length(point.z - guess)
         if self.step < 2 * self.pace.least:
             # a curve may have corners, but no gaps
             return strayed < 10 * self.step
         near = strayed < 0.5 * self.step
         if not self.smooth:
             return near
-        chord = spot.weights * (spot.z - self.spot.z)
-        mean = spot.weights * (spot.tangent + self.spot.tangent)
+        chord = point.weights * (point.z - self.last.z)
+        mean = point.weights * (point.tangent + self.last.tangent)
         # On a circle a step has the direction of the mean of the tangents at its ends. It has not where it ends on a
         # branch point, whose tangent is undetermined.
         arched = chord @ mean > 0.995 * np.linalg.norm(chord) * np.linalg.norm(mean)
-        return bool(spot.row @ self.spot.tangent > LEAST_TURN and near and arched)
+        return bool(point.row @ self.last.tangent > LEAST_TURN and near and arched)
 
-    def _at_bound(self, beyond: Spot) -> Spot:
+    def _at_bound(self, beyond: Node) -> Node:
         """Returns the curve's point on the first bound before a point beyond; look at its `residual`."""
         edges = np.clip(beyond.z, self.low, self.high)
-        chord = beyond.z - self.spot.z
+        chord = beyond.z - self.last.z
         with np.errstate(divide="ignore", invalid="ignore"):
             # the part of the chord after which each bound is met
-            shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
+            shares = np.where(edges == beyond.z, np.inf, (edges - self.last.z) / chord)
         k = int(np.argmin(shares))  # the bound that is met first
         # the plane of that bound
         row = np.zeros_like(beyond.z)
         row[k] = np.sign(chord[k])
-        guess = self.spot.z + shares[k] * chord
+        guess = self.last.z + shares[k] * chord
         guess[k] = edges[k]
         return correct(self.equations, guess, row, beyond.z, tolerance=self.tolerance)
 
@@ -257,16 +284,7 @@ def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
     require(inside, name, f"lie within the bounds {low} and {high}", shown=shown_number(value))
 
 
-def bounds_of_unknowns(size: int, *bounds: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Returns lower and upper bounds of all unknowns: those of parameters, checked, after `size` without bounds."""
-    low = np.full(size + len(bounds), -np.inf)
-    high = -low
-    for k, pair in enumerate(bounds):
-        low[size + k], high[size + k] = checked_bounds(pair)
-    return low, high
-
-
-def passes(start: Spot, one: Spot, other: Spot) -> bool:
+def passes(start: Node, one: Node, other: Node) -> bool:
     """Tells whether a curve comes back to its start between two points: to within a tenth of their distance."""
     chord = other.weights * (other.z - one.z)
     offset = other.weights * (start.z - one.z)

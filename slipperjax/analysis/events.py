@@ -1,15 +1,14 @@
 """Events between two points of a branch of periodic motions, detected by multipliers and located."""
 
+import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex
 
-from .curves import Spot, correct, evaluated
-from .floquet import CONSERVED, is_conservative, multipliers, rounding_errors
-from .newton import AbstractEquations, weighted_size
+from .curves import Node, Observation, correct
+from .floquet import CONSERVED, multipliers, rounding_errors
+from .newton import AbstractEquations
 
 MEANINGS = {
     "LP": "fold: a multiplier +1 where the branch turns back",
@@ -37,61 +36,7 @@ def resonance(angle: float) -> str:
     return name if abs(angle - strong[name]) <= 0.05 else ""
 
 
-class Observation(NamedTuple):
-    """A user's view of a point, by which grazings are detected."""
-
-    counts: tuple[int, ...] = ()
-    """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
-    grazing."""
-    margins: tuple[float, ...] = ()
-    """Distance of the orbit from such a change, for each kind: zero there, and continuous in its neighbourhood."""
-    data: Any = None
-    """Anything else to keep."""
-
-
-Observe = Callable[[Spot], Observation]
-
-
-class Node(NamedTuple):
-    """A point of a branch with its multipliers and the user's view of it."""
-
-    spot: Spot
-    multipliers: Complex[np.ndarray, " size"]
-    """The largest modulus first."""
-    view: Observation
-    label: str = ""
-    """Of the event that it is, empty for others."""
-    errors: Any = 0.0
-    """Of the multipliers by rounding, see `rounding_errors`."""
-
-    @property
-    def conserved(self) -> bool:
-        """Whether the map is conservative here, so that multipliers on the unit circle are neutral."""
-        return bool(is_conservative(self.multipliers))
-
-    @property
-    def margins(self) -> np.ndarray:
-        """Distances from the unit circle within which multipliers are neutral, where this point is seen alone."""
-        return np.maximum(self.errors, margin(self.conserved))
-
-    @property
-    def outside(self) -> int:
-        """Number of multipliers outside the unit circle, without neutral ones."""
-        return self.beyond(self.conserved)
-
-    def beyond(self, conserved: bool, sign: int = 0) -> int:
-        """Returns the number of multipliers outside the unit circle, without neutral ones.
-
-        **Arguments:** `sign`: 1 or -1 for the real ones beyond that number only.
-        """
-        mu = self.multipliers
-        sizes = np.where(mu.imag == 0, sign * mu.real, 0.0) if sign else np.abs(mu)
-        return int(np.sum(sizes > 1 + np.maximum(self.errors, margin(conserved))))
-
-
-def margin(conserved: bool) -> float:
-    """Returns the distance from the unit circle within which multipliers are neutral, rounding apart."""
-    return CONSERVED if conserved else 0.0
+Observe = Callable[[Node], Observation]
 
 
 class Event(NamedTuple):
@@ -111,11 +56,11 @@ class Event(NamedTuple):
     """Changes of `Observation.counts` at a grazing, in the direction of the branch."""
 
 
-def as_node(spot: Spot, observe: Observe | None) -> Node:
-    """Returns a node with the multipliers and the observation of a point."""
-    view = Observation() if observe is None else observe(spot)
-    mu = np.asarray(multipliers(np.asarray(spot.matrices)))
-    return Node(spot, mu, view, errors=rounding_errors(mu, spot.matrices))
+def observed(node: Node, observe: Observe | None) -> Node:
+    """Returns a point of a branch with its multipliers and the user's view of it."""
+    mu = np.asarray(multipliers(np.asarray(node.matrices)))
+    view = Observation() if observe is None else observe(node)
+    return node._replace(multipliers=mu, errors=rounding_errors(mu, node.matrices), view=view)
 
 
 def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
@@ -127,7 +72,7 @@ def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
     """
     above, below, outside = (abs(one.beyond(conserved, s) - other.beyond(conserved, s)) for s in (1, -1, 0))
     # the parameter turns back between both points
-    turns = int(one.spot.tangent[-1] * other.spot.tangent[-1] < 0)
+    turns = int(one.tangent[-1] * other.tangent[-1] < 0)
     labels = [] if one.view.counts == other.view.counts else ["GR"]
     labels += ["LP"] * turns + ["BP"] * (above % 2 != turns) + ["PD"] * (below % 2)
     # two multipliers make a pair; one that is left counts as one
@@ -135,10 +80,6 @@ def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
     flips = min(below // 2, pairs)
     folds = min(above // 2, pairs - flips)
     return labels + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
-
-
-class _Lost(Exception):
-    """There is no point of the branch between two of its points."""
 
 
 class EventSearch(NamedTuple):
@@ -164,14 +105,14 @@ class EventSearch(NamedTuple):
 
         None where none is found nearby.
         """
-        chord = b.spot.z - a.spot.z
-        near = a.spot if share < 0.5 else b.spot
-        guess = a.spot.z + share * chord
+        chord = b.z - a.z
+        near = a if share < 0.5 else b
+        guess = a.z + share * chord
         row = near.weights**2 * chord
         # near events a residual well below the tolerance is aimed at
-        spot = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * 1e-3)
-        found = spot.residual <= self.tolerance and spot.length(spot.z - guess) <= spot.length(chord)
-        return as_node(spot, self.observe) if found else None
+        node = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * 1e-3)
+        found = node.residual <= self.tolerance and node.length(node.z - guess) <= node.length(chord)
+        return observed(node, self.observe) if found else None
 
     def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
         """Locates the events between a and b: halves the step until each is alone.
@@ -197,61 +138,49 @@ class EventSearch(NamedTuple):
             return [self.inseparable(labels, a, b, width)]
         return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
 
-    def bracketed(
-        self, test: Callable[[Node], float], a: Node, b: Node, xtol: float
-    ) -> tuple[dict[float, Node], float | None]:
+    def narrowed(self, test: Callable[[Node], float], a: Node, b: Node) -> tuple[Node, Node, Node, float]:
         """Looks for a zero of `test` between a and b by Brent's method.
 
-        **Returns:** the points on the way, by their share of it, and the zero's share, None where it is not found.
+        **Returns:** the points next to it on either side, the one nearest to it, and the share of the step that lies
+        between the first two.
         """
         from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
 
         nodes = {0.0: a, 1.0: b}
 
+        # Brent's method may ask for a point twice, and ends with an error where there is none
         def value(share: float) -> float:
-            # Brent's method may ask for a point twice
-            if share not in nodes:
-                node = self.at(share, a, b)
-                if node is None:
-                    raise _Lost
-                nodes[share] = node
-            return test(nodes[share])
+            node = nodes[share] if share in nodes else self.at(share, a, b)
+            if node is None:
+                return np.nan
+            nodes[share] = node
+            return test(node)
 
-        try:
+        root: Any = None
+        with contextlib.suppress(ValueError):
             # where the test jumps, the bracket may still be wide at the end
-            options: dict[str, Any] = dict(
-                xtol=xtol,
-                rtol=1e-14,
-                maxiter=60,
-                full_output=True,
-                disp=False,
-            )
-            root = cast(float, brentq(value, 0.0, 1.0, **options)[0])
-            for share in (root, max(root - self.bracket, 0.0), min(root + self.bracket, 1.0)):
-                value(share)
-        except (_Lost, ValueError):
-            return nodes, None
-        return nodes, root
+            root = brentq(value, 0.0, 1.0, xtol=self.narrowest / 100, rtol=1e-14, maxiter=60, disp=False)
+            value(max(root - self.bracket, 0.0))
+            value(min(root + self.bracket, 1.0))
+        tests = {share: test(node) for share, node in nodes.items()}
+        if root is None:
+            root = min(tests, key=lambda share: abs(tests[share]))
+        low = max((s for s in tests if tests[s] * tests[0.0] > 0 and s <= root), default=0.0)
+        high = min((s for s in tests if tests[s] * tests[1.0] > 0 and s >= root), default=1.0)
+        return nodes[low], nodes[high], nodes[root], high - low
 
     def located(self, label: str, a: Node, b: Node) -> Event:
         """Locates a fold, flip or Neimark-Sacker by the sign of its test function."""
-        test = self.test(label, a, b)
-        nodes, root = self.bracketed(test, a, b, self.narrowest / 100)
-        if root is None:
-            root = min(nodes, key=lambda share: abs(test(nodes[share])))
-        # the points next to the event on either side of it
-        positive = {share: test(node) > 0 for share, node in nodes.items()}
-        low = max((s for s in nodes if positive[s] == positive[0.0] and s <= root), default=0.0)
-        high = min((s for s in nodes if positive[s] == positive[1.0] and s >= root), default=1.0)
-        values = [float(nodes[share].spot.z[-1]) for share in (low, high, root)]
-        critical = _critical(label, nodes[root], self.index(a, b))
+        low, high, nearest, width = self.narrowed(self.test(label, a, b), a, b)
+        values = [float(node.z[-1]) for node in (low, high, nearest)]
+        critical = _critical(label, nearest, self.index(a, b))
         on_circle = complex(np.exp(1j * np.angle(critical)))
         expected = {"LP": 1.0, "PD": -1.0, "NS": on_circle}[label]
-        near = abs(critical - expected) < CRITICAL_DISTANCE + margin(self.conserved)
-        converged = high - low <= 4 * self.bracket and near and (label != "NS" or critical.imag != 0)
-        node = nodes[root]._replace(label=label)
+        near = abs(critical - expected) < CRITICAL_DISTANCE + CONSERVED * self.conserved
+        converged = width <= 4 * self.bracket and near and (label != "NS" or critical.imag != 0)
         near_to = resonance(np.angle(critical)) if label == "NS" else ""
         note = f"near the strong resonance {near_to}: a torus need not branch off" if near_to else ""
+        node = nearest._replace(label=label)
         return Event(label, node, min(values), max(values), critical, bool(converged), note)
 
     def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
@@ -277,32 +206,16 @@ class EventSearch(NamedTuple):
                 break
         else:
             return None
-        unknowns = np.array([node.spot.z for node in nodes])
-        tangents = np.array([node.spot.tangent for node in nodes])
+        unknowns = np.array([node.z for node in nodes])
         z = _polynomials(tests, unknowns)[0]
-        tangent = _polynomials(tests, tangents)[0]
-        # the point there without Newton's method
-        now = evaluated(self.equations, z)
-        size = np.asarray(weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0]))
-        spot = nodes[len(nodes) // 2].spot._replace(
-            z=z,
-            tangent=tangent,
-            residual=size,
-            matrices=now.matrices,
-        )
-        node = as_node(spot, self.observe)._replace(label="BP")
+        tangent = _polynomials(tests, np.array([node.tangent for node in nodes]))[0]
+        # the point there without Newton's method, which leaves the direction undetermined
+        node = correct(self.equations, z, tangent, tolerance=self.tolerance, iterations=0)
+        node = observed(node._replace(tangent=tangent, label="BP"), self.observe)
         # the error is the difference from a polynomial through fewer points
-        fewer = _polynomials(tests[1:-1], unknowns[1:-1])[0]
-        error = float(abs(z[-1] - fewer[-1]))
-        return Event(
-            "BP",
-            node,
-            float(z[-1] - error),
-            float(z[-1] + error),
-            _critical("BP", node, index),
-            True,
-            "",
-        )
+        error = float(abs(z[-1] - _polynomials(tests[1:-1], unknowns[1:-1])[0][-1]))
+        value = float(z[-1])
+        return Event("BP", node, value - error, value + error, _critical("BP", node, index), True, "")
 
     def grazing(self, a: Node, b: Node) -> Event | None:
         """Locates a single grazing; None where there are several, or other events near it."""
@@ -312,19 +225,14 @@ class EventSearch(NamedTuple):
         def test(node: Node) -> float:
             counts = node.view.counts
             if counts not in (before, after) and changes(a, node, self.conserved):
-                raise _Lost
+                return np.nan
             # the margin has no sign: that is whether the counts are still those of a
             return (1.0 if counts == before else -1.0) * min(node.view.margins[k] for k in kinds)
 
-        nodes, root = self.bracketed(test, a, b, self.narrowest)
-        if root is None:
+        low, high, _, width = self.narrowed(test, a, b)
+        if width > 4 * self.bracket or changes(low, high, self.conserved) != ["GR"]:
             return None
-        # the nearest points before and behind the change
-        low = max(share for share, node in nodes.items() if test(node) > 0)
-        high = min(share for share, node in nodes.items() if test(node) < 0)
-        if high - low > 4 * self.bracket or changes(nodes[low], nodes[high], self.conserved) != ["GR"]:
-            return None
-        return self.inseparable(["GR"], nodes[low], nodes[high], self.narrowest)
+        return self.inseparable(["GR"], low, high, self.narrowest)
 
     def index(self, a: Node, b: Node) -> int:
         """Returns the place of the critical multiplier among those sorted by their moduli, which are continuous."""
@@ -333,11 +241,11 @@ class EventSearch(NamedTuple):
     def test(self, label: str, a: Node, b: Node) -> Callable[[Node], float]:
         """Returns a continuous function of a point that is zero at the event."""
         if label == "LP":
-            return lambda node: float(node.spot.tangent[-1] * node.spot.weights[-1])
+            return lambda node: float(node.tangent[-1] * node.weights[-1])
         if label == "BP":  # which is smooth where a pair meets at +1, too
             return lambda node: float(np.prod(node.multipliers - 1).real)
         index = self.index(a, b)
-        return lambda node: float(np.abs(node.multipliers[index]) - 1 - margin(self.conserved))
+        return lambda node: float(np.abs(node.multipliers[index]) - 1 - CONSERVED * self.conserved)
 
     def inseparable(self, labels: list[str], a: Node, b: Node, width: float) -> Event:
         """Returns one event for several, or for a grazing, that no further point of the branch separates."""
@@ -350,7 +258,7 @@ class EventSearch(NamedTuple):
         alone = width <= self.narrowest
         if not alone:
             notes.append(f"{width:.1g} of a step could not be divided")
-        low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
+        low, high = sorted((float(a.z[-1]), float(b.z[-1])))
         critical = complex(np.nan) if label == "GR" else _critical(label, a, self.index(a, b))
         change = tuple(n - m for m, n in zip(a.view.counts, b.view.counts, strict=True))
         return Event(
@@ -367,8 +275,8 @@ class EventSearch(NamedTuple):
 
 def _along(node: Node, a: Node, b: Node) -> bool:
     """Tells whether a point lies on the branch from a to b, and not on one that crosses it."""
-    chord = a.spot.weights * (b.spot.z - a.spot.z)
-    cosine = abs(chord @ (node.spot.weights * node.spot.tangent)) / np.linalg.norm(chord)
+    chord = a.weights * (b.z - a.z)
+    cosine = abs(chord @ (node.weights * node.tangent)) / np.linalg.norm(chord)
     return bool(cosine > 0.95)
 
 

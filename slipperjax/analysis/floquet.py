@@ -10,10 +10,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..tools.checks import finite, numbers, whole
-from ..tools.compile import call_compiled, is_traced
+from ..tools.checks import numbers
+from ..tools.compile import is_traced
 from ..tools.one_kernel import in_one_kernel
-from .lyapunov import Step, check_functions, check_state
+from .lyapunov import Step
 
 
 def solve(
@@ -190,26 +190,3 @@ def largest_exponent(matrices: Any, period: int) -> float:
     """
     largest = multipliers(numbers("matrices", matrices, 3)[:period])[0]
     return float(np.log(np.abs(largest)) / period)
-
-
-def floquet(
-    step: Step,
-    state: Any,
-    *,
-    index: Any = 0.0,
-    intervals: int = 1,
-) -> Complex[Array | np.ndarray, " size"]:
-    """Returns Floquet multipliers of a motion that recurs after some intervals of `step`, the largest modulus first.
-
-    The logarithms of their moduli, divided by `intervals`, are the exponents per interval.
-
-    **Raises:** `ValueError` that names the argument which is wrong.
-    """
-    check_functions(step, None)
-    state = check_state(state)
-    static = (whole("intervals", intervals, 1),)
-    return multipliers(call_compiled(_jacobians, step, static, state, finite("index")(index)))
-
-
-def _jacobians(step, static, state, index):
-    return jacobians(step, state, *static, index=index)

@@ -101,34 +101,28 @@ class LyapunovSpectrum(eqx.Module):
         return kaplan_yorke(self.per_period)
 
 
-def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
-    """Gives the weights of all components in one array; None if all are one."""
+def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"]:
+    """Gives the weights of all components in one array; by default all are one."""
     if scale is None:
-        return None
-    full = jax.tree.map(
-        lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape),
-        state,
-        scale(state),
-    )
-    return ravel_pytree(full)[0]
+        return jnp.ones_like(ravel_pytree(state)[0])
+    full = lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape)
+    return ravel_pytree(jax.tree.map(full, state, scale(state)))[0]
 
 
 def fixed_directions(
     seed: int,
     count: int,
     size: int,
-    weights: Array | None,
+    weights: Array,
 ) -> Float[Array, "count size"]:
     """Makes random directions, the same in every run; their parts in components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
-    if weights is None:
-        return normal
     return jnp.where(weights > 0, 1 / jnp.where(weights > 0, weights, 1.0), 0.0)[None] * normal
 
 
 def gram_schmidt(
     rows: Array,
-    weights: Array | None,
+    weights: Array,
 ) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
     """Makes rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
 
@@ -139,7 +133,7 @@ def gram_schmidt(
     # squares below count as zero
     tiny = jnp.finfo(rows.dtype).tiny
     # scalar products are those of the weighted components
-    dual = (lambda a: a) if weights is None else (lambda a: weights[None] ** 2 * a)
+    dual = lambda a: weights[None] ** 2 * a
     spare = fixed_directions(1, count, size, weights)
     basis, logs = [], []
     # each row beside its spare direction, which replaces it where it vanishes
@@ -153,18 +147,8 @@ def gram_schmidt(
         square, spare_square = jnp.sum(dual(pair) * pair, axis=1)
         vanished, spare_vanished = square <= tiny, ~(spare_square > tiny)
         length = jnp.sqrt(jnp.where(jnp.isfinite(square), jnp.maximum(square, tiny), jnp.nan))
-        fresh = jnp.where(
-            spare_vanished,
-            0.0,
-            pair[1]
-            / jnp.sqrt(
-                jnp.where(
-                    spare_vanished,
-                    1.0,
-                    spare_square,
-                )
-            ),
-        )
+        spare_length = jnp.sqrt(jnp.where(spare_vanished, 1.0, spare_square))
+        fresh = jnp.where(spare_vanished, 0.0, pair[1] / spare_length)
         basis.append(jnp.where(vanished, fresh, pair[0] / length))
         logs.append(jnp.log(length))
     return jnp.stack(basis), jnp.stack(logs)
@@ -219,11 +203,7 @@ def push_tangents(
 
     def interval(carry, k):
         state, tangents = carry
-        state, tangents = jax.vmap(push, in_axes=(None, 0, None), out_axes=(None, 0))(
-            state,
-            tangents,
-            k,
-        )
+        state, tangents = jax.vmap(push, in_axes=(None, 0, None), out_axes=(None, 0))(state, tangents, k)
         tangents, logs = orthonormalise(tangents, state, scale)
         return (state, tangents), logs
 
@@ -280,26 +260,13 @@ def map_spectrum(
     index = finite("index")(index)
     periods = positive("periods")(periods)
     period = positive("period", "s")(period)
-    functions = (step, scale)
+    functions = step, scale
     # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
     fixed = transient if is_traced((step, state)) else None
-    state, tangents = call_compiled(
-        _begin,
-        functions,
-        (count, transient > 0, fixed),
-        state,
-        index,
-        transient,
-    )
-    lengths = (align, align + intervals)
-    state, tangents, history = call_compiled(
-        _run,
-        functions,
-        lengths,
-        state,
-        tangents,
-        index + transient,
-    )
+    settings = count, transient > 0, fixed
+    state, tangents = call_compiled(_begin, functions, settings, state, index, transient)
+    lengths = align, align + intervals
+    state, tangents, history = call_compiled(_run, functions, lengths, state, tangents, index + transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
@@ -380,20 +347,19 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
     measured +1e-9, and 0 for -1e-9.
     """
-    falling = -np.sort(-numbers("exponents", exponents, 1), axis=-1)
-    sums = np.cumsum(falling, axis=-1)
-    # the greatest number of exponents whose sum is not negative
-    whole_part = np.sum(sums >= 0, axis=-1, keepdims=True)
-    surplus = np.take_along_axis(
-        np.concatenate([0 * sums[..., :1], sums], axis=-1),
-        whole_part,
-        axis=-1,
-    )
-    # the exponent after these, infinite where there is none
-    following = np.append(-falling, np.full_like(falling[..., :1], np.inf), axis=-1)
-    following = np.take_along_axis(following, whole_part, axis=-1)
-    dimension = whole_part + surplus / np.where(following > 0, following, np.inf)
-    return np.where(np.isnan(falling).any(axis=-1), np.nan, dimension[..., 0])
+
+    def dimension(spectrum):
+        falling = np.sort(spectrum)[::-1]
+        sums = np.cumsum(falling)
+        # the greatest number of exponents whose sum is not negative
+        count = np.sum(sums >= 0)
+        if np.isnan(sums[-1]):
+            return np.nan
+        if count in (0, len(sums)):
+            return float(count)
+        return count - sums[count - 1] / falling[count]
+
+    return np.apply_along_axis(dimension, -1, numbers("exponents", exponents, 1))
 
 
 def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
@@ -427,11 +393,8 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
     history = numbers("history", history, 2)
     if history.shape[-2] < 8:
         return np.full(history.shape[:-2] + history.shape[-1:], np.nan)
-    length = max(1, history.shape[-2] // 100)
-    n = history.shape[-2] // length
-    # what does not fill a block is left out at the start
-    used = history[..., history.shape[-2] - n * length :, :]
-    means = used.reshape(*history.shape[:-2], n, length, history.shape[-1]).mean(axis=-2)
+    n = history.shape[-2] // max(1, history.shape[-2] // 100)
+    means = _means_of_parts(history, n)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         x = means - means.mean(axis=-2, keepdims=True)
         top = min(int(10 * np.log10(n)), n // 4)

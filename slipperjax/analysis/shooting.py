@@ -72,14 +72,7 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(
-        _shoot,
-        (step, scale, consistent),
-        static,
-        state,
-        index,
-        as_argument(tolerance),
-    )
+    return call_compiled(_shoot, (step, scale, consistent), static, state, index, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, index, tolerance):
@@ -123,13 +116,8 @@ def minimal_period(
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    return call_compiled(
-        _residuals,
-        (step, scale),
-        (count,),
-        check_state(state),
-        finite("index")(index),
-    )
+    state = check_state(state)
+    return call_compiled(_residuals, (step, scale), (count,), state, finite("index")(index))
 
 
 def _residuals(functions, static, state, index):
@@ -137,7 +125,6 @@ def _residuals(functions, static, state, index):
     (intervals,) = static
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)
-    weights = jnp.ones(flat.size) if weights is None else weights
 
     # the state after each interval, and how far it is from the start
     def interval(s, k):
@@ -221,8 +208,7 @@ class PeriodicMotions(AbstractEquations):
         return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 
     def weights(self, z: Array) -> tuple[Array, Array]:
-        weights = weights_of(self.state(z), self.scale)
-        of_state = jnp.ones(self.size) if weights is None else weights
+        of_state = weights_of(self.state(z), self.scale)
         return of_state, jnp.concatenate([of_state / self.lengths, 1 / jnp.atleast_1d(self.reach)])
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.continuation import Branch, End, continue_motion, extend, switch
-from ..analysis.curves import Pace, Spot, check_within, checked_bounds, correct
-from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, Node, Observation, as_node
+from ..analysis.curves import Node, Observation, Pace, check_within, checked_bounds, correct
+from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
@@ -231,9 +231,9 @@ class OrbitBranch(OrbitPoints):
         **Raises:** `ValueError` for other events, or where no orbit is found off this branch.
         """
         # at a flip the equations are of twice the period
-        equations, spot = switch(self.branch, _analysed(event, self.branch.nodes))
+        equations, first = switch(self.branch, _analysed(event, self.branch.nodes))
         run = dataclasses.replace(_Run.of(self, bounds), equations=equations)
-        return run.follow(functools.partial(continue_motion, ways=(1,)), equations, spot, **options)
+        return run.follow(functools.partial(continue_motion, ways=(1,)), equations, first, **options)
 
     @property
     def branch(self) -> Branch:
@@ -247,8 +247,8 @@ class OrbitBranch(OrbitPoints):
         # the tolerance is met at once, so that the points stay what they are
         for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
             weights = np.asarray(run.equations.weights(jnp.asarray(unknowns))[1])
-            spot = correct(run.equations, unknowns, weights**2 * tangent, tolerance=1.0)
-            nodes.append(as_node(spot, run.observe)._replace(label=str(label)))
+            node = correct(run.equations, unknowns, weights**2 * tangent, tolerance=1.0)
+            nodes.append(observed(node, run.observe)._replace(label=str(label)))
         events = tuple(_analysed(event, nodes) for event in self.events)
         first, last = map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist())
         branch = Branch(run.equations, tuple(nodes), events, (first, last))
@@ -303,7 +303,7 @@ class _Run:
         run = cls.new(scene, varied, tuple(call["bounds"]), *settings, initial_state(scene, start))
         return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(varied, bounds))
 
-    def observe(self, spot: Spot) -> Observation:
+    def observe(self, node: Node) -> Observation:
         """Observes the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
@@ -314,7 +314,7 @@ class _Run:
             _samples,
             equations,
             (records,),
-            jnp.asarray(spot.z),
+            jnp.asarray(node.z),
         )
         # records are finished for a batch of cases, here of one
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
@@ -349,7 +349,7 @@ class _Run:
             *start,
             self.bounds,
             observe=self.observe,
-            on_point=lambda node: count(node.spot.z[-1]),
+            on_point=lambda node: count(node.z[-1]),
             tolerance=self.tolerance,
             # 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
             pace=Pace(most=0.3),
@@ -363,11 +363,11 @@ class _Run:
         nodes = branch.nodes
         scene = self.scene
         views: list[OrbitView] = [node.view.data for node in nodes]
-        multipliers = np.array([node.multipliers for node in nodes])
         critical = np.array([node.label in ("LP", "PD", "NS", "BP") for node in nodes])
-        near = np.array([np.broadcast_to(node.margins, node.multipliers.shape) for node in nodes])
+        near = np.array([node.margins(node.conserved) for node in nodes])
         # at a bifurcation rounding decides on which side the critical multiplier lies
         near[critical] = np.maximum(near[critical], CRITICAL_DISTANCE)
+        multipliers = np.array([node.multipliers for node in nodes])
         outside = np.sum(np.abs(multipliers) > 1 + near, axis=1)
         call = {
             "function": "continue_orbit",
@@ -378,27 +378,17 @@ class _Run:
             "solver": self.solver,
             "tolerance": self.tolerance,
         }
-        # points of the curve without what belongs to branches alone
-        spots = [node.spot for node in nodes]
-        ds, states = orbits_dataset(
-            spots,
-            branch.equations,
-            scene,
-            [self.varied],
-            multipliers,
-            outside,
-            call,
-        )
+        ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], outside, call)
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
         signatures = [view.signature for view in views]
         data = {
             "tangent": along(
-                [spot.tangent for spot in spots],
+                [node.tangent for node in nodes],
                 "direction of the branch",
                 "number_and_parameter",
             ),
             "stable": along((outside == 0) & ~critical, "whether no multiplier lies outside the unit circle"),
-            "iterations": along([spot.iterations for spot in spots], "iterations of Newton's method"),
+            "iterations": along([node.iterations for node in nodes], "iterations of Newton's method"),
             "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
             "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),
             "slowest_touchdown": along(
@@ -437,11 +427,10 @@ def along(values: Any, text: str, *dims: str, unit: str = "1") -> tuple:
 
 
 def orbits_dataset(
-    spots: Sequence[Spot],
+    nodes: Sequence[Node],
     motions: PeriodicMotions,
     scene: Scene,
     varied: Sequence[Parameter],
-    multipliers: np.ndarray,
     outside: Any,
     call: dict[str, Any],
 ) -> tuple[Any, State]:
@@ -451,7 +440,8 @@ def orbits_dataset(
     """
     import xarray as xr
 
-    z = np.array([spot.z for spot in spots])
+    z = np.array([node.z for node in nodes])
+    multipliers = np.array([node.multipliers for node in nodes])
     size = motions.size
     names = [quantity.name for quantity in varied]
     # the unknowns are the numbers of the state, then the parameters
@@ -465,7 +455,7 @@ def orbits_dataset(
             "multiplier",
         ),
         "outside": along(outside, "multipliers outside the unit circle, without critical ones"),
-        "residual": along([float(spot.residual) for spot in spots], "scaled residual"),
+        "residual": along([float(node.residual) for node in nodes], "scaled residual"),
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
     # the first orbit stands for the start of a run
@@ -477,11 +467,11 @@ def orbits_dataset(
 def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
     """Returns the variables of the table of events."""
     # by identity: a bound and a grazing may share a value
-    index = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
+    index = {id(node.z): k for k, node in enumerate(branch.nodes)}
     names = contact_names(scene)
     rows = []
     for event in branch.events:
-        z = event.node.spot.z
+        z = event.node.z
         opening = event.node.view.data.grazing.opening
         notes = []
         # touchdowns that a grazing changes, in the direction of the branch

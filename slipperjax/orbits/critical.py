@@ -329,20 +329,11 @@ def continue_event(
             # 1 is the whole range of a parameter
             pace=Pace(least=1e-4, most=0.2),
             points=points,
-            on_point=lambda node: count(node.spot.z[motions.size]),
+            on_point=lambda node: count(node.z[motions.size]),
         )
-    mu = np.array([node.multipliers for node in curve.nodes])
-    outside = [_outside(row, event.label) for row in mu]
+    outside = [_outside(node.multipliers, event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
-    ds, _ = orbits_dataset(
-        [node.spot for node in curve.nodes],
-        motions,
-        scene,
-        (own, other),
-        mu,
-        outside,
-        call,
-    )
+    ds, _ = orbits_dataset(curve.nodes, motions, scene, (own, other), outside, call)
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 

@@ -253,12 +253,12 @@ def labels(branch):
 
 
 def where(event):
-    return float(event.node.spot.z[-1])
+    return float(event.node.z[-1])
 
 
 def column(nodes, place):
     """One of the unknowns at nodes of a branch."""
-    return np.array([node.spot.z[place] for node in nodes])
+    return np.array([node.z[place] for node in nodes])
 
 
 def only(branch, label):

@@ -208,7 +208,7 @@ def test_zero_one_test():
     ("call", "message"),
     [
         (lambda x: classify(x[:, 0]), "`strobe` must be of shape"),
-        (lambda x: classify(x[:15]), "`strobe` must be of 16 periods or more"),
+        (lambda x: classify(x[:15]), "`strobe` must be of shape .* with 16 periods or more"),
         (lambda x: classify(x, scales=[1.0, 2.0, 3.0]), "`scales` must be of shape"),
         (lambda x: classify(x, scales=[1.0, 0.0]), "`scales` must be positive"),
         (lambda x: classify(x, max_period=0), "`max_period` must be a whole number of 1 or more, but is 0"),

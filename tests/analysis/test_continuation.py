@@ -186,7 +186,7 @@ def test_duffings_response_curve_and_folds():
     assert labels(branch) == ["EP", "LP", "LP", "EP"]
     assert {node.outside for node in branch.nodes if not node.label} == {0, 1}
     for event in branch.events[1:3]:
-        guess, w = harmonics(event.node.spot.z), where(event)
+        guess, w = harmonics(event.node.z), where(event)
         null = np.linalg.svd(balance(guess, w)[1])[2][-1]
         exact = root(at_fold, np.concatenate([[w], guess, null]), tol=1e-13)
         assert np.abs(exact.fun).max() < 1e-11
@@ -196,7 +196,7 @@ def test_duffings_response_curve_and_folds():
     # the amplitude, and the state at t = 0, all along the curve
     sizes = []
     for node in branch.nodes[::8]:
-        z = node.spot.z
+        z = node.z
         both = root(balance, harmonics(z), (z[2],), jac=True, tol=1e-13).x
         state = [both[:ORDER].sum(), z[2] * (HARMONICS * both[ORDER:]).sum()]
         np.testing.assert_allclose(z[:2], state, rtol=0, atol=1e-6)  # measured: 4e-7
@@ -226,15 +226,15 @@ def test_duffings_flip_and_its_doubled_branch():
     assert abs(where(doubled.events[1]) - where(doubled.events[3])) < 1e-8  # measured: 1e-14
     step = jax.jit(lambda s, force: well(force)(s, 0.0))
     for node in (node for node in doubled.nodes[::4] if node.label != "BP"):
-        start, force = node.spot.z[:2], node.spot.z[-1]
+        start, force = node.z[:2], node.z[-1]
         once = np.asarray(step(start, force))
         np.testing.assert_allclose(step(once, force), start, rtol=0, atol=1e-8)  # measured: 3e-11
         assert np.abs(once - start).max() > 5e-3
     # where the doubled motion is stable, a simulation finds it
-    node = next(node for node in doubled.nodes if value + 0.008 < node.spot.z[-1] < 0.286 and node.outside == 0)
-    state = settled(well(node.spot.z[-1]), [0.5, 0.3], 400)
-    pair = np.stack([state, step(state, node.spot.z[-1])])
-    assert np.abs(pair - node.spot.z[:2]).max(axis=1).min() < 1e-8  # measured: 3e-15
+    node = next(node for node in doubled.nodes if value + 0.008 < node.z[-1] < 0.286 and node.outside == 0)
+    state = settled(well(node.z[-1]), [0.5, 0.3], 400)
+    pair = np.stack([state, step(state, node.z[-1])])
+    assert np.abs(pair - node.z[:2]).max(axis=1).min() < 1e-8  # measured: 3e-15
 
 
 NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie within the bounds 3 and 4, but is"
@@ -243,8 +243,8 @@ NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie withi
 @pytest.mark.parametrize(
     ("family", "start", "bounds", "options", "words"),
     [
-        (NOTHING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but Newton's method ended with a residual of"),
-        (BURSTING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but .* residual of inf"),
+        (NOTHING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of [0-9]"),
+        (BURSTING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of inf"),
         (LOGISTIC, ([np.nan], 2.0), (1, 3), {}, NEAR),
         (LOGISTIC, ([0.6], 2.5), (3, 4), {}, f"{WITHIN} 2.5"),
         (LOGISTIC, ([0.6], np.nan), (3, 4), {}, f"{WITHIN} nan"),
@@ -266,7 +266,7 @@ def test_an_interruption_returns_what_was_found():
 
     def stop(node):
         seen.append(node)
-        if node.spot.z[-1] > 3.2:
+        if node.z[-1] > 3.2:
             raise KeyboardInterrupt
 
     branch = follow(LOGISTIC, [0.6], 2.5, (0.5, 3.9), on_point=stop)
@@ -299,4 +299,4 @@ def test_ends_by_count_on_bounds_and_at_the_start():
     on_bound = follow(LOGISTIC, [0.6], 2.5, (2.5, 2.9))
     assert on_bound.ended == ("bound", "bound")
     assert on_bound.values.max() == pytest.approx(2.9, abs=1e-12)
-    assert labels(continue_motion(branch.equations, branch.nodes[3].spot, (2.0, 2.9))) == ["EP", "EP"]
+    assert labels(continue_motion(branch.equations, branch.nodes[3], (2.0, 2.9))) == ["EP", "EP"]

@@ -96,9 +96,9 @@ def test_duffings_flip_and_its_derivative_by_differences():
     well = Well(jnp.asarray(0.3))
     branch = continue_motion(motions(well, 2), (settled(well(0.25), [1.0, 0.0], 60), 0.25), (0.24, 0.28))
     (event,) = [event for event in branch.events if event.label == "PD"]
-    start = jnp.asarray(event.node.spot.z[:2])
+    start = jnp.asarray(event.node.z[:2])
     value = lambda damping: critical_motion(motions(Well(damping), 2), "PD", start, 0.266, tolerance=1e-12).value
-    assert abs(float(value(jnp.asarray(0.3))) - event.node.spot.z[2]) < 1e-9  # measured: 1e-15
+    assert abs(float(value(jnp.asarray(0.3))) - event.node.z[2]) < 1e-9  # measured: 1e-15
     differences = (float(value(jnp.asarray(0.3 + 1e-4))) - float(value(jnp.asarray(0.3 - 1e-4)))) / 2e-4
     slope = float(jax.grad(value)(jnp.asarray(0.3)))
     assert abs(slope / differences - 1) < 1e-6  # measured: 1e-8

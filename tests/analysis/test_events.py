@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
-from slipperjax.analysis.curves import Pace, Spot
-from slipperjax.analysis.events import EventSearch, Node, Observation
+from slipperjax.analysis.curves import Node, Observation, Pace
+from slipperjax.analysis.events import EventSearch
 from slipperjax.analysis.floquet import rounding_errors
 
 from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
@@ -65,8 +65,8 @@ def stopped(frequency, gap, upto, stop=np.inf, restitution=0.0):
     """A branch of an oscillator with a stop, and the force at which it grazes; it begins at six tenths of it."""
     family = Forces(Stopped(*map(jnp.asarray, (0.1, frequency, 1.0, gap, stop, restitution))))
 
-    def observe(spot):
-        touches, margin = _touches(family, jnp.asarray(spot.z))
+    def observe(node):
+        touches, margin = _touches(family, jnp.asarray(node.z))
         return Observation((int(touches),), (float(margin),))
 
     grazing = gap * abs(1 - frequency**2 + 0.2j * frequency)
@@ -87,7 +87,7 @@ def test_a_grazing_is_located():
     assert abs(where(event) - grazing) < 1e-8  # measured: 7e-13
     for node in branch.nodes:
         if not node.label:
-            assert node.view.counts == (int(node.spot.z[-1] > grazing),)
+            assert node.view.counts == (int(node.z[-1] > grazing),)
 
     # the flip behind it, from the instants and speeds at the stop
     def flipping(unknowns):
@@ -122,8 +122,8 @@ def kinked(below, above):
     return Kinked(jnp.asarray(below), jnp.asarray(above))
 
 
-def sides(spot):
-    return Observation((int(spot.z[0] > 0),), (abs(float(spot.z[0])),))
+def sides(node):
+    return Observation((int(node.z[0] > 0),), (abs(float(node.z[0])),))
 
 
 @pytest.mark.parametrize("above", [-0.8, -1.5])
@@ -134,7 +134,7 @@ def test_a_corner_is_passed_and_located(above):
     event = only(branch, "GR")
     assert abs(where(event)) < 1e-8  # measured: 4e-12
     assert ("multipliers jump from -0.5+0j to -1.5+0j" in event.note) == over
-    assert abs(branch.nodes[-1].spot.z[0] - 0.6 / (1 - above)) < 1e-9
+    assert abs(branch.nodes[-1].z[0] - 0.6 / (1 - above)) < 1e-9
     # without an observation the jump of the multiplier over -1 is found, and not taken for a flip
     unseen = follow(family, [-1 / 3], -0.5, (-0.6, 0.6))
     assert [(event.label, event.converged) for event in unseen.events[1:-1]] == [("PD", False)] * over
@@ -168,9 +168,9 @@ def test_a_branch_does_not_pass_gaps(family, state):
 COUNTED = Polynomial.of({(1, 0): 0.01005 - 1, (1, 1): -1.0})
 
 
-def thresholds(spot):
+def thresholds(node):
     """Two kinds of events that change near a flip at 0.01005, one of them twice."""
-    p, places = float(spot.z[-1]), np.array([0.01, 0.0101, 0.0102])
+    p, places = float(node.z[-1]), np.array([0.01, 0.0101, 0.0102])
     gaps = np.abs(p - places)
     return Observation((int(p > places[0]) + int(p > places[2]), int(p > places[1])), (gaps[::2].min(), gaps[1]))
 
@@ -190,8 +190,9 @@ def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
 
     class Jumping(EventSearch):
         def at(self, share, a, b):
-            spot = Spot(np.array([0.0, share]), np.array([0.0, 1.0]), np.ones(2), np.array(0.0), np.array(1), None)
-            return Node(spot, np.array([1 - 1e-8 if share < 0.3 else 2.0], complex), Observation())
+            multipliers = np.array([1 - 1e-8 if share < 0.3 else 2.0], complex)
+            unknowns, tangent = np.array([0.0, share]), np.array([0.0, 1.0])
+            return Node(unknowns, tangent, np.ones(2), 0.0, 1, multipliers=multipliers)
 
     search = Jumping(motions(twin), None, 1e-10)
     found = search.located("NS", search.at(0.0, None, None), search.at(1.0, None, None))

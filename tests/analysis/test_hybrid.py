@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis.floquet import floquet, jacobians, multipliers
+from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.analysis.hybrid import impact_step, return_step, share_before
 from slipperjax.analysis.shooting import shoot
 
@@ -61,7 +61,7 @@ def test_an_orbit_with_an_impact_contracts_areas_by_damping_and_restitution():
     touches = int(EXACT.followed(orbit.state)[1])
     assert touches == 1
     area = RESTITUTION ** (2 * touches) * np.exp(-2 * DAMPING * PERIOD)
-    found = floquet(stopped(), orbit.state)
+    found = multipliers(jacobians(stopped(), orbit.state, 1))
     np.testing.assert_allclose(np.prod(found), area, rtol=2e-9)  # measured 1e-10
 
 
@@ -72,7 +72,7 @@ def test_returns_to_a_section_are_those_of_a_focus():
     factor = np.exp(-decay * 2 * np.pi / turn)
     ends = jax.jit(jax.vmap(lambda x: step(jnp.stack([x, 0 * x]), 0.0)))(jnp.array([0.5, 2.0]))
     np.testing.assert_allclose(ends, np.array([[0.5, 0.0], [2.0, 0.0]]) * factor, atol=3e-8)  # measured 7e-9, of RK4
-    found = floquet(step, jnp.array([0.0, 0.0]) + jnp.array([1e-3, 0.0]))
+    found = multipliers(jacobians(step, jnp.array([1e-3, 0.0]), 1))
     np.testing.assert_allclose(found, [factor, 0.0], atol=2e-8)  # measured 4e-9
     lost = return_step(field, lambda t, s: -s[1], dt=0.01, most=100)  # a turn takes 209 steps
     assert np.all(np.isnan(lost(jnp.array([1.0, 0.0]), 0.0)))
@@ -279,7 +279,7 @@ def test_the_page_s_oscillator_doubles_its_period_where_the_closed_form_does():
     names = {}
     exec(page.split("```python\n")[1].split("```")[0], names)
     (flip,) = [event for event in names["branch"].events if event.label == "PD"]
-    x, v, frequency = flip.node.spot.z
+    x, v, frequency = flip.node.z
     assert abs(frequency - 2.3583) < 1e-4
     exact = Stopped(*map(jnp.asarray, (DAMPING, frequency, 1.0, GAP, np.inf, RESTITUTION)))
     orbit = shoot(lambda s, k: exact(s, k), jnp.array([x, v]))

@@ -119,12 +119,12 @@ def logistic() -> Iterator[Number]:
     flips = []
     while len(flips) < 4:
         flip = next(event for event in branch.events if event.label == "PD")
-        flips.append(flip.node.spot.z[-1])
+        flips.append(flip.node.z[-1])
         branch = continue_motion(*switch(branch, flip), (2.4, 3.7), ways=(1,), points=40)
     cascade = ", ".join(f"flip of period {2**k} at r" for k in range(4))
     yield from compared("logistic map", PATRA, cascade, "3 3.4495 3.5441 3.5644", flips)
     branch = continue_motion(motions(3), (jnp.array([0.5]), 3.84), (3.82, 3.85))
-    fold = next(event for event in branch.events if event.label == "LP").node.spot.z
+    fold = next(event for event in branch.events if event.label == "LP").node.z
     yield from compared("logistic map", PATRA, "fold of period 3 at r", "3.8284", fold[-1])
     step = family(fold[-1])
     cycle = sorted(float(x) for x in itertools.accumulate(range(2), step, initial=fold[0]))
@@ -253,7 +253,7 @@ def reaction() -> Iterator[Number]:
 
     motions = PeriodicMotions(lambda p: ode_step(field, dt=0.02, steps=20, args=p), jnp.zeros(2), 1.0)
     branch = continue_motion(motions, (jnp.zeros(2), 0.01), (0.005, 0.15))
-    found = [(event.label, event.node.spot.z[-1]) for event in branch.events if event.label != "EP"]
+    found = [(event.label, event.node.z[-1]) for event in branch.events if event.label != "EP"]
     (_, one), (_, two), (_, hopf) = found
     note = "found to 2e-7 by AUTO's tolerances"
     yield from compared("A -> B reaction", AUTO, "p1 at fold 1, p1 at fold 2", "1.057390e-1 8.893185e-2", [one, two])

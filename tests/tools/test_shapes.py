@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 import slipperjax as sj
-from slipperjax.analysis.floquet import floquet, largest_exponent, multipliers
+from slipperjax.analysis.floquet import jacobians, largest_exponent, multipliers
 from slipperjax.tools.batching import Batched
 
 
@@ -27,5 +27,5 @@ def test_a_wrong_shape_put_in_by_hand_is_found():
         sj.contact_duration(batched)  # functions take one case, batches need Batched.map
     each = Batched.of(batched, scene).map(sj.contact_duration)
     assert each.shape == (2,)
-    assert floquet(lambda s, k: 0.5 * s, jnp.ones(2)).tolist() == [0.5, 0.5]
+    assert multipliers(jacobians(lambda s, k: 0.5 * s, jnp.ones(2), 1)).tolist() == [0.5, 0.5]
     assert largest_exponent([0.5 * np.eye(2)] * 2, 2) == pytest.approx(np.log(0.5))
