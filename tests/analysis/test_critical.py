@@ -1,18 +1,16 @@
 """Folds, flips and Neimark-Sackers by extended equations: closed forms, derivatives, curves in two parameters."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
 from slipperjax.analysis.curves import Pace
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import PeriodicMotions
 
-from .systems import HENON_AT, Fixed, Polynomial, Well, column, delayed, henon, motions, settled
+from .systems import HENON_AT, Fixed, Polynomial, column, delayed, henon, motions
 
 START = {"LP": -0.3, "PD": 0.3}
 CRITICAL = {"LP": 1.0, "PD": -1.0}
@@ -90,20 +88,6 @@ def test_a_flip_of_a_longer_period():
     assert abs(float(slope) - r / (0.5 - r / 2)) < 1e-9  # measured: 4e-16
 
 
-@pytest.mark.slow
-def test_duffings_flip_and_its_derivative_by_differences():
-    """The branch's event and the extended equations are two ways to one flip."""
-    well = Well(jnp.asarray(0.3))
-    branch = continue_motion(motions(well, 2), (settled(well(0.25), [1.0, 0.0], 60), 0.25), (0.24, 0.28))
-    (event,) = [event for event in branch.events if event.label == "PD"]
-    start = jnp.asarray(event.node.z[:2])
-    value = lambda damping: critical_motion(motions(Well(damping), 2), "PD", start, 0.266, tolerance=1e-12).value
-    assert abs(float(value(jnp.asarray(0.3))) - event.node.z[2]) < 1e-9  # measured: 1e-15
-    differences = (float(value(jnp.asarray(0.3 + 1e-4))) - float(value(jnp.asarray(0.3 - 1e-4)))) / 2e-4
-    slope = float(jax.grad(value)(jnp.asarray(0.3)))
-    assert abs(slope / differences - 1) < 1e-6  # measured: 1e-8
-
-
 def test_where_there_is_none_the_residual_says_so():
     straight = motions(Polynomial.of({(1, 0): 0.5, (0, 1): 1.0}), 1)  # its multiplier is 1/2
     found = critical_motion(straight, "PD", jnp.array([0.1]), 0.2)
@@ -143,27 +127,11 @@ def test_a_curve_of_neimark_sackers():
     np.testing.assert_allclose(sorted(c[[0, -1]]), [-0.5, 0.9], rtol=0, atol=1e-9)
 
 
-def test_a_curve_of_neimark_sackers_ends_at_a_strong_resonance():
-    """At c = 3 both multipliers are -1, where pairs end and the extended equations are singular."""
-    found = curve("NS", 0.25, (4.5, 2.5), ((3.0, 8.0), (1.0, 6.0)), delayed, angle=2.4)
-    r, c, angle = (column(found.nodes, k) for k in (2, 3, 4))
-    np.testing.assert_allclose(r, 2 + c, rtol=0, atol=1e-6)  # measured: 5e-8, at the end, where it is ill-conditioned
-    assert found.ended == ("bound", "strong resonance 1:2")
-    assert abs(c[-1] - 3) < 1e-5  # measured: 6e-7
-    assert abs(angle[-1] - np.pi) < 1e-2  # measured: 8e-4
-
-
 def test_a_curve_of_neimark_sackers_does_not_go_on_as_one_of_folds_or_flips():
     """In a generalised Hénon map b is the product of both multipliers."""
     family = lambda a, b: lambda s, k: jnp.stack([s[1], a - b * s[0] - s[1] ** 2])
     x = np.sqrt(2) - 1
-    found = continue_critical(
-        CriticalMotions.of(PeriodicMotions(family, jnp.zeros(2), jnp.ones(2)), "NS"),
-        jnp.array([x, x]),
-        (1.0, 1.0),
-        ((-2.0, 5.0), (0.0, 2.0)),
-        angle=np.arccos(-x),
-    )
+    found = curve("NS", x, (1.0, 1.0), ((-2.0, 5.0), (0.0, 2.0)), family, angle=np.arccos(-x))
     assert found.ended == ("strong resonance 1:1", "strong resonance 1:2")
     a, b, angle = (column(found.nodes, k) for k in (2, 3, 4))
     np.testing.assert_allclose(b, 1.0, rtol=0, atol=1e-8)  # measured: 4e-10
@@ -171,39 +139,15 @@ def test_a_curve_of_neimark_sackers_does_not_go_on_as_one_of_folds_or_flips():
     np.testing.assert_allclose(a[[0, -1]], [-1.0, 3.0], rtol=0, atol=1e-5)  # measured: 2e-6
 
 
-class Conic(eqx.Module):
-    """(x - place)^2 + b^2 - square for one of the state or the parameter a as x."""
-
-    of_state: jax.Array
-    place: jax.Array
-    square: jax.Array
-
-    def __call__(self, state, a, b):
-        return jnp.where(self.of_state, state[0] - self.place, (a - self.place) ** 2 + b**2 - self.square)
-
-
-def conditioned(of_state, place, square, unit, values, bounds):
-    condition = Conic(jnp.asarray(of_state), jnp.asarray(place), jnp.asarray(square))
-    equations = ConditionedMotions(plane(henon), condition, jnp.asarray(unit))
-    found = continue_critical(equations, jnp.array([0.5, 0.5]), values, bounds)
-    return found, *(column(found.nodes, k) for k in (0, 2, 3))
-
-
 def test_a_curve_of_motions_with_a_condition():
     """Fixed points of Hénon's map x = y = 0.4 lie on a line: a = 0.4^2 + 0.4 (1 - b)."""
-    found, x, a, b = conditioned(True, 0.4, 0.0, 1.0, (0.5, 0.1), ((-1.0, 1.0), (-0.8, 0.8)))
+    equations = ConditionedMotions(plane(henon), lambda state, a, b: state[0] - 0.4, 1.0)
+    found = continue_critical(equations, jnp.array([0.5, 0.5]), (0.5, 0.1), ((-1.0, 1.0), (-0.8, 0.8)))
+    x, a, b = (column(found.nodes, k) for k in (0, 2, 3))
     np.testing.assert_allclose(a, 0.16 + 0.4 * (1 - b), rtol=0, atol=1e-9)  # measured: 3e-16
     np.testing.assert_allclose(x, 0.4, rtol=0, atol=1e-9)
     assert found.ended == ("bound", "bound")
     np.testing.assert_allclose(sorted(b[[0, -1]]), [-0.8, 0.8], rtol=0, atol=1e-12)
-
-
-def test_a_closed_curve_of_motions_with_a_condition():
-    found, _, a, b = conditioned(False, 0.5, 0.16, 0.1, (0.9, 0.1), ((0.0, 1.0), (-0.8, 0.8)))
-    np.testing.assert_allclose((a - 0.5) ** 2 + b**2, 0.16, rtol=0, atol=1e-9)  # measured: 3e-12
-    assert found.ended == ("", "closed")
-    angles = np.unwrap(np.arctan2(b, a - 0.5))
-    assert 1.8 * np.pi < abs(angles[-1] - angles[0]) < 2.2 * np.pi
 
 
 @pytest.mark.parametrize("low", [-0.1, -0.09])
@@ -231,16 +175,3 @@ def test_wrong_arguments_are_named(state, bounds, words):
     equations = CriticalMotions.of(plane(henon), "LP")
     with pytest.raises(ValueError, match=words):
         continue_critical(equations, jnp.asarray(state), (-0.1, 0.3), bounds)
-
-
-def test_an_interruption_returns_what_was_found():
-    seen = []
-
-    def stop(node):
-        seen.append(node)
-        if len(seen) == 4:
-            raise KeyboardInterrupt
-
-    found = curve("LP", -0.3, (-0.1, 0.3), (WIDE, WIDE), on_point=stop)
-    assert found.ended == ("count", "interrupted")
-    assert len(found.nodes) == 5

@@ -8,11 +8,23 @@ import pytest
 from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
-from slipperjax.analysis.curves import Node, Observation, Pace
-from slipperjax.analysis.events import EventSearch
+from slipperjax.analysis.curves import Observation, Pace
 from slipperjax.analysis.floquet import rounding_errors
 
-from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
+from .systems import (
+    HENON_AT,
+    Fixed,
+    Polynomial,
+    Stopped,
+    delayed,
+    follow,
+    henon,
+    labels,
+    motions,
+    one_touch,
+    only,
+    where,
+)
 
 
 def coupled(p):
@@ -26,23 +38,79 @@ def coupled(p):
     return step
 
 
-def test_events_within_one_step_are_separated():
-    branch = follow(coupled, [0.0] * 5, -0.5, (-0.6, 0.6), pace=Pace(first=0.1, most=0.2))
-    assert labels(branch) == ["EP", "PD", "PD", "NS", "BP", "EP"]
-    values = [where(event) for event in branch.events[1:-1]]
-    np.testing.assert_allclose(values, [0.0, 1e-3, 2e-3, 3e-3], rtol=0, atol=1e-10)  # measured: 4e-17
-    for event in branch.events:
-        assert event.converged
-
-
 def twin(p):
     return lambda x, k: -(1 + p) * x
 
 
+def kicked(kick):
+    """An area-preserving map over a parameter: a momentum that is kicked, and a place that it moves."""
+
+    def family(p):
+        def step(s, k):
+            momentum = s[1] + kick(s[0], p)
+            return jnp.stack([s[0] + momentum, momentum])
+
+        return step
+
+    return family
+
+
+STANDARD = kicked(lambda x, p: p * jnp.sin(x))
+
+
+def driven(p):
+    """A damped motion that an area-preserving one drives: it has the multipliers of that, and one more."""
+    return lambda s, k: jnp.append(now := STANDARD(p)(s[:2], k), 0.5 * s[2] + 0.1 * now[1])
+
+
+def opposed(c):
+    """Two oscillators of energies of opposite sign, coupled by c: 2 - mu - 1/mu is 1.15 +- (0.15^2 - c^2)^(1/2)."""
+
+    def step(s, k):
+        x, y, p, q = s
+        p, q = p - x - c * y, q + 1.3 * y - c * x
+        return jnp.stack([x + p, y - q, p, q])
+
+    return step
+
+
+IMPERFECT = Polynomial.of({(0, 0): 0.01, (1, 0): 1.0, (1, 1): 1.0, (3, 0): -1.0})
+LONG = Pace(first=0.1, most=0.2)
+HENON = [("LP", HENON_AT["LP"](0.3)), ("PD", HENON_AT["PD"](0.3))]
+CLOSE = [("PD", 0.0), ("PD", 1e-3), ("NS", 2e-3), ("BP", 3e-3)]
+TEXTBOOK = {
+    "delayed logistic map": (Fixed(delayed, jnp.asarray(0.0)), [1 / 3, 1 / 3], 1.5, (1.2, 2.5), [("NS", 2.0)], 2.0),
+    "Henon": (Fixed(henon, jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0), HENON, None),
+    "imperfect": (IMPERFECT, [-0.7], 0.5, (-0.6, 0.6), [("LP", 3 * 0.005 ** (2 / 3))], None),
+    "unbroken": (IMPERFECT, [0.8], 0.6, (-0.6, 0.6), [], None),
+    "within a step": (coupled, [0.0] * 5, -0.5, (-0.6, 0.6), CLOSE, 0.0),
+    "standard map": (STANDARD, [np.pi, 0.0], 0.5, (0.5, 5.0), [("PD", 4.0)], 4.0),
+    "driven by it": (driven, [np.pi, 0.0, 0.0], 0.5, (0.5, 5.0), [("PD", 4.0)], None),
+    "fold": (kicked(lambda x, p: p - x**2), [0.5, 0.0], 0.25, (-1.0, 1.0), [("LP", 0.0)], None),
+    "pitchfork": (kicked(lambda x, p: p * x - x**3), [0.0, 0.0], -0.5, (-1.0, 1.0), [("BP", 0.0)], 0.0),
+    "pairs that meet": (opposed, [0.0] * 4, 0.01, (0.0, 0.3), [("NS", 0.15)], 0.15),
+}
+"""Families with their start, bounds, events and where they are, and the value below which they are stable."""
+
+
+@pytest.mark.parametrize("name", TEXTBOOK)
+def test_events_of_textbook_maps_are_where_they_should_be(name):
+    family, state, value, bounds, expected, stable = TEXTBOOK[name]
+    branch = follow(family, state, value, bounds, pace=LONG if family is coupled else Pace())
+    inside = sorted((where(event), event.label) for event in branch.events if event.label != "EP")
+    assert branch.ended == ("bound", "bound")
+    assert [label for _, label in inside] == [label for label, _ in expected]
+    # measured: 1e-11 and less
+    np.testing.assert_allclose([place for place, _ in inside], [place for _, place in expected], rtol=0, atol=1e-9)
+    for event in branch.events:
+        assert event.converged
+    if stable is not None:
+        others = [not node.label or node.label == "EP" for node in branch.nodes]
+        np.testing.assert_array_equal(branch.stable[others], branch.values[others] < stable)
+
+
 def test_coinciding_flips_are_told():
-    branch = follow(twin, [0.0, 0.0], -0.5, (-0.6, 0.6))
-    assert labels(branch) == ["EP", "PD", "EP"]
-    event = branch.events[1]
+    event = follow(twin, [0.0, 0.0], -0.5, (-0.6, 0.6)).events[1]
     assert abs(where(event)) < 1e-8
     assert "multipliers jump from -1+0j, -1+0j" in event.note
 
@@ -185,50 +253,6 @@ def test_grazings_and_flips_within_one_step_are_separated():
         assert event.low <= event.high < event.low + 1e-8
 
 
-def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
-    """Of brentq's iterations a jump takes more than are allowed."""
-
-    class Jumping(EventSearch):
-        def at(self, share, a, b):
-            multipliers = np.array([1 - 1e-8 if share < 0.3 else 2.0], complex)
-            unknowns, tangent = np.array([0.0, share]), np.array([0.0, 1.0])
-            return Node(unknowns, tangent, np.ones(2), 0.0, 1, multipliers=multipliers)
-
-    search = Jumping(motions(twin), None, 1e-10)
-    found = search.located("NS", search.at(0.0, None, None), search.at(1.0, None, None))
-    assert not found.converged
-    assert found.low <= 0.3 <= found.high
-    assert found.high - found.low < 1e-6
-
-
-def kicked(kick):
-    """An area-preserving map over a parameter: a momentum that is kicked, and a place that it moves."""
-
-    def family(p):
-        def step(s, k):
-            momentum = s[1] + kick(s[0], p)
-            return jnp.stack([s[0] + momentum, momentum])
-
-        return step
-
-    return family
-
-
-STANDARD = kicked(lambda x, p: p * jnp.sin(x))
-
-
-def test_the_standard_maps_fixed_point_is_neutral_up_to_its_flip():
-    branch = follow(STANDARD, [np.pi, 0.0], 0.5, (0.5, 5.0))
-    assert labels(branch) == ["EP", "PD", "EP"]
-    assert abs(where(only(branch, "PD")) - 4) < 1e-10  # measured: 1e-12
-    np.testing.assert_array_equal(branch.stable, branch.values < 4 + 1e-9)
-    # driven by it, a motion that is damped has its multipliers, though the map is not conservative
-    driven = lambda p: lambda s, k: jnp.append(now := STANDARD(p)(s[:2], k), 0.5 * s[2] + 0.1 * now[1])
-    branch = follow(driven, [np.pi, 0.0, 0.0], 0.5, (0.5, 5.0))
-    assert labels(branch) == ["EP", "PD", "EP"]
-    assert abs(where(only(branch, "PD")) - 4) < 1e-10  # measured: 3e-15
-
-
 def leapfrog(force, s, t, h):
     """Conserves areas to rounding."""
     x = s[0] + h / 2 * s[1]
@@ -256,34 +280,6 @@ def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing
     assert np.all(branch.stable)
     off = [abs(mu) - 1 for node in branch.nodes for mu in node.multipliers]
     assert least < max(off) < most
-
-
-def test_folds_and_branch_points_of_area_preserving_maps():
-    fold = follow(kicked(lambda x, p: p - x**2), [0.5, 0.0], 0.25, (-1.0, 1.0))
-    assert labels(fold) == ["EP", "LP", "EP"]
-    assert abs(where(only(fold, "LP"))) < 1e-10  # measured: 2e-19
-    # a pair of multipliers meets at +1, where the moduli have a corner
-    pitchfork = follow(kicked(lambda x, p: p * x - x**3), [0.0, 0.0], -0.5, (-1.0, 1.0))
-    assert labels(pitchfork) == ["EP", "BP", "EP"]
-    assert abs(where(only(pitchfork, "BP"))) < 1e-10  # measured: 3e-19
-    np.testing.assert_array_equal(pitchfork.stable, pitchfork.values < 1e-9)
-
-
-def test_pairs_that_meet_on_the_circle_and_leave_it():
-    """Two oscillators of energies of opposite sign, coupled by c: 2 - mu - 1/mu is 1.15 +- (0.15^2 - c^2)^(1/2)."""
-
-    def family(c):
-        def step(s, k):
-            x, y, p, q = s
-            p, q = p - x - c * y, q + 1.3 * y - c * x
-            return jnp.stack([x + p, y - q, p, q])
-
-        return step
-
-    branch = follow(family, [0.0] * 4, 0.01, (0.0, 0.3))
-    assert labels(branch) == ["EP", "NS", "EP"]
-    assert abs(where(only(branch, "NS")) - 0.15) < 1e-9  # measured: 1e-11
-    np.testing.assert_array_equal(branch.stable, branch.values < 0.15 + 1e-9)
 
 
 def test_errors_by_rounding_follow_the_condition_of_multipliers():

@@ -260,19 +260,6 @@ def test_flights_shorter_than_a_step_are_flights():
     assert np.all(np.isnan(plastic(jnp.array([0.0, -1.0]), 0.0)))  # there is no next impact
 
 
-def test_wrong_arguments_are_named():
-    field, gap = lambda t, s: s, lambda t, s: s[0]
-    for make, words in (
-        (lambda: impact_step(field, gap, None, dt=0.1, steps=1), "`reset` must be a function, but is None"),
-        (lambda: return_step(field, 3, dt=0.1), "`surface` must be a function, but is 3"),
-        (lambda: return_step(field, gap, dt=-0.1), "`dt` must be positive"),
-        (lambda: return_step(field, gap, dt=0.1, most=0), "`most` must be a whole number of 1 or more"),
-        (lambda: impact_step(field, gap, gap, dt=0.1, steps=0.5), "`steps` must be a whole number"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            make()
-
-
 @pytest.mark.slow
 def test_the_page_s_oscillator_doubles_its_period_where_the_closed_form_does():
     page = (Path(__file__).parents[2] / "docs" / "benchmarks.md").read_text()

@@ -97,17 +97,3 @@ def test_linear_systems():
         np.testing.assert_allclose(matrix @ found, rhs, atol=1e-9 * np.abs(matrix).max())
         np.testing.assert_allclose(found, np.linalg.solve(matrix, rhs), rtol=1e-8)
     assert not np.all(np.isfinite(solve(jnp.ones((2, 2)), jnp.ones(2))))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (dict(intervals=0), "`intervals` must be a whole number of 1 or more, but is 0"),
-        (dict(tolerance=-1.0), "`tolerance` must be positive, but is -1"),
-        (dict(max_iterations=-1), "`max_iterations` must be a whole number"),
-        (dict(scale=3), "`scale` must be a function, but is 3"),
-    ],
-)
-def test_wrong_arguments_are_named(options, words):
-    with pytest.raises(ValueError, match=words):
-        shoot(lambda x, k: x, jnp.zeros(1), **options)

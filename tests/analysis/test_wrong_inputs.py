@@ -50,25 +50,6 @@ def test_what_is_of_another_kind(name, function, wrong):
         function(wrong)
 
 
-def test_an_array_of_too_few_axes_and_other_wrong_inputs():
-    for function, axes in (
-        (analysis.kaplan_yorke, 1),
-        (analysis.standard_error, 2),
-        (analysis.pooled_standard_error, 3),
-        (plain(analysis.multipliers), 3),
-    ):
-        with pytest.raises(ValueError, match=r"must be numbers .*, but is of shape"):
-            function(np.ones((2,) * (axes - 1)))
-    scene = sj.paper_scene()
-    for call, words in (
-        (lambda: sj.simulate(scene, 2, steps_per_period=[40, 80]), "`steps_per_period` must be a whole number"),
-        (lambda: sj.Store(None), "`store` must be a path that ends in .zarr"),
-        (lambda: sj.model.parameter("memory.slowest", scene), "EventLatch has no numbers, and so not 'slowest'"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            call()
-
-
 SCENE = sj.paper_scene()
 OF_SCENES = [
     model.contact_points,
@@ -110,6 +91,9 @@ def _deep(levels):
 
 STATE = sj.initial_state(SCENE, sj.Motion())
 OTHERS_OF_THE_MODEL = [
+    (lambda: sj.simulate(SCENE, 2, steps_per_period=[40, 80]), "`steps_per_period` must be a whole number"),
+    (lambda: sj.Store(None), "`store` must be a path that ends in .zarr"),
+    (lambda: model.parameter("memory.slowest", SCENE), "`.*EventLatch has no numbers, and so not 'slowest'"),
     (lambda: sj.reactions("now", STATE, sj.Args(SCENE)), "`t` must be real numbers"),
     (lambda: sj.reactions(0.0, None, sj.Args(SCENE)), "`state` must be a slipperjax.State"),
     (lambda: sj.reactions(0.0, STATE, SCENE), "`args` must be slipperjax.Args"),
@@ -172,9 +156,21 @@ def test_what_cannot_be_inside_jit(function):
         jax.jit(function)(900.0)
 
 
+_same, _gap = lambda t, s: s, lambda t, s: s[0]
 OF_ANALYSES = [
+    (lambda: analysis.kaplan_yorke(1.0), "`exponents` must be numbers along one axis or more, but is of shape"),
+    (lambda: analysis.standard_error(np.ones(2)), "`history` must be numbers with 2 axes or more, but is of shape"),
+    (lambda: analysis.shoot(_same, np.zeros(1), intervals=0), "`intervals` must be a whole number of 1 or more"),
+    (lambda: analysis.shoot(_same, np.zeros(1), tolerance=-1.0), "`tolerance` must be positive, but is -1"),
+    (lambda: analysis.shoot(_same, np.zeros(1), scale=3), "`scale` must be a function, but is 3"),
+    (lambda: analysis.impact_step(_same, _gap, None, dt=0.1, steps=1), "`reset` must be a function, but is None"),
+    (lambda: analysis.impact_step(_same, _gap, _gap, dt=0.1, steps=0.5), "`steps` must be a whole number"),
+    (lambda: analysis.return_step(_same, 3, dt=0.1), "`surface` must be a function, but is 3"),
+    (lambda: analysis.return_step(_same, _gap, dt=0.1, most=0), "`most` must be a whole number of 1 or more"),
+    (lambda: analysis.ode_step(_same, dt=0.1, steps=3, solver="Tsit5"), "`solver` must be a diffrax solver"),
+    (lambda: analysis.ode_step(1, dt=0.1, steps=3), "`vector_field` must be a function, but is 1"),
     (lambda: analysis.minimal_period(3, np.ones(2), 2), "`step` must be a function"),
-    (lambda: analysis.classify(np.ones((20, 2)), scales=object()), "`scales` must be numbers"),
+    (lambda: analysis.classify(np.ones((20, 2)), scales=object()), "`scales` must be positive"),
     (lambda: analysis.classify(np.ones((20, 2)), tolerance="text"), "`tolerance` must be finite"),
     (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
     (lambda: analysis.regime([1.0], [0.1], ["chaotic"], None), "`trusted` must be numbers"),

@@ -172,12 +172,11 @@ def test_smooth_memory_has_orbits_too():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [1110.0, 1150.0, 1200.0, 1250.0, 1300.0, 1400.0, 1500.0, 1600.0, 1700.0, 1800.0])
+@pytest.mark.parametrize("speed", [1110.0, 1250.0, 1500.0, 1800.0])
 def test_the_exponent_is_that_of_long_tangents(speed):
-    orbit = sj.periodic_orbit(SCENE.replace(speed=speed), steps_per_period=STEPS)
-    tangents = sj.lyapunov_spectrum(
-        SCENE.replace(speed=speed), start=orbit.state, steps_per_period=STEPS, transient=0
-    )
+    scene = SCENE.replace(speed=speed)
+    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
+    tangents = sj.lyapunov_spectrum(scene, start=orbit.state, steps_per_period=STEPS, transient=0)
     # measured: at most 8e-6, where a complex pair leads and the mean of 500 periods is of its turning
     np.testing.assert_allclose(tangents.weighted[0], float(orbit.exponent), atol=1e-4)
 
