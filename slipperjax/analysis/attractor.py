@@ -33,14 +33,6 @@ class Attractors(NamedTuple):
     evidence: np.ndarray
     """The deciding criterion, in words."""
 
-    def __repr__(self) -> str:
-        numbered = np.char.add("period ", np.char.mod("%d", self.period))
-        kinds = np.where(np.asarray(self.kind) == "period", numbered, self.kind)
-        if kinds.ndim == 0:
-            return f"Attractors({kinds}: {self.evidence})"
-        counts = [f"{name}: {count}" for name, count in zip(*np.unique(kinds, return_counts=True), strict=True)]
-        return f"Attractors({kinds.size} cases: {', '.join(counts)})"
-
 
 def recurrence(
     states: Float[np.ndarray, "*cases periods states"],

@@ -44,7 +44,7 @@ class Branch:
 
     @property
     def stable(self) -> np.ndarray:
-        """True where no multiplier lies outside the unit circle, neutral ones left out, of shape (points,)."""
+        """True where no multiplier lies outside the unit circle, see `Node.outside`, of shape (points,)."""
         return np.array([node.outside == 0 for node in self.nodes])
 
     @property

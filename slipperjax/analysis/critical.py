@@ -165,7 +165,6 @@ def critical_motion(
     *,
     angle: Any = 0.0,
     tolerance: float = 1e-10,
-    max_iterations: int = 20,
 ) -> CriticalMotion:
     """Returns the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
@@ -182,18 +181,16 @@ def critical_motion(
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     angles = [angle] if CRITICAL_MULTIPLIERS[label] is None else []
     z = motions.unknowns(state, value, *angles)
-    limits = jnp.asarray(tolerance, float), jnp.asarray(max_iterations)
     static = label, is_transformed()
-    z, residual, count, matrices, mu = call_compiled(_critical, motions, static, z, limits)
+    z, residual, count, matrices, mu = call_compiled(_critical, motions, static, z, jnp.asarray(tolerance, float))
     return CriticalMotion(motions.state(z), residual, count, matrices, motions.values(z)[0], mu)
 
 
-def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
+def _critical(exact: PeriodicMotions, static: tuple, z: Array, tolerance: Array) -> tuple:
     label, differentiable = static
-    tolerance, most = limits
     begin = CriticalMotions.of(without_derivatives(exact), label)
     guess = jax.lax.stop_gradient(z)
-    root = newton(begin, guess, tolerance=tolerance, iterations=most, updates=BORDER_UPDATES)
+    root = newton(begin, guess, tolerance=tolerance, iterations=20, updates=BORDER_UPDATES)
     z = root.z
     now = root.linearisation
     equations = root.equations
@@ -266,12 +263,11 @@ def continue_critical(
     """
     size = equations.motions.size
     limits = [checked_bounds(pair) for pair in bounds]
-    critical = isinstance(equations, CriticalMotions)
-    angles = [angle] if critical and equations.angled else []
+    angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
     z = equations.motions.unknowns(state, *values, *angles)
     row = jnp.zeros(z.size).at[size + 1].set(1.0)
-    # null vectors of the start as borders, by the program that corrects, of which the equations are most
-    for _ in range(BORDER_UPDATES if critical else 0):
+    # to null vectors of the start as borders, by the program that corrects, of which the equations are most
+    for _ in range(BORDER_UPDATES):
         equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
     first = correct(equations, z, row, tolerance=tolerance, iterations=20)
     check_found("state", "a motion of the curve", first, tolerance)
@@ -289,11 +285,8 @@ def continue_critical(
     ends = []
     for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
         # a pair became real where the curve ends within the bounds of the parameters
-        first, second = bounds
-        a, b = node.z[size : size + 2]
-        inside = first[0] < a < first[1] and second[0] < b < second[1]
+        inside = all(low < value < high for value, (low, high) in zip(node.z[size:], bounds, strict=False))
         near_to = resonance(node.z[-1])
-        if inside and near_to and end.reason in ("bound", "no convergence"):
-            end = end._replace(reason=f"strong resonance {near_to}")
-        ends.append(end)
+        became_real = inside and near_to and end.reason in ("bound", "no convergence")
+        ends.append(end._replace(reason=f"strong resonance {near_to}") if became_real else end)
     return dataclasses.replace(curve, ends=tuple(ends))

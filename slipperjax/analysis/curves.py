@@ -21,6 +21,8 @@ from .newton import AbstractEquations, Linearisation, newton
 
 LEAST_TURN = 0.9
 """Least cosine of the angle between the tangents at both ends of a step."""
+CRITICAL_DISTANCE = 1e-6
+"""Greatest distance of a critical multiplier's modulus from 1."""
 
 
 class _OnPlane(AbstractEquations):
@@ -99,9 +101,15 @@ class Node(NamedTuple):
         return np.maximum(self.errors, CONSERVED * conserved)
 
     @property
+    def critical(self) -> bool:
+        """Whether it is a bifurcation, at which rounding decides on which side the critical multiplier lies."""
+        return self.label in ("LP", "PD", "NS", "BP")
+
+    @property
     def outside(self) -> int:
-        """Number of multipliers outside the unit circle, without neutral ones."""
-        return self.beyond(self.conserved)
+        """Number of multipliers outside the unit circle, without neutral and critical ones."""
+        near = np.maximum(self.margins(self.conserved), CRITICAL_DISTANCE * self.critical)
+        return int(np.sum(np.abs(self.multipliers) > 1 + near))
 
     def beyond(self, conserved: bool, sign: int = 0) -> int:
         """Returns the number of multipliers outside the unit circle, without neutral ones.

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .curves import Node, Observation, correct
+from .curves import CRITICAL_DISTANCE, Node, Observation, correct
 from .floquet import CONSERVED, multipliers, rounding_errors
 from .newton import AbstractEquations
 
@@ -20,8 +20,6 @@ MEANINGS = {
     "MX": "end: no convergence at the least step",
 }
 """Labels of events, as AUTO's and COCO's users know them."""
-CRITICAL_DISTANCE = 1e-6
-"""Greatest distance of a critical multiplier's modulus from 1."""
 
 
 def resonance(angle: float) -> str:

@@ -2,7 +2,8 @@
 
 The instant of a crossing depends on the state in a differentiable way, so that Jacobians of these maps contain the
 saltation matrix of each switch and rebound (Leine and Nijmeijer 2004, doi:10.1007/978-3-540-44398-8). Crossings must
-be transversal: at a grazing the derivative does not exist. Derivatives are there in forward and reverse mode.
+be transversal: at a grazing the derivative does not exist. Derivatives are there in forward and reverse mode. States
+are arrays along one axis.
 """
 
 import abc
@@ -36,13 +37,11 @@ MOST_IMPACTS = 2000
 
 def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
     """Makes a step of the classical method of Runge and Kutta: the state at t + h."""
-    # the state a part of the step along a slope
-    ahead = lambda k, part: jax.tree.map(lambda y, k: y + part * h * k, y, k)
     a = field(t, y)
-    b = field(t + h / 2, ahead(a, 0.5))
-    c = field(t + h / 2, ahead(b, 0.5))
-    d = field(t + h, ahead(c, 1.0))
-    return jax.tree.map(lambda y, a, b, c, d: y + h / 6 * (a + 2 * b + 2 * c + d), y, a, b, c, d)
+    b = field(t + h / 2, y + h / 2 * a)
+    c = field(t + h / 2, y + h / 2 * b)
+    d = field(t + h, y + h * c)
+    return y + h / 6 * (a + 2 * b + 2 * c + d)
 
 
 def share_before(
@@ -126,13 +125,13 @@ class AbstractCrossingStep(eqx.Module):
         def whole_step(carry):
             i, y, _ = carry
             end, crosses = self._ahead(instant(i), y)
-            return jnp.where(crosses, i, i + 1), _where(crosses, y, end), crosses
+            return jnp.where(crosses, i, i + 1), jnp.where(crosses, y, end), crosses
 
         def to_crossing(carry):
             i, y, _ = jax.lax.while_loop(lambda c: (c[0] < self.steps) & ~c[2], whole_step, carry)
             crosses = i < self.steps
             end, stuck = self._across(instant(i), y, crosses)
-            return jnp.where(crosses, i + 1, i), _where(crosses, end, y), stuck
+            return jnp.where(crosses, i + 1, i), jnp.where(crosses, end, y), stuck
 
         begin = 0, state, jnp.asarray(self._stuck(instant(0), state))
         return jax.lax.while_loop(lambda carry: carry[0] < self.steps, to_crossing, begin)[1]
@@ -146,7 +145,7 @@ class SwitchedStep(AbstractCrossingStep):
     surface: Surface
 
     def _field(self, up):
-        return lambda t, y: _where(up, self.above(t, y), self.below(t, y))
+        return lambda t, y: jnp.where(up, self.above(t, y), self.below(t, y))
 
     def _ahead(self, t, y):
         up = self.surface(t, y) >= 0
@@ -214,38 +213,35 @@ class ImpactStep(AbstractCrossingStep):
             happens = crosses & jnp.where(stuck, released, touches)
             part = share_before(surface, flow, at(share), left(share), happens)
             share, y = share + part * (1 - share), flow(part)
-            y = _where(happens & ~stuck, self.reset(at(share), y), y)
+            y = jnp.where(happens & ~stuck, self.reset(at(share), y), y)
             sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
-            y = _where(sticks | stuck, self._settled(at(share), y), y)
+            y = jnp.where(sticks | stuck, self._settled(at(share), y), y)
             return share, y, sticks, happens, count + 1
 
         stuck = self._stuck(t, y)
-        begin = jnp.zeros_like(self.dt), _where(stuck, self._settled(t, y), y), stuck, True, 0
+        begin = jnp.zeros_like(self.dt), jnp.where(stuck, self._settled(t, y), y), stuck, True, 0
         going = lambda carry: carry[3] & (carry[4] < MOST_IMPACTS)
         _, y, stuck, lost, _ = jax.lax.while_loop(going, to_event, begin)
-        return jax.tree.map(lambda y: jnp.where(lost, jnp.nan, y), y), stuck
+        return jnp.where(lost, jnp.nan, y), stuck
 
     def _field(self, stuck):
-        return lambda t, y: _where(stuck, self._held(t, y), self.field(t, y))
+        return lambda t, y: jnp.where(stuck, self._held(t, y), self.field(t, y))
 
     def _reaction(self, t, y):
         """The direction of impacts' changes of the state, by which the rate of the gap changes by one."""
         slope = jax.grad(lambda y: self._rate(t, y))(y)
-        jump = jax.tree.map(jnp.subtract, jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1], slope)
-        return jax.tree.map(lambda a: a / _dot(slope, jump), jump)
+        jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
+        return jump / (slope @ jump)
 
     def _held(self, t, y):
         """The field of a motion that stays on the surface."""
-        push = self._push(t, y)
-        return jax.tree.map(lambda f, d: f - push * d, self.field(t, y), self._reaction(t, y))
+        return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
     def _settled(self, t, y):
         """The state on the surface and at rest across it."""
         slope = jax.grad(lambda y: self.surface(t, y))(y)
-        share = self.surface(t, y) / _dot(slope, slope)
-        y = jax.tree.map(lambda y, s: y - share * s, y, slope)
-        rate = self._rate(t, y)
-        return jax.tree.map(lambda y, d: y - rate * d, y, self._reaction(t, y))
+        y = y - self.surface(t, y) / (slope @ slope) * slope
+        return y - self._rate(t, y) * self._reaction(t, y)
 
 
 class ReturnStep(eqx.Module):
@@ -269,7 +265,7 @@ class ReturnStep(eqx.Module):
             height = self.surface((i + 1) * self.dt, end)
             # after a reset that does not lift off it falls at once
             falls = (risen | (self.reset is not None)) & (height < 0)
-            return jnp.where(falls, i, i + 1), _where(falls, y, end), risen | (height > 0), falls
+            return jnp.where(falls, i, i + 1), jnp.where(falls, y, end), risen | (height > 0), falls
 
         # a start on the surface lies above or below it by rounding: it must have risen before it can fall
         if self.reset is None:
@@ -282,7 +278,7 @@ class ReturnStep(eqx.Module):
         t = i * self.dt
         flow = lambda share: rk4(self.field, t, y, share * self.dt)
         end = flow(share_before(self.surface, flow, t, self.dt, falls))
-        return jax.tree.map(lambda y: jnp.where(falls & risen, y, jnp.nan), end)
+        return jnp.where(falls & risen, end, jnp.nan)
 
 
 def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> Any:
@@ -291,7 +287,7 @@ def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> An
     They are those of its Jacobian by forward mode, a matrix, by all numbers that are differentiated, also those
     that `function` closes over. States are small; a derivative costs as many as there are such numbers.
     """
-    state, k = jax.tree.map(jnp.asarray, (state, k))
+    state, k = jnp.asarray(state), jnp.asarray(k)
     return _by_jacobian(eqx.filter_closure_convert(function, state, k), state, k)
 
 
@@ -413,20 +409,9 @@ def _along(field: Field, function: Surface) -> Surface:
 
     def derivative(t, y):
         t = jnp.asarray(t, float)
-        rates = jax.tree.map(lambda y, rate: jnp.zeros_like(y) + rate, y, field(t, y))
-        return jax.jvp(function, (t, y), (jnp.ones_like(t), rates))[1]
+        return jax.jvp(function, (t, y), (jnp.ones_like(t), field(t, y)))[1]
 
     return derivative
-
-
-def _dot(one, other):
-    """Returns the scalar product of two states."""
-    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.vdot, one, other))
-
-
-def _where(which, one, other):
-    """Returns the one state where `which` is true, and the other one elsewhere."""
-    return jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
 
 
 def _check(**functions):

@@ -260,33 +260,25 @@ def map_spectrum(
     index = finite("index")(index)
     periods = positive("periods")(periods)
     period = positive("period", "s")(period)
-    functions = step, scale
     # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
     fixed = transient if is_traced((step, state)) else None
-    settings = count, transient > 0, fixed
-    state, tangents = call_compiled(_begin, functions, settings, state, index, transient)
-    lengths = align, align + intervals
-    state, tangents, history = call_compiled(_run, functions, lengths, state, tangents, index + transient)
+    settings = count, align, intervals, transient > 0, fixed
+    history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
-def _begin(functions, static, state, index, transient):
-    """Returns the state after the transient, and its first tangents."""
+def _spectrum(functions, static, state, index, transient):
+    """Returns the history without the intervals of alignment, and the state and tangents at the end."""
     step, scale = functions
-    count, runs, fixed = static
+    count, align, intervals, runs, fixed = static
     if runs:
         most = transient if fixed is None else fixed
         run = lambda state: jax.lax.fori_loop(0, most, lambda i, s: step(s, index + i), state)
         state = in_one_kernel(run, state)
-    return state, first_tangents(state, count, scale)
-
-
-def _run(functions, static, state, tangents, index):
-    """Returns the state and tangents at the end, and the history without the intervals of alignment."""
-    step, scale = functions
-    align, intervals = static
-    state, tangents, history = push_tangents(step, state, tangents, intervals, index=index, scale=scale)
-    return state, tangents, history[align:]
+    tangents = first_tangents(state, count, scale)
+    begin = index + transient
+    state, tangents, history = push_tangents(step, state, tangents, align + intervals, index=begin, scale=scale)
+    return history[align:], state, tangents
 
 
 def check_functions(step: Any, scale: Any) -> None:

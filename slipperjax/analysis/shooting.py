@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from ..tools.checks import finite, number, positive, require, whole
+from ..tools.checks import number, positive, require, whole
 from ..tools.compile import as_argument, call_compiled, is_transformed
 from ..tools.one_kernel import in_one_kernel
 from .floquet import linearise, product, solve
@@ -40,7 +40,6 @@ def shoot(
     state: Any,
     *,
     intervals: int = 1,
-    index: Any = 0.0,
     scale: Scale | None = None,
     consistent: Consistent | None = None,
     tolerance: float = 1e-10,
@@ -53,9 +52,9 @@ def shoot(
 
     **Arguments:**
 
-    - `step(state, k)`: the state one interval later, differentiable, with k the number of the interval.
+    - `step(state, k)`: the state one interval later, differentiable, with k the number of the interval, from 0 on.
     - `state`: a pytree of floats, the first guess.
-    - `intervals`: after how many the motion recurs; `index`: that of the first.
+    - `intervals`: after how many the motion recurs.
     - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
         component of weight zero is left out. Default all one.
     - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; default leaves them.
@@ -70,28 +69,26 @@ def shoot(
     count = whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
-    index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent), static, state, index, as_argument(tolerance))
+    return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
 
 
-def _shoot(functions, static, state, index, tolerance):
+def _shoot(functions, static, state, tolerance):
     """Returns a motion of one map, without parameters."""
-    step, scale, consistent = functions
     intervals, limit, differentiable = static
 
-    def motions(step, scale, consistent, index):
-        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent)
+    def motions(step, scale, consistent):
+        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, intervals, consistent)
 
     # the iteration itself is not differentiated
-    constant, guess = without_derivatives(((*functions, index), ravel_pytree(state)[0]))
+    constant, guess = without_derivatives((functions, ravel_pytree(state)[0]))
     # Short steps get stuck where the map's derivative jumps: of 70 orbits at 880 to 2300 m/s, of period 1 and 2, 64
     # are found with 2 halvings, 58 with 8.
     options = dict(tolerance=tolerance, iterations=limit, halvings=2, polish=True)
     root = newton(motions(*constant), guess, **options)
     z = root.z
     matrices = root.linearisation.matrices
-    exact = motions(step, scale, consistent, index)
+    exact = motions(*functions)
     if differentiable:
         # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
         miss = exact.mapped(z) - z
@@ -105,7 +102,6 @@ def minimal_period(
     state: Any,
     intervals: int,
     *,
-    index: Any = 0.0,
     scale: Scale | None = None,
 ) -> Any:
     """Returns the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
@@ -116,11 +112,10 @@ def minimal_period(
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    state = check_state(state)
-    return call_compiled(_residuals, (step, scale), (count,), state, finite("index")(index))
+    return call_compiled(_residuals, (step, scale), (count,), check_state(state))
 
 
-def _residuals(functions, static, state, index):
+def _residuals(functions, static, state):
     step, scale = functions
     (intervals,) = static
     flat, _ = ravel_pytree(state)
@@ -131,7 +126,7 @@ def _residuals(functions, static, state, index):
         s = step(s, k)
         return s, weighted_size(ravel_pytree(s)[0] - flat, weights)
 
-    run = lambda state: jax.lax.scan(interval, state, index + jnp.arange(float(intervals)))[1]
+    run = lambda state: jax.lax.scan(interval, state, jnp.arange(float(intervals)))[1]
     residuals = in_one_kernel(run, state)
     return {n: residuals[n - 1] for n in range(1, intervals + 1) if intervals % n == 0}
 
@@ -154,8 +149,6 @@ class PeriodicMotions(AbstractEquations):
     """Changes of the parameters that count as a length of one, of shape (parameters,)."""
     scale: Scale | None = None
     """Weights of the state's components, as for `slipperjax.analysis.shoot`."""
-    index: Any = 0.0
-    """Number of the first interval."""
     intervals: int = eqx.field(static=True, default=1)
     consistent: Consistent | None = None
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
@@ -189,7 +182,7 @@ class PeriodicMotions(AbstractEquations):
     def mapped(self, z: Array) -> Array:
         """Returns the state after the intervals, as one array. Pure."""
         step = self.step(z)
-        ks = self.index + jnp.arange(float(self.intervals))
+        ks = jnp.arange(float(self.intervals))
         run = lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]
         return ravel_pytree(in_one_kernel(run, self.state(z)))[0]
 
@@ -202,7 +195,7 @@ class PeriodicMotions(AbstractEquations):
             end = self.family(*unknowns[size:])(unravel(unknowns[:size]), k)
             return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])
 
-        end, matrices = linearise(step, z, self.intervals, index=self.index)
+        end, matrices = linearise(step, z, self.intervals)
         # of P(x; values) - x
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
         return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])

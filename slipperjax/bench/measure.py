@@ -163,7 +163,7 @@ def bench(
     """
     all_methods = {method.name: method for method in METHODS}
     scenes = {case.name: case for case in all_cases()}
-    options = dict(reference_steps=REFERENCE_STEPS, settings=slice(None))
+    options = {}
     if quick:
         cases = cases or ("nominal", "K = 1e10")
         methods = methods or [method.name for method in METHODS if method.quick]

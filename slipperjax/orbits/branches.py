@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.continuation import Branch, End, continue_motion, extend, switch
 from ..analysis.curves import Node, Observation, Pace, check_within, checked_bounds, correct
-from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, observed
+from ..analysis.events import MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
@@ -67,8 +67,10 @@ EVENT_COLUMNS: dict[str, tuple[type, str]] = {
     "converged": (bool, "whether the event is located"),
     "note": (str, "more about the event"),
     "point": (int, "place of the event among the points"),
+    "multiplier_real": (float, "critical multiplier, real part"),
+    "multiplier_imag": (float, "critical multiplier, imaginary part"),
 }
-"""Fields of `BranchEvent` that are variables of a dataset as they are, with their types and descriptions."""
+"""Variables of a dataset for `BranchEvent`, with types and descriptions; files hold no complex numbers."""
 
 
 class OrbitView(NamedTuple):
@@ -118,7 +120,6 @@ class OrbitBranch(OrbitPoints):
     """An `xarray.Dataset` along `point`: the parameter, `state`, `multiplier_real` and `multiplier_imag` [1],
     `stable`, `signature`, `touchdowns`, `slowest_touchdown` [m/s], `grazing_gap` [m], `residual`, `label`, and the
     Poincare sections of `slipperjax.sweep`; and along `event` the table of events."""
-    _branch: Branch | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @property
     def scene(self) -> Scene:
@@ -140,10 +141,7 @@ class OrbitBranch(OrbitPoints):
         """Events of the branch, in the order of its points."""
         ds = self.points
         columns = {name: ds[f"event_{name}"].values.tolist() for name in EVENT_COLUMNS}
-        # datasets hold no complex numbers in netCDF files
-        columns["multiplier"] = (
-            ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values
-        ).tolist()
+        columns["multiplier"] = map(complex, columns["multiplier_real"], columns["multiplier_imag"])
         return tuple(map(BranchEvent, *(columns[name] for name in BranchEvent._fields)))
 
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
@@ -235,11 +233,9 @@ class OrbitBranch(OrbitPoints):
         run = dataclasses.replace(_Run.of(self, bounds), equations=equations)
         return run.follow(functools.partial(continue_motion, ways=(1,)), equations, first, **options)
 
-    @property
+    @functools.cached_property
     def branch(self) -> Branch:
         """Branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
-        if self._branch is not None:
-            return self._branch
         run = _Run.of(self)
         ds = self.points
         z = np.column_stack([ds["state"].values, ds[run.varied.name].values])
@@ -251,9 +247,7 @@ class OrbitBranch(OrbitPoints):
             nodes.append(observed(node, run.observe)._replace(label=str(label)))
         events = tuple(_analysed(event, nodes) for event in self.events)
         first, last = map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist())
-        branch = Branch(run.equations, tuple(nodes), events, (first, last))
-        object.__setattr__(self, "_branch", branch)  # a cache in a frozen dataclass
-        return branch
+        return Branch(run.equations, tuple(nodes), events, (first, last))
 
 
 def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
@@ -356,19 +350,16 @@ class _Run:
             points=points,
             until=labels(until),
         )
-        return finished(OrbitBranch(self.dataset(branch), branch))
+        found = OrbitBranch(self.dataset(branch))
+        found.__dict__["branch"] = branch  # which need not be computed once more
+        return finished(found)
 
     def dataset(self, branch: Branch):
         """Returns an `xarray.Dataset` of a branch, from which the branch can be made again."""
         nodes = branch.nodes
         scene = self.scene
         views: list[OrbitView] = [node.view.data for node in nodes]
-        critical = np.array([node.label in ("LP", "PD", "NS", "BP") for node in nodes])
-        near = np.array([node.margins(node.conserved) for node in nodes])
-        # at a bifurcation rounding decides on which side the critical multiplier lies
-        near[critical] = np.maximum(near[critical], CRITICAL_DISTANCE)
-        multipliers = np.array([node.multipliers for node in nodes])
-        outside = np.sum(np.abs(multipliers) > 1 + near, axis=1)
+        stable = [not node.outside and not node.critical for node in nodes]
         call = {
             "function": "continue_orbit",
             "parameter": self.varied.name,
@@ -378,7 +369,7 @@ class _Run:
             "solver": self.solver,
             "tolerance": self.tolerance,
         }
-        ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], outside, call)
+        ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
         signatures = [view.signature for view in views]
         data = {
@@ -387,7 +378,7 @@ class _Run:
                 "direction of the branch",
                 "number_and_parameter",
             ),
-            "stable": along((outside == 0) & ~critical, "whether no multiplier lies outside the unit circle"),
+            "stable": along(stable, "whether no multiplier lies outside the unit circle"),
             "iterations": along([node.iterations for node in nodes], "iterations of Newton's method"),
             "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
             "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),
@@ -431,7 +422,6 @@ def orbits_dataset(
     motions: PeriodicMotions,
     scene: Scene,
     varied: Sequence[Parameter],
-    outside: Any,
     call: dict[str, Any],
 ) -> tuple[Any, State]:
     """Returns an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
@@ -454,7 +444,9 @@ def orbits_dataset(
             "Floquet multipliers, imaginary parts",
             "multiplier",
         ),
-        "outside": along(outside, "multipliers outside the unit circle, without critical ones"),
+        "outside": along(
+            [node.outside for node in nodes], "multipliers outside the unit circle, without critical ones"
+        ),
         "residual": along([float(node.residual) for node in nodes], "scaled residual"),
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
@@ -481,17 +473,13 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
                 notes.append(f"{names[k]} {happens} once {'more' if change > 0 else 'less'}")
         if event.note:
             notes.append(event.note)
-        values = float(z[-1]), event.low, event.high, event.multiplier, event.converged
-        rows.append(BranchEvent(event.label, *values, "; ".join(notes), index[id(z)]))
+        mu = event.multiplier
+        place = z[-1], event.low, event.high, event.converged
+        rows.append((event.label, *place, "; ".join(notes), index[id(z)], mu.real, mu.imag))
     data: dict[str, Any] = {}
-    for name, (kind, text) in EVENT_COLUMNS.items():
+    for k, (name, (kind, text)) in enumerate(EVENT_COLUMNS.items()):
         attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
-        data[f"event_{name}"] = ("event", np.array([getattr(row, name) for row in rows], kind), attributes)
-    critical = np.array([event.multiplier for event in branch.events], complex)
-    # complex numbers by their parts
-    for part in ("real", "imag"):
-        attributes = {"units": "1", "long_name": f"critical multiplier, {part} part"}
-        data[f"event_multiplier_{part}"] = ("event", getattr(critical, part), attributes)
+        data[f"event_{name}"] = ("event", np.array([row[k] for row in rows], kind), attributes)
     return data
 
 

@@ -21,8 +21,6 @@ from ..analysis.critical import (
     critical_motion,
 )
 from ..analysis.curves import Pace, check_within
-from ..analysis.events import CRITICAL_DISTANCE
-from ..analysis.floquet import circle_error
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -104,7 +102,7 @@ def _angle(orbit: PeriodicOrbit) -> float:
     """Returns the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
     mu = np.asarray(orbit.multipliers)
     upper = mu[mu.imag > 0]
-    return float(np.angle(_nearest_to_circle(upper))) if len(upper) else 0.0
+    return float(np.angle(min(upper, key=lambda mu: abs(abs(mu) - 1)))) if len(upper) else 0.0
 
 
 def event_sensitivities(
@@ -191,11 +189,6 @@ def _place(
 
     slope, (value, residual) = jax.jacfwd(place, has_aux=True)(values)
     return value, slope, residual
-
-
-def _nearest_to_circle(multipliers: np.ndarray) -> complex:
-    """Returns the multiplier nearest to the unit circle."""
-    return complex(multipliers[np.argmin(np.abs(np.abs(multipliers) - 1))])
 
 
 class GapExtreme(eqx.Module):
@@ -331,9 +324,10 @@ def continue_event(
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
-    outside = [_outside(node.multipliers, event.label) for node in curve.nodes]
+    # the event is all along the curve
+    nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
-    ds, _ = orbits_dataset(curve.nodes, motions, scene, (own, other), outside, call)
+    ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
@@ -354,15 +348,3 @@ def _extreme_at(
     time = jnp.asarray(touches.time[point])
     greatest = jnp.asarray(touches.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)
-
-
-def _outside(mu: np.ndarray, label: str) -> int:
-    """Counts the multipliers of an orbit outside the unit circle, without the critical ones.
-
-    By rounding a critical one lies on either side.
-    """
-    pair = _nearest_to_circle(mu[mu.imag >= 0]) if label == "NS" else 1j
-    values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
-    # the multipliers nearest to the critical values
-    critical = [int(np.argmin(np.abs(mu - value))) for value in values]
-    return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + max(CRITICAL_DISTANCE, float(circle_error(mu)))))

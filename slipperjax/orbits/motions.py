@@ -61,16 +61,7 @@ def slipper_motions(
     motion = len(MOTION_NUMBERS)
     # of a state's numbers, the memory's come after the motion's, and do not count
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
-    return PeriodicMotions(
-        path,
-        like,
-        jnp.asarray(reach, float),
-        scale,
-        0.0,
-        period,
-        consistent_state,
-        lengths,
-    )
+    return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, period, consistent_state, lengths)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:

@@ -170,33 +170,23 @@ def periodic_orbit(
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = ConstantSteps(steps) if traced else dynamic_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
-    options = dict(scale=tangent_weights(scene), consistent=consistent_state)
+    options: dict[str, Any] = dict(intervals=period, tolerance=tolerance, max_iterations=limit)
+    options |= dict(scale=tangent_weights(scene), consistent=consistent_state)
     # one more transient where Newton's method finds no orbit after the first
     for count in tries:
         state = _simulated(step, state, count, traced)
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
             # a motion that is lost has no Jacobians
             size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
-            shot = Shot(
-                state,
-                jnp.asarray(jnp.nan),
-                jnp.asarray(0),
-                jnp.full((period, size, size), jnp.nan),
-            )
+            nothing = jnp.full((period, size, size), jnp.nan)
+            shot = Shot(state, nothing[0, 0, 0], jnp.asarray(0), nothing)
             break
-        shot = shoot(
-            step,
-            state,
-            intervals=period,
-            tolerance=tolerance,
-            max_iterations=limit,
-            **options,
-        )
+        shot = shoot(step, state, **options)
         if traced or float(shot.residual) <= tolerance:
             break
     if not traced and period > 1 and float(shot.residual) <= tolerance:
         # the motion may recur after a divisor of the period already
-        residuals = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
+        residuals = minimal_period(step, shot.state, period, scale=options["scale"])
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
     # those of the least period
     matrices = shot.matrices[:period]
@@ -206,15 +196,10 @@ def periodic_orbit(
     if in_flight and np.isfinite(state.motion.y):
         # all multipliers are one in free flight, where Newton's method gets lost, or stays: did it touch the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
-        code = (
-            moved
-            if moved != Status.FINITE
-            else jnp.where(
-                code == Status.NOT_FINITE,
-                Status.NO_ORBIT,
-                code,
-            )
-        )
+        if moved != Status.FINITE:
+            code = moved
+        elif code == Status.NOT_FINITE:
+            code = jnp.asarray(int(Status.NO_ORBIT))
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )

@@ -239,6 +239,15 @@ def two_trajectories(step, state, intervals, distance=1e-7):
     return jax.jit(lambda pair: jax.lax.scan(interval, pair, jnp.arange(float(intervals)))[1])((begin, near))
 
 
+def autoregression(memory, size, count=400):
+    """Rows of a series that forgets by `memory`, (count, size), and its mean."""
+    random = np.random.default_rng(3).standard_normal((count, size + 3000))
+    values = np.zeros_like(random)
+    for k in range(1, values.shape[1]):
+        values[:, k] = memory * values[:, k - 1] + random[:, k]
+    return values[:, 3000:], 0.0
+
+
 def motions(family, size=1, **options):
     return PeriodicMotions(family, jnp.zeros(size), 1.0, **options)
 

@@ -22,7 +22,7 @@ from slipperjax.analysis.lyapunov import (
 )
 from slipperjax.analysis.ode import ode_spectrum
 
-from .systems import rk4, two_trajectories
+from .systems import autoregression, rk4, two_trajectories
 
 LANES = 20
 
@@ -244,27 +244,15 @@ def test_kaplan_yorke_dimension():
     np.testing.assert_allclose(kaplan_yorke(spectra), [0.0, 2.0, 1.25, 1.0, 2.0, np.nan])
 
 
-@pytest.mark.parametrize(("memory", "noise", "jump"), [(0.0, 1.0, 0.0), (0.95, 1.0, 0.0), (0.0, 1.0, 3.0)])
-def test_standard_error_of_known_processes(memory, noise, jump):
+@pytest.mark.parametrize(("memory", "jump"), [(0.0, 0.0), (0.95, 0.0), (0.0, 3.0)])
+def test_standard_error_of_known_processes(memory, jump):
     """White noise, noise with a long memory, and noise plus differences of size `jump`, which cancel in the sum."""
-    random = np.random.default_rng(3)
-    white = noise * random.standard_normal((200, 2400))
-    y = np.zeros_like(white)
-    for i in range(1, white.shape[1]):
-        y[:, i] = memory * y[:, i - 1] + white[:, i]
-    history = y[:, 400:] + jump * np.diff(random.standard_normal((200, 2001)))
-    true = noise / (1 - memory) / np.sqrt(2000)
+    history, _ = autoregression(memory, 2000, 200)
+    history = history + jump * np.diff(np.random.default_rng(4).standard_normal((200, 2001)))
+    true = 1 / (1 - memory) / np.sqrt(2000)
     got = standard_error(history[..., None])[:, 0]
     assert 0.8 < np.sqrt(np.mean(got**2)) / true < 1.25  # measured 0.99, 0.99 and 1.04
     assert np.std(got) / true < 0.35  # measured 0.17, 0.23 and 0.22
-
-
-def autoregression(memory, size):
-    random = np.random.default_rng(3).standard_normal((400, size + 3000))
-    values = np.zeros_like(random)
-    for k in range(1, values.shape[1]):
-        values[:, k] = memory * values[:, k - 1] + random[:, k]
-    return values[:, 3000:], 0.0
 
 
 def logistic(rate, size):
@@ -340,14 +328,11 @@ def test_weighted_mean_of_a_quasi_periodic_series():
         (dict(scale=2.0), "Argument `scale` must be a function, but is 2."),
         (dict(state={}), "Argument `state` must be a pytree of real numbers, but is {}."),
         (dict(state={"x": np.nan, "y": 0.0}), "Argument `state` must be finite, but is nan."),
-        (dict(state={"x": "a", "y": 0.0}), "Argument `state` must be finite, but is 'a', not a number."),
         (dict(intervals=0), "Argument `intervals` must be a whole number of 1 or more, but is 0."),
         (dict(count=3), "Argument `count` must be at most 2, the size of the state, but is 3."),
-        (dict(count=0), "Argument `count` must be a whole number of 1 or more, but is 0."),
         (dict(transient=-1), "Argument `transient` must be a whole number of 0 or more, but is -1."),
         (dict(align=1.5), "Argument `align` must be a whole number of 0 or more, but is 1.5."),
         (dict(period=0.0), "Argument `period` must be positive, but is 0 s."),
-        (dict(periods=-1.0), "Argument `periods` must be positive, but is -1."),
     ],
 )
 def test_wrong_arguments(changes, message):

@@ -11,7 +11,7 @@ from slipperjax import paper_scene, table_2_start
 from slipperjax.bench import measure as measuring
 from slipperjax.bench.measure import bench, cost_of, errors
 from slipperjax.bench.methods import METHODS, Case, all_cases
-from slipperjax.bench.work_precision import MBDYN, SHOWN, Point, cost_at, draw, mbdyn_points, write
+from slipperjax.bench.work_precision import SHOWN, Point, cost_at, draw, mbdyn_points, write
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.sweep import sweep
 
@@ -46,14 +46,6 @@ def test_cost_adds_up_the_least_and_the_middle_times_of_the_periods():
     best, median = cost_of(seconds, lanes=2)
     assert best == pytest.approx(1e6 * (1 + 3) / 2 / 2)
     assert median == pytest.approx(1e6 * (2 + 4) / 2 / 2)
-
-
-def test_scenes_and_methods_have_names_of_their_own():
-    for rows in (all_cases(), METHODS):
-        names = [row.name for row in rows]
-        assert len(set(names)) == len(names)
-    quoted = [point for case in all_cases() for point in mbdyn_points(case.name)]
-    assert [p.method for p in quoted] == [MBDYN] * 6
 
 
 def test_wrong_names_and_numbers_are_refused_before_anything_is_measured():

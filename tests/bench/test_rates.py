@@ -40,11 +40,10 @@ def test_a_rate_is_that_of_the_median_call(monkeypatch):
     assert (rate.engine, rate.batch) == ("Rodas4", 100)
 
 
-def test_wrong_arguments_are_named():
-    with pytest.raises(ValueError, match="`engines` must be"):
-        list(throughput([8], ["RK5"]))
-    with pytest.raises(ValueError, match="`batches` must be"):
-        list(throughput([0]))
+@pytest.mark.parametrize(("batches", "engines", "name"), [([8], ["RK5"], "engines"), ([0], ["RK4"], "batches")])
+def test_wrong_arguments_are_named(batches, engines, name):
+    with pytest.raises(ValueError, match=f"`{name}` must be"):
+        list(throughput(batches, engines))
 
 
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):

@@ -197,18 +197,17 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
 
 
 def test_wrong_arguments_are_named(nominal):
-    for bounds, words in (
-        ((1300.0, 1200.0), "`bounds` must be two values of speed"),
-        ((1300.0, 1400.0), "`speed` must lie within the bounds 1300 and 1400, but is 1250"),
-        ((-5.0, 1400.0), "`speed` must be positive"),
+    within, known = (1200.0, 1300.0), "`until` must be a tuple of labels of LP, BP, PD, NS, GR, but is"
+    for name, bounds, until, words in (
+        ("speed", (1300.0, 1200.0), (), "`bounds` must be two values of speed"),
+        ("speed", (1300.0, 1400.0), (), "`speed` must lie within the bounds 1300 and 1400, but is 1250"),
+        ("speed", (-5.0, 1400.0), (), "`speed` must be positive"),
+        ("speed", within, "PD", known),
+        ("speed", within, ("EP",), known),
+        ("sped", within, (), "`sped` is no parameter"),
     ):
         with pytest.raises(ValueError, match=words):
-            sj.continue_orbit(SCENE, "speed", bounds)
-    for until in ("PD", ("PD", "folds"), ("EP",)):
-        with pytest.raises(ValueError, match="`until` must be a tuple of labels of LP, BP, PD, NS, GR, but is"):
-            sj.continue_orbit(SCENE, "speed", (1200.0, 1300.0), until=until)
-    with pytest.raises(ValueError, match="`sped` is no parameter"):
-        sj.continue_orbit(SCENE, "sped", (1.0, 2.0))
+            sj.continue_orbit(SCENE, name, bounds, until=until)
     with pytest.raises(ValueError, match="`start` must be near a periodic motion"):
         sj.continue_orbit(SCENE.replace(speed=100.0), "speed", (90.0, 120.0), start=nominal, steps_per_period=20)
     with pytest.raises(ValueError, match="must be a result of continue_orbit"):
