@@ -1,101 +1,92 @@
 """Public names of the top level; each stands in the module that is named here, and is imported at its first use."""
 
-from . import analysis as analysis
-from . import bench as bench
-from . import cli as cli
-from . import design as design
-from . import explorer as explorer
-from . import flow as flow
-from . import model as model
-from . import orbits as orbits
-from . import plots as plots
-from . import solvers as solvers
-from . import studies as studies
-from . import sweeps as sweeps
-from . import tools as tools
+from . import (
+    analysis as analysis,
+    bench as bench,
+    cli as cli,
+    design as design,
+    explorer as explorer,
+    flow as flow,
+    model as model,
+    orbits as orbits,
+    plots as plots,
+    solvers as solvers,
+    studies as studies,
+    sweeps as sweeps,
+    tools as tools,
+)
 from .design.optimise import optimise_design as optimise_design
 from .explorer.launch import explore as explore
-from .flow.datasets import load_run as load_run
-from .flow.datasets import load_scene as load_scene
-from .flow.datasets import load_start as load_start
-from .flow.simulate import Trajectory as Trajectory
-from .flow.simulate import period_map as period_map
-from .flow.simulate import simulate as simulate
-from .flow.status import Interrupted as Interrupted
-from .flow.status import Status as Status
-from .model.contact import AbstractContactLaw as AbstractContactLaw
-from .model.contact import AbstractMemory as AbstractMemory
-from .model.contact import ConstantDamping as ConstantDamping
-from .model.contact import EventLatch as EventLatch
-from .model.contact import Flores as Flores
-from .model.contact import HertzSpring as HertzSpring
-from .model.contact import HuntCrossley as HuntCrossley
-from .model.contact import LankaraniNikravesh as LankaraniNikravesh
-from .model.contact import SmoothSwitch as SmoothSwitch
-from .model.dang2024 import paper_scene as paper_scene
-from .model.dang2024 import paper_section as paper_section
-from .model.dang2024 import table_2_start as table_2_start
-from .model.dynamics import Args as Args
-from .model.dynamics import Reactions as Reactions
-from .model.dynamics import State as State
-from .model.dynamics import initial_state as initial_state
-from .model.dynamics import reactions as reactions
-from .model.dynamics import vector_field as vector_field
-from .model.kinematics import Motion as Motion
-from .model.kinematics import SledMotion as SledMotion
-from .model.loads import AbstractFriction as AbstractFriction
-from .model.loads import AbstractLoad as AbstractLoad
-from .model.loads import AppliedLoad as AppliedLoad
-from .model.loads import Coulomb as Coulomb
-from .model.loads import FadingFriction as FadingFriction
-from .model.loads import TabulatedLoad as TabulatedLoad
+from .flow.datasets import load_run as load_run, load_scene as load_scene, load_start as load_start
+from .flow.simulate import Trajectory as Trajectory, period_map as period_map, simulate as simulate
+from .flow.status import Interrupted as Interrupted, Status as Status
+from .model.contact import (
+    AbstractContactLaw as AbstractContactLaw,
+    AbstractMemory as AbstractMemory,
+    ConstantDamping as ConstantDamping,
+    EventLatch as EventLatch,
+    Flores as Flores,
+    HertzSpring as HertzSpring,
+    HuntCrossley as HuntCrossley,
+    LankaraniNikravesh as LankaraniNikravesh,
+    SmoothSwitch as SmoothSwitch,
+)
+from .model.dang2024 import paper_scene as paper_scene, paper_section as paper_section, table_2_start as table_2_start
+from .model.dynamics import (
+    Args as Args,
+    Reactions as Reactions,
+    State as State,
+    initial_state as initial_state,
+    reactions as reactions,
+    vector_field as vector_field,
+)
+from .model.kinematics import Motion as Motion, SledMotion as SledMotion
+from .model.loads import (
+    AbstractFriction as AbstractFriction,
+    AbstractLoad as AbstractLoad,
+    AppliedLoad as AppliedLoad,
+    Coulomb as Coulomb,
+    FadingFriction as FadingFriction,
+    TabulatedLoad as TabulatedLoad,
+)
 from .model.parameters import PARAMETERS as PARAMETERS
-from .model.rails import SampledTrack as SampledTrack
-from .model.rails import TrackSet as TrackSet
+from .model.rails import SampledTrack as SampledTrack, TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.section import Section as Section
 from .model.sled import SledMass as SledMass
 from .model.slipper import Slipper as Slipper
-from .model.step_size import contact_duration as contact_duration
-from .model.step_size import default_steps_per_period as default_steps_per_period
+from .model.step_size import (
+    contact_duration as contact_duration,
+    default_steps_per_period as default_steps_per_period,
+)
 from .model.surveys import load_rail as load_rail
-from .model.tracks import AbstractTrack as AbstractTrack
-from .model.tracks import FourierTrack as FourierTrack
-from .model.tracks import HarmonicTrack as HarmonicTrack
-from .model.tracks import Irregularity as Irregularity
-from .model.tracks import LocalTrack as LocalTrack
-from .model.tracks import StraightTrack as StraightTrack
-from .model.tracks import SumTrack as SumTrack
-from .model.travel import SpeedProgramme as SpeedProgramme
-from .model.travel import Stage as Stage
-from .model.wear import AbstractWear as AbstractWear
-from .model.wear import Wear as Wear
-from .model.wear import WearTable as WearTable
-from .orbits.branches import OrbitBranch as OrbitBranch
-from .orbits.branches import continue_orbit as continue_orbit
-from .orbits.branches import load_branch as load_branch
+from .model.tracks import (
+    AbstractTrack as AbstractTrack,
+    FourierTrack as FourierTrack,
+    HarmonicTrack as HarmonicTrack,
+    Irregularity as Irregularity,
+    LocalTrack as LocalTrack,
+    StraightTrack as StraightTrack,
+    SumTrack as SumTrack,
+)
+from .model.travel import SpeedProgramme as SpeedProgramme, Stage as Stage
+from .model.wear import AbstractWear as AbstractWear, Wear as Wear, WearTable as WearTable
+from .orbits.branches import OrbitBranch as OrbitBranch, continue_orbit as continue_orbit, load_branch as load_branch
 from .orbits.exponents import lyapunov_spectrum as lyapunov_spectrum
-from .orbits.periodic import PeriodicOrbit as PeriodicOrbit
-from .orbits.periodic import periodic_orbit as periodic_orbit
+from .orbits.periodic import PeriodicOrbit as PeriodicOrbit, periodic_orbit as periodic_orbit
 from .solvers.adaptive import AdaptiveSteps as AdaptiveSteps
-from .solvers.explicit import RK4 as RK4
-from .solvers.explicit import Tsit5 as Tsit5
+from .solvers.explicit import RK4 as RK4, Tsit5 as Tsit5
 from .solvers.impulse import ImpulseRK4 as ImpulseRK4
 from .solvers.latching import Latching as Latching
-from .solvers.rosenbrock import ROS34PW2 as ROS34PW2
-from .solvers.rosenbrock import Rodas4 as Rodas4
+from .solvers.rosenbrock import ROS34PW2 as ROS34PW2, Rodas4 as Rodas4
 from .solvers.twostep import TwoStep as TwoStep
 from .sweeps.explain import explain as explain
 from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box
 from .sweeps.runs import run as run
-from .sweeps.store import Store as Store
-from .sweeps.store import open_store as open_store
-from .sweeps.store import processes as processes
-from .sweeps.sweep import lyapunov_sweep as lyapunov_sweep
-from .sweeps.sweep import orbit_sweep as orbit_sweep
-from .sweeps.sweep import sweep as sweep
+from .sweeps.store import Store as Store, open_store as open_store, processes as processes
+from .sweeps.sweep import lyapunov_sweep as lyapunov_sweep, orbit_sweep as orbit_sweep, sweep as sweep
 from .tools.cache import compile_cache as compile_cache
 from .tools.checks import ImplausibleWarning as ImplausibleWarning
 from .tools.compile import jit as jit

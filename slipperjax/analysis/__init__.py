@@ -1,41 +1,33 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
 
-from .attractor import Attractors as Attractors
-from .attractor import classify as classify
-from .attractor import zero_one_test as zero_one_test
-from .continuation import Branch as Branch
-from .continuation import continue_motion as continue_motion
-from .continuation import extend as extend
-from .continuation import switch as switch
-from .critical import CriticalMotion as CriticalMotion
-from .critical import continue_critical as continue_critical
-from .critical import critical_motion as critical_motion
+from .attractor import Attractors as Attractors, classify as classify, zero_one_test as zero_one_test
+from .continuation import Branch as Branch, continue_motion as continue_motion, extend as extend, switch as switch
+from .critical import (
+    CriticalMotion as CriticalMotion,
+    continue_critical as continue_critical,
+    critical_motion as critical_motion,
+)
 from .events import Event as Event
-from .floquet import jacobians as jacobians
-from .floquet import largest_exponent as largest_exponent
-from .floquet import multipliers as multipliers
-from .hybrid import impact_step as impact_step
-from .hybrid import return_step as return_step
-from .hybrid import switched_step as switched_step
-from .kinds import KINDS as KINDS
-from .kinds import REGIMES as REGIMES
-from .kinds import Regime as Regime
-from .kinds import lasting as lasting
-from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
-from .lyapunov import kaplan_yorke as kaplan_yorke
-from .lyapunov import map_spectrum as map_spectrum
-from .lyapunov import one_motion_standard_error as one_motion_standard_error
-from .lyapunov import pooled_standard_error as pooled_standard_error
-from .lyapunov import regime as regime
-from .lyapunov import standard_error as standard_error
-from .lyapunov import weighted_mean as weighted_mean
+from .floquet import jacobians as jacobians, largest_exponent as largest_exponent, multipliers as multipliers
+from .hybrid import impact_step as impact_step, return_step as return_step, switched_step as switched_step
+from .kinds import KINDS as KINDS, REGIMES as REGIMES, Regime as Regime, lasting as lasting
+from .lyapunov import (
+    LyapunovSpectrum as LyapunovSpectrum,
+    kaplan_yorke as kaplan_yorke,
+    map_spectrum as map_spectrum,
+    one_motion_standard_error as one_motion_standard_error,
+    pooled_standard_error as pooled_standard_error,
+    regime as regime,
+    standard_error as standard_error,
+    weighted_mean as weighted_mean,
+)
 from .newton import AbstractEquations as AbstractEquations
-from .ode import ode_spectrum as ode_spectrum
-from .ode import ode_step as ode_step
-from .shooting import PeriodicMotions as PeriodicMotions
-from .shooting import Shot as Shot
-from .shooting import minimal_period as minimal_period
-from .shooting import shoot as shoot
-from .spectra import find_line as find_line
-from .spectra import power_spectral_density as power_spectral_density
+from .ode import ode_spectrum as ode_spectrum, ode_step as ode_step
+from .shooting import (
+    PeriodicMotions as PeriodicMotions,
+    Shot as Shot,
+    minimal_period as minimal_period,
+    shoot as shoot,
+)
+from .spectra import find_line as find_line, power_spectral_density as power_spectral_density
 from .step_error import with_step_error as with_step_error

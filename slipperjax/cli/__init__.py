@@ -8,8 +8,7 @@ import click
 
 from . import design, explore, motions, runs, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
-from .options import INTERRUPTED, WRONG
-from .options import app as app
+from .options import INTERRUPTED, WRONG, app as app
 
 
 def _one_line(message, category, filename, lineno, file=None, line=None) -> None:

@@ -24,8 +24,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
 
     from ..studies.dang2024.claims import write_report
     from ..studies.dang2024.figures import write_figures
-    from ..studies.dang2024.runs import FIGURES, readings
-    from ..studies.dang2024.runs import reproduce as run
+    from ..studies.dang2024.runs import FIGURES, readings, reproduce as run
 
     matplotlib.use("Agg")
     runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
@@ -100,8 +99,7 @@ def throughput(batch: Any, engine: Any, out: Path) -> None:
 
     With JAX_PLATFORMS=cpu in the environment, on the cores beside a GPU.
     """
-    from ..bench.rates import rows
-    from ..bench.rates import throughput as run
+    from ..bench.rates import rows, throughput as run
 
     Outputs(out, ".md")
     given = {name: values for name, values in (("batches", batch), ("engines", engine)) if values}

@@ -26,8 +26,7 @@ from ..solvers.latching import calls_lapack
 from ..tools.batching import Batched
 from ..tools.checks import TOLD
 from ..tools.compile import ahead, as_argument, jit
-from ..tools.progress import bar as progress_bar
-from ..tools.progress import is_live
+from ..tools.progress import bar as progress_bar, is_live
 from .plan import Calls, Chunk, LastStrobes, OnProgress, Part, Plan
 
 TICK = 0.25

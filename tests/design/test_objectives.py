@@ -15,8 +15,7 @@ from slipperjax.flow.records import RECORDS, OnePoint, PowerMean, Record
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.quantities import Quantity
 
-from ..common import PERIODS, fine
-from ..common import STEPS as FINE
+from ..common import PERIODS, STEPS as FINE, fine
 from ..flow.made_up import made_up_course, wave
 
 PEAK, ROLL = OBJECTIVES["peak_force"], OBJECTIVES["excursion_roll"]
