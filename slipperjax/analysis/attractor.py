@@ -38,7 +38,7 @@ def recurrence(
     states: Float[np.ndarray, "*cases periods states"],
     most: int,
 ) -> dict[int, np.ndarray]:
-    """Returns by lag n, up to `most`, the greatest changes of a scaled state in n periods, (*cases, periods - n)."""
+    """Return by lag n, up to `most`, the greatest changes of a scaled state in n periods, (*cases, periods - n)."""
     return {n: np.abs(states[..., n:, :] - states[..., :-n, :]).max(-1) for n in range(1, most + 1)}
 
 
@@ -48,7 +48,7 @@ def zero_one_test(
     samples: int = 100,
     seed: int = 0,
 ) -> Float[np.ndarray, "*cases"]:
-    """Returns K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
+    """Return K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
 
     The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
     correlation of n with D_c(n) = M_c(n) - (mean phi)^2 (1 - cos n c) / (1 - cos c), where M_c is the mean square
@@ -84,7 +84,7 @@ def classify(
     tolerance: float = 1e-3,
     floor: float = 1e-6,
 ) -> Attractors:
-    """Returns the attractor of each motion.
+    """Return the attractor of each motion.
 
     - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
       one period n to the next and over a quarter of the record; or the residual of recurrence decays geometrically
@@ -122,7 +122,7 @@ def classify(
 
 
 def _scaled(strobe, scales):
-    """Returns checked states over their scales."""
+    """Return checked states over their scales."""
     x = numbers("strobe", strobe).astype(float)
     enough = x.ndim >= 2 and x.shape[-2] >= 16 and x.size
     need = "be of shape (*cases, periods, states) with 16 periods or more"
@@ -137,7 +137,7 @@ def _scaled(strobe, scales):
 
 
 def _classified(states, most, tolerance, floor):
-    """Returns the entries of `Attractors` for one case."""
+    """Return the entries of `Attractors` for one case."""
     lost = ~np.isfinite(states).all(-1)
     if lost.any():
         text = f"non-finite states from period {int(np.argmax(lost))} on"
@@ -165,12 +165,12 @@ class _Case:
         self.k = self.chaos()
 
     def result(self, regime, lag, evidence):
-        """Returns the entries of `Attractors`, with the residual over `lag` periods, by the deciding criterion."""
+        """Return the entries of `Attractors`, with the residual over `lag` periods, by the deciding criterion."""
         period = lag if regime == Regime.PERIODIC else 0
         return regime.kind_name, period, self.at_end[lag], self.k, evidence
 
     def tail(self, n):
-        """Returns the number of periods at the end over which a residual is judged."""
+        """Return the number of periods at the end over which a residual is judged."""
         return max(n, self.periods // 10)
 
     def fit(self, n, floor):
@@ -180,7 +180,7 @@ class _Case:
         return _decay(residual, min(12, windows), floor) if windows >= 6 else _Decay()
 
     def chaos(self):
-        """Returns K of the 0-1 test, without the part of the best period; NaN for short records."""
+        """Return K of the 0-1 test, without the part of the best period; NaN for short records."""
         if self.periods < MIN_TEST:
             return np.nan
         part = _irregular_part(self.states, self.best)
@@ -188,7 +188,7 @@ class _Case:
         return float(zero_one_test(part)) if np.ptp(part) > self.near else 0.0
 
     def recurrent(self):
-        """Returns a verdict where states recur, by the shortest period over which they do."""
+        """Return a verdict where states recur, by the shortest period over which they do."""
         for n in self.lags:
             shorter = [self.at_end[m] for m in _divisors(n)]
             # near the floor, a decay that rotates by a third of a turn per period looks like period 3
@@ -211,7 +211,7 @@ class _Case:
         return None
 
     def decaying(self):
-        """Returns a verdict where the residual over some period decays to zero."""
+        """Return a verdict where the residual over some period decays to zero."""
         for n in self.lags:
             decay = self.fit(n, self.floor)
             # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
@@ -222,7 +222,7 @@ class _Case:
         return None
 
     def irregular(self):
-        """Returns the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
+        """Return the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
         unresolved = lambda text: self.result(Regime.UNRESOLVED, self.best, text)
         if self.periods < MIN_TEST:
             few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
@@ -249,12 +249,12 @@ class _Case:
 
 
 def _divisors(n):
-    """Returns the divisors of n below n."""
+    """Return the divisors of n below n."""
     return [m for m in range(1, n) if n % m == 0]
 
 
 def _irregular_part(x, n):
-    """Returns a series for the 0-1 test: the scaled states along the direction in which they vary most, without the
+    """Return a series for the 0-1 test: the scaled states along the direction in which they vary most, without the
     part of period n, which would make chaos in n bands, visited in turn, look regular."""
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
@@ -283,7 +283,7 @@ class _Decay(NamedTuple):
 
 
 def _decay(residual, windows, floor):
-    """Returns the fit of exp(-rate k) to the maxima of a residual over windows of equal length.
+    """Return the fit of exp(-rate k) to the maxima of a residual over windows of equal length.
 
     With maxima, spiral decays, which oscillate below their envelope, are fitted as well as monotone ones. Maxima at
     or below `floor` are omitted, because rounding and integration errors dominate there.
@@ -304,7 +304,7 @@ def _decay(residual, windows, floor):
 
 
 def _growth_of_displacement(series, c):
-    """Returns the median over c of the correlation of n with D_c(n)."""
+    """Return the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
@@ -323,7 +323,7 @@ def _growth_of_displacement(series, c):
 
 
 def _mean_square_displacement(z, steps):
-    """Returns the mean of |z_{j+n} - z_j|^2 over j for each of `steps` n; z: (samples, periods)."""
+    """Return the mean of |z_{j+n} - z_j|^2 over j for each of `steps` n; z: (samples, periods)."""
     length = z.shape[1]
     count = length - steps[-1]
     # the squares by running sums, the products as a correlation by FFT
@@ -335,7 +335,7 @@ def _mean_square_displacement(z, steps):
 
 
 def _neighbours(x, most=30, window=10):
-    """Returns measures of the divergence of neighbours on the section, and of how evenly the states fill it.
+    """Return measures of the divergence of neighbours on the section, and of how evenly the states fill it.
 
     **Arguments:** `most`: greatest number of periods over which neighbours are followed, a fifth of the record if
     that is shorter; `window`: states fewer than this many periods apart in time do not count as neighbours (Theiler).
@@ -368,7 +368,7 @@ def _neighbours(x, most=30, window=10):
 
 
 def _drift(x):
-    """Returns the greatest change of mean and spread of a state between both halves, over the greatest spread.
+    """Return the greatest change of mean and spread of a state between both halves, over the greatest spread.
 
     Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """

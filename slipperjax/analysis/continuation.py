@@ -53,7 +53,7 @@ class Branch:
         return self.ends[0].reason, self.ends[1].reason
 
     def turned(self) -> "Branch":
-        """Returns the branch the other way round."""
+        """Return the branch the other way round."""
         # points keep their places, and tangents point the other way
         turn = lambda node: node._replace(tangent=-node.tangent)
         events = []
@@ -78,7 +78,7 @@ def continue_motion(
     observe: Observe | None = None,
     **options: Any,
 ) -> Branch:
-    """Follows periodic motions through a parameter, past folds, and names and locates events on the way.
+    """Follow periodic motions through a parameter, past folds, and names and locates events on the way.
 
     **Arguments:**
 
@@ -108,7 +108,7 @@ def continue_motion(
 
 
 def check_found(name: str, sought: str, point: Node, tolerance: float) -> None:
-    """Raises `ValueError` where Newton's method has not converged."""
+    """Raise `ValueError` where Newton's method has not converged."""
     ended = f"at a residual of {shown_number(point.residual)}, where Newton's method ended"
     require(point.residual <= tolerance, name, f"be near {sought}", shown=ended)
 
@@ -119,7 +119,7 @@ def begun(
     pace: Pace,
     ways: Sequence[int] = (1, -1),
 ) -> Branch:
-    """Returns a branch of one point, to be followed those `ways`."""
+    """Return a branch of one point, to be followed those `ways`."""
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
     return Branch(equations, (start,), (), (back, ahead))
 
@@ -135,7 +135,7 @@ def extend(
     until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
 ) -> Branch:
-    """Follows a branch further, from ends where it was not finished, and from those on bounds that are wider now.
+    """Follow a branch further, from ends where it was not finished, and from those on bounds that are wider now.
 
     **Arguments:** as for `continue_motion`, and
 
@@ -164,7 +164,7 @@ def extend(
 
 
 def _extended(branch, walk, search, most, until, on_point):
-    """Returns a branch with up to `most` further points at its end, and the events among them."""
+    """Return a branch with up to `most` further points at its end, and the events among them."""
     nodes = list(branch.nodes)
     events = list(branch.events)
     if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
@@ -214,7 +214,7 @@ def switch(
     length: float = 0.05,
     tolerance: float = 1e-10,
 ) -> tuple[Any, Node]:
-    """Returns the equations and first point of the branch that leaves at a flip or a branch point.
+    """Return the equations and first point of the branch that leaves at a flip or a branch point.
 
     **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
     until Newton's method finds a point that is not on `branch`.
@@ -253,7 +253,7 @@ def switch(
 
 
 def _across(equations: AbstractEquations, point: Node) -> np.ndarray:
-    """Returns the direction of solutions at right angles to the tangent, in weighted components."""
+    """Return the direction of solutions at right angles to the tangent, in weighted components."""
     rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(point.z)))
     # components without weight count as they are
     rows = np.where(rows > 0, rows, 1.0)

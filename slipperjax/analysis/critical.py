@@ -49,7 +49,7 @@ class CriticalMotions(AbstractEquations):
 
     @classmethod
     def of(cls, motions: PeriodicMotions, label: str) -> "CriticalMotions":
-        """Returns them with arbitrary borders; those of evaluations are better, see `update`."""
+        """Return them with arbitrary borders; those of evaluations are better, see `update`."""
         dtype = complex if CRITICAL_MULTIPLIERS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
         return cls(motions, one, one, label)
@@ -65,7 +65,7 @@ class CriticalMotions(AbstractEquations):
         return self.motions.size
 
     def multiplier(self, z: Array) -> Array:
-        """Returns the critical multiplier."""
+        """Return the critical multiplier."""
         return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
 
     def evaluate(self, z: Array) -> Linearisation:
@@ -90,7 +90,7 @@ class CriticalMotions(AbstractEquations):
         )
 
     def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
-        """Returns the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
+        """Return the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
         of = self._of_motion(z)
         scale = self._scale(z)
         mu = self.multiplier(z)
@@ -109,25 +109,25 @@ class CriticalMotions(AbstractEquations):
         return jnp.append(of, z[-1]) if self.angled else of
 
     def update(self, z: Any, null_vectors: tuple[Any, Any]) -> "CriticalMotions":
-        """Returns the equations with the null vectors of a point as borders."""
+        """Return the equations with the null vectors of a point as borders."""
         left, right = map(jnp.asarray, null_vectors)
         return dataclasses.replace(self, left=left, right=right)
 
     def _of_motion(self, z: Array) -> Array:
-        """Returns the unknowns of the motion's equations."""
+        """Return the unknowns of the motion's equations."""
         return z[:-1] if self.angled else z
 
     def _parts(self, value: Array) -> Array:
-        """Returns one equation as one or two real ones, in rows."""
+        """Return one equation as one or two real ones, in rows."""
         return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
 
     def _scale(self, z: Array) -> Array:
-        """Returns the weights of the state, one where they are zero."""
+        """Return the weights of the state, one where they are zero."""
         weights = self.motions.weights(self._of_motion(z))[0]
         return jax.lax.stop_gradient(jnp.where(weights > 0, weights, 1.0))
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
-        """Returns the vectors v and w of the bordered systems, in scaled components, and the number g."""
+        """Return the vectors v and w of the bordered systems, in scaled components, and the number g."""
         # the matrix of the module's first equation, bordered by a column and a row
         critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
@@ -138,7 +138,7 @@ class CriticalMotions(AbstractEquations):
         return ahead[:-1], back[:-1], ahead[-1]
 
     def _pushed(self, of: Array, v: Array) -> Array:
-        """Returns P_x v. Pure."""
+        """Return P_x v. Pure."""
         # the map of the state alone, at fixed parameters
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
@@ -166,7 +166,7 @@ def critical_motion(
     angle: Any = 0.0,
     tolerance: float = 1e-10,
 ) -> CriticalMotion:
-    """Returns the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
+    """Return the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
     The result has the derivatives of the exact one with respect to all numbers of `motions`, in both modes: of
     d(value)/d(number) the sensitivity of a bifurcation.
@@ -248,7 +248,7 @@ def continue_critical(
     pace: Pace = Pace(),
     **options: Any,
 ) -> Branch:
-    """Follows folds, flips, Neimark-Sackers or motions with a condition through the plane of two parameters.
+    """Follow folds, flips, Neimark-Sackers or motions with a condition through the plane of two parameters.
 
     **Arguments:** `equations`: of motions with two parameters, `CriticalMotions.of(motions, label)` for critical
     ones; `state`, `values`: near a motion of the curve, of which the second value is kept; `angle`: of the

@@ -88,7 +88,7 @@ class Node(NamedTuple):
         return self.weights**2 * self.tangent
 
     def length(self, way: np.ndarray) -> float:
-        """Returns the weighted length of a difference of unknowns."""
+        """Return the weighted length of a difference of unknowns."""
         return float(np.linalg.norm(self.weights * way))
 
     @property
@@ -97,7 +97,7 @@ class Node(NamedTuple):
         return bool(is_conservative(self.multipliers))
 
     def margins(self, conserved: bool) -> Any:
-        """Returns the distances from the unit circle within which multipliers are neutral."""
+        """Return the distances from the unit circle within which multipliers are neutral."""
         return np.maximum(self.errors, CONSERVED * conserved)
 
     @property
@@ -112,7 +112,7 @@ class Node(NamedTuple):
         return int(np.sum(np.abs(self.multipliers) > 1 + near))
 
     def beyond(self, conserved: bool, sign: int = 0) -> int:
-        """Returns the number of multipliers outside the unit circle, without neutral ones.
+        """Return the number of multipliers outside the unit circle, without neutral ones.
 
         **Arguments:** `sign`: 1 or -1 for the real ones beyond that number only.
         """
@@ -130,7 +130,7 @@ def correct(
     tolerance: float,
     iterations: int = 8,
 ) -> Node:
-    """Returns the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
+    """Return the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
 
     **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
     `near`: a point of the curve that `z` was predicted from, if any. `tolerance`: residual at which the iteration
@@ -149,7 +149,7 @@ def _correct(
     near: Array,
     limits: tuple,
 ) -> tuple:
-    """Returns the numbers of a `Node`."""
+    """Return the numbers of a `Node`."""
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
     # the guess must be consistent before the first iteration
@@ -164,7 +164,7 @@ def _correct(
 
 
 def evaluated(equations: AbstractEquations, z: Any) -> Linearisation:
-    """Returns `equations.evaluate(z)`, compiled, in arrays of NumPy."""
+    """Return `equations.evaluate(z)`, compiled, in arrays of NumPy."""
     return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
 
 
@@ -202,7 +202,7 @@ class Walk:
     """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
 
     def __iter__(self) -> Iterator[Node]:
-        """Yields the next points until the walk has ended. The last one lies on the bound that it meets."""
+        """Yield the next points until the walk has ended. The last one lies on the bound that it meets."""
         while not self.ended:
             before = self.last
             guess = before.z + self.step * before.tangent
@@ -227,7 +227,7 @@ class Walk:
                 yield within
 
     def _within(self, point: Node) -> Node | None:
-        """Returns a new point, or that on the bound for one beyond it; None where the walk ends before."""
+        """Return a new point, or that on the bound for one beyond it; None where the walk ends before."""
         beyond = (point.z < self.low) | (point.z > self.high)
         if not np.any(beyond):
             return point
@@ -242,7 +242,7 @@ class Walk:
         return None
 
     def _good(self, point: Node, guess: np.ndarray) -> bool:
-        """Tells whether a corrected point is the next one of the curve, and not one of another part of it."""
+        """Return whether a corrected point is the next one of the curve, and not one of another part of it."""
         if not point.residual <= self.tolerance:
             return False
         strayed = point.length(point.z - guess)
@@ -260,7 +260,7 @@ class Walk:
         return bool(point.row @ self.last.tangent > LEAST_TURN and near and arched)
 
     def _at_bound(self, beyond: Node) -> Node:
-        """Returns the curve's point on the first bound before a point beyond; look at its `residual`."""
+        """Return the curve's point on the first bound before a point beyond; look at its `residual`."""
         edges = np.clip(beyond.z, self.low, self.high)
         chord = beyond.z - self.last.z
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -276,7 +276,7 @@ class Walk:
 
 
 def checked_bounds(bounds: Any, text: str = "numbers") -> tuple[float, float]:
-    """Returns two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
+    """Return two numbers, the smaller first, infinite where there is no bound; raise `ValueError` otherwise."""
     try:
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
@@ -286,14 +286,14 @@ def checked_bounds(bounds: Any, text: str = "numbers") -> tuple[float, float]:
 
 
 def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
-    """Raises `ValueError` where the value of a parameter at the start lies outside its bounds."""
+    """Raise `ValueError` where the value of a parameter at the start lies outside its bounds."""
     low, high = (shown_number(bound) for bound in bounds)
     inside = bounds[0] <= value <= bounds[1]
     require(inside, name, f"lie within the bounds {low} and {high}", shown=shown_number(value))
 
 
 def passes(start: Node, one: Node, other: Node) -> bool:
-    """Tells whether a curve comes back to its start between two points: to within a tenth of their distance."""
+    """Return whether a curve comes back to its start between two points: to within a tenth of their distance."""
     chord = other.weights * (other.z - one.z)
     offset = other.weights * (start.z - one.z)
     share = chord @ offset / (chord @ chord)

@@ -23,7 +23,7 @@ MEANINGS = {
 
 
 def resonance(angle: float) -> str:
-    """Returns the strong resonance that a multiplier of this angle is near, such as "1:3"; empty for none.
+    """Return the strong resonance that a multiplier of this angle is near, such as "1:3"; empty for none.
 
     No torus needs to leave a Neimark-Sacker there (Kuznetsov, Elements of Applied Bifurcation Theory, chapter 9).
     Near is an angle within 0.05: the phase drifts by a turn in 126 periods.
@@ -55,14 +55,14 @@ class Event(NamedTuple):
 
 
 def observed(node: Node, observe: Observe | None) -> Node:
-    """Returns a point of a branch with its multipliers and the user's view of it."""
+    """Return a point of a branch with its multipliers and the user's view of it."""
     mu = np.asarray(multipliers(np.asarray(node.matrices)))
     view = Observation() if observe is None else observe(node)
     return node._replace(multipliers=mu, errors=rounding_errors(mu, node.matrices), view=view)
 
 
 def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
-    """Returns the labels of events between two near points of a branch; a pair that comes and goes again is missed.
+    """Return the labels of events between two near points of a branch; a pair that comes and goes again is missed.
 
     A real multiplier passes +1 where the parity of those beyond changes: at a fold where the parameter turns, else at
     a branch point. Likewise for -1. What is left of the change in the number outside are pairs: complex ones, unless
@@ -95,11 +95,11 @@ class EventSearch(NamedTuple):
     """Share of a step on both sides of a smooth event at which its sign is confirmed."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
-        """Locates the events in the step of a branch from a to b, in their order."""
+        """Locate the events in the step of a branch from a to b, in their order."""
         return self._replace(conserved=a.conserved and b.conserved).events(a, b)
 
     def at(self, share: float, a: Node, b: Node) -> Node | None:
-        """Returns the branch's point in the plane across the chord at a share of the way from a to b.
+        """Return the branch's point in the plane across the chord at a share of the way from a to b.
 
         None where none is found nearby.
         """
@@ -113,7 +113,7 @@ class EventSearch(NamedTuple):
         return observed(node, self.observe) if found else None
 
     def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
-        """Locates the events between a and b: halves the step until each is alone.
+        """Locate the events between a and b: halves the step until each is alone.
 
         **Arguments:** `width`: share of the step between two consecutive points of the branch.
         """
@@ -137,7 +137,7 @@ class EventSearch(NamedTuple):
         return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
 
     def narrowed(self, test: Callable[[Node], float], a: Node, b: Node) -> tuple[Node, Node, Node, float]:
-        """Looks for a zero of `test` between a and b by Brent's method.
+        """Look for a zero of `test` between a and b by Brent's method.
 
         **Returns:** the points next to it on either side, the one nearest to it, and the share of the step that lies
         between the first two.
@@ -168,7 +168,7 @@ class EventSearch(NamedTuple):
         return nodes[low], nodes[high], nodes[root], high - low
 
     def located(self, label: str, a: Node, b: Node) -> Event:
-        """Locates a fold, flip or Neimark-Sacker by the sign of its test function."""
+        """Locate a fold, flip or Neimark-Sacker by the sign of its test function."""
         low, high, nearest, width = self.narrowed(self.test(label, a, b), a, b)
         values = [float(node.z[-1]) for node in (low, high, nearest)]
         critical = _critical(label, nearest, self.index(a, b))
@@ -182,7 +182,7 @@ class EventSearch(NamedTuple):
         return Event(label, node, min(values), max(values), critical, bool(converged), note)
 
     def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
-        """Locates a branch point by interpolation from both sides: there itself Newton's method is singular.
+        """Locate a branch point by interpolation from both sides: there itself Newton's method is singular.
 
         With `turning` that of a pitchfork, on the branch that turns back there; None where the fold is elsewhere.
         """
@@ -216,7 +216,7 @@ class EventSearch(NamedTuple):
         return Event("BP", node, value - error, value + error, _critical("BP", node, index), True, "")
 
     def grazing(self, a: Node, b: Node) -> Event | None:
-        """Locates a single grazing; None where there are several, or other events near it."""
+        """Locate a single grazing; None where there are several, or other events near it."""
         before, after = a.view.counts, b.view.counts
         kinds = [k for k, (m, n) in enumerate(zip(before, after, strict=True)) if m != n]
 
@@ -233,11 +233,11 @@ class EventSearch(NamedTuple):
         return self.inseparable(["GR"], low, high, self.narrowest)
 
     def index(self, a: Node, b: Node) -> int:
-        """Returns the place of the critical multiplier among those sorted by their moduli, which are continuous."""
+        """Return the place of the critical multiplier among those sorted by their moduli, which are continuous."""
         return min(node.beyond(self.conserved) for node in (a, b))
 
     def test(self, label: str, a: Node, b: Node) -> Callable[[Node], float]:
-        """Returns a continuous function of a point that is zero at the event."""
+        """Return a continuous function of a point that is zero at the event."""
         if label == "LP":
             return lambda node: float(node.tangent[-1] * node.weights[-1])
         if label == "BP":  # which is smooth where a pair meets at +1, too
@@ -246,7 +246,7 @@ class EventSearch(NamedTuple):
         return lambda node: float(np.abs(node.multipliers[index]) - 1 - CONSERVED * self.conserved)
 
     def inseparable(self, labels: list[str], a: Node, b: Node, width: float) -> Event:
-        """Returns one event for several, or for a grazing, that no further point of the branch separates."""
+        """Return one event for several, or for a grazing, that no further point of the branch separates."""
         label = "GR" if "GR" in labels else labels[0]
         notes = []
         if set(labels) != {"GR"}:
@@ -272,20 +272,20 @@ class EventSearch(NamedTuple):
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:
-    """Tells whether a point lies on the branch from a to b, and not on one that crosses it."""
+    """Return whether a point lies on the branch from a to b, and not on one that crosses it."""
     chord = a.weights * (b.z - a.z)
     cosine = abs(chord @ (node.weights * node.tangent)) / np.linalg.norm(chord)
     return bool(cosine > 0.95)
 
 
 def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Returns the coefficients of polynomials in `tests` (count,), over its greatest, through `values` (count, more).
+    """Return the coefficients of polynomials in `tests` (count,), over its greatest, through `values` (count, more).
     The first row has their values where the test is zero."""
     return np.linalg.solve(np.vander(tests / np.abs(tests).max(), increasing=True), values)
 
 
 def _critical(label: str, node: Node, index: int) -> complex:
-    """Returns the multiplier that is critical at an event; `index`: of a pair among the multipliers."""
+    """Return the multiplier that is critical at an event; `index`: of a pair among the multipliers."""
     mu = node.multipliers
     if label == "NS":
         return complex(mu[index].real, abs(mu[index].imag))

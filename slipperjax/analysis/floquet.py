@@ -20,7 +20,7 @@ def solve(
     matrix: Inexact[Array, "n n"],
     rhs: Inexact[Array, "n ..."],
 ) -> Inexact[Array, "n ..."]:
-    """Returns x of `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
+    """Return x of `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.
     """
@@ -46,7 +46,7 @@ def jacobians(
     *,
     index: Any = 0.0,
 ) -> Float[Array, "intervals size size"]:
-    """Returns Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
+    """Return Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
     of floats with `size` values in all; `index`: index of the first interval.
@@ -57,7 +57,7 @@ def jacobians(
 def linearise(
     step: Step, state: Any, intervals: int, *, index: Any = 0.0
 ) -> tuple[Float[Array, " size"], Float[Array, "intervals size size"]]:
-    """Returns the state at the end as one array, and `jacobians`. Pure."""
+    """Return the state at the end as one array, and `jacobians`. Pure."""
     flat, unravel = ravel_pytree(state)
 
     def interval(x, k):
@@ -69,7 +69,7 @@ def linearise(
 
 
 def product(matrices: Any) -> Any:
-    """Returns the product of successive matrices, the first applied first."""
+    """Return the product of successive matrices, the first applied first."""
     if is_traced(matrices):
         return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
     return functools.reduce(_after, np.asarray(matrices))
@@ -78,7 +78,7 @@ def product(matrices: Any) -> Any:
 def multipliers(
     matrices: Float[Array | np.ndarray, "intervals size size"],
 ) -> Complex[Array | np.ndarray, " size"]:
-    """Returns the eigenvalues of the product of successive Jacobians, the largest modulus first.
+    """Return the eigenvalues of the product of successive Jacobians, the largest modulus first.
 
     The product is not formed, because it would lose the small ones: QR factors of the Jacobians are passed through
     the intervals until they separate moduli (the orthogonal iteration; see Lust 2001, doi:10.1142/S0218127401003486).
@@ -108,7 +108,7 @@ def _blocks(
     passes: int = 30,
     separated: float = 1e-12,
 ) -> list[np.ndarray]:
-    """Returns the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k).
+    """Return the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k).
 
     **Arguments:** `passes`: through all intervals, in which the QR factors separate moduli; `separated`: greatest
     entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals rounding
@@ -146,7 +146,7 @@ ROUNDING = 100 * np.finfo(float).eps
 
 
 def is_conservative(multipliers: Any) -> Any:
-    """Tells whether multipliers (*cases, size) are those of a conservative or reversible map: pairs mu and 1/mu.
+    """Return whether multipliers (*cases, size) are those of a conservative or reversible map: pairs mu and 1/mu.
 
     Such pairs stay on the unit circle along whole stretches of a branch.
     """
@@ -156,13 +156,13 @@ def is_conservative(multipliers: Any) -> Any:
 
 
 def circle_error(multipliers: Any) -> Any:
-    """Returns errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
+    """Return errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
     xp = jnp if is_traced(multipliers) else np
     return xp.where(is_conservative(multipliers), CONSERVED, ROUNDING)
 
 
 def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
-    """Returns errors of multipliers by rounding, estimated from the successive Jacobians.
+    """Return errors of multipliers by rounding, estimated from the successive Jacobians.
 
     They are `ROUNDING` times the norm of the balanced product and the multiplier's condition, or the root of that
     where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
@@ -184,7 +184,7 @@ def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
 
 
 def largest_exponent(matrices: Any, period: int) -> float:
-    """Returns ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
+    """Return ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
 
     **Arguments:** `matrices`: Jacobians of `period` or more successive intervals, (intervals, size, size).
     """

@@ -36,7 +36,7 @@ MOST_IMPACTS = 2000
 
 
 def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
-    """Makes a step of the classical method of Runge and Kutta: the state at t + h."""
+    """Make a step of the classical method of Runge and Kutta: the state at t + h."""
     a = field(t, y)
     b = field(t + h / 2, y + h / 2 * a)
     c = field(t + h / 2, y + h / 2 * b)
@@ -51,7 +51,7 @@ def share_before(
     dt: Any,
     crosses: Bool[Array, ""],
 ) -> Float[Array, ""]:
-    """Computes the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
+    """Compute the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
 
     It crosses in the direction of its sign at the end. A start on the surface by rounding, from which it first moves
     the other way, is no crossing. The derivatives are those of the exact share, of any order and in both modes.
@@ -67,7 +67,7 @@ def share_before(
 
 
 def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
-    """Finds where a function on 0 to 1 gets the sign that it has at 1, by Newton's method kept in a bracket."""
+    """Find where a function on 0 to 1 gets the sign that it has at 1, by Newton's method kept in a bracket."""
     slope_at = lambda share: jax.jvp(height, (share,), (jnp.ones_like(share),))
     (start, end), (slope, _) = jax.vmap(slope_at)(jnp.stack([zero, zero + 1]))
     # so that the crossing is always a fall
@@ -105,14 +105,14 @@ class AbstractCrossingStep(eqx.Module):
 
     @abc.abstractmethod
     def _ahead(self, t, y) -> tuple[Any, Bool[Array, ""]]:
-        """The state after a whole step from (t, y), and whether that crosses."""
+        """Return the state after a whole step from (t, y), and whether that crosses."""
 
     @abc.abstractmethod
     def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
-        """The state after a step from (t, y) with a crossing inside, where it `crosses`, and `_stuck` there."""
+        """Return the state after a step from (t, y) with a crossing inside, where it `crosses`, and if it is stuck."""
 
     def _stuck(self, t, y) -> Bool[Array, ""] | bool:
-        """Whether the motion is held on the surface, so that no step from there is a whole one."""
+        """Return whether the motion is held on the surface, so that no step from there is a whole one."""
         return False
 
     def __call__(self, state: Any, k: Any) -> Any:
@@ -228,17 +228,17 @@ class ImpactStep(AbstractCrossingStep):
         return lambda t, y: jnp.where(stuck, self._held(t, y), self.field(t, y))
 
     def _reaction(self, t, y):
-        """The direction of impacts' changes of the state, by which the rate of the gap changes by one."""
+        """Return the direction of impacts' changes of the state, by which the rate of the gap changes by one."""
         slope = jax.grad(lambda y: self._rate(t, y))(y)
         jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
         return jump / (slope @ jump)
 
     def _held(self, t, y):
-        """The field of a motion that stays on the surface."""
+        """Return the field of a motion that stays on the surface."""
         return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
     def _settled(self, t, y):
-        """The state on the surface and at rest across it."""
+        """Return the state on the surface and at rest across it."""
         slope = jax.grad(lambda y: self.surface(t, y))(y)
         y = y - self.surface(t, y) / (slope @ slope) * slope
         return y - self._rate(t, y) * self._reaction(t, y)
@@ -282,7 +282,7 @@ class ReturnStep(eqx.Module):
 
 
 def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> Any:
-    """Gives function(state, k) with derivatives in reverse mode too, where loops know forward mode only.
+    """Return function(state, k) with derivatives in reverse mode too, where loops know forward mode only.
 
     They are those of its Jacobian by forward mode, a matrix, by all numbers that are differentiated, also those
     that `function` closes over. States are small; a derivative costs as many as there are such numbers.
@@ -329,7 +329,7 @@ class _Linearised(eqx.Module):
 def switched_step(
     above: Field, below: Field, surface: Surface, *, dt: Any, steps: int, t0: Any = 0.0
 ) -> SwitchedStep:
-    """Makes `step` of an ODE whose right-hand side jumps where `surface` changes its sign.
+    """Make `step` of an ODE whose right-hand side jumps where `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
     Grazing, sliding, and steps longer than the time between two crossings are not supported.
@@ -352,7 +352,7 @@ def impact_step(
     steps: int,
     t0: Any = 0.0,
 ) -> ImpactStep:
-    """Makes `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
+    """Make `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
 
     The motion rebounds at the instant of each impact inside a step. Where impacts accumulate (chattering), it sticks
     to the surface instead of a flight shorter than `SHORTEST` of a step: it comes to rest across the surface and goes
@@ -381,7 +381,7 @@ def return_step(
     dt: Any,
     most: int = 100_000,
 ) -> ReturnStep:
-    """Makes the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next.
+    """Make the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next.
 
     `shoot` on it finds periodic orbits of a flow without a phase condition: along the flow the map's Jacobian has the
     multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact map, from
@@ -405,7 +405,7 @@ def _instants(dt, t0, steps):
 
 
 def _along(field: Field, function: Surface) -> Surface:
-    """Gives the derivative in time of a number along the motions of a field."""
+    """Return the derivative in time of a number along the motions of a field."""
 
     def derivative(t, y):
         t = jnp.asarray(t, float)

@@ -32,18 +32,18 @@ class Regime(enum.IntEnum):
 
     @classmethod
     def codes(cls, kind_names: Any) -> np.ndarray:
-        """Returns the codes for an array of names of `KINDS`."""
+        """Return the codes for an array of names of `KINDS`."""
         codes = {member.kind_name: int(member) for member in cls}
         return np.array([codes[name] for name in np.ravel(kind_names)], int).reshape(np.shape(kind_names))
 
     @classmethod
     def kind_names(cls, codes: Any) -> np.ndarray:
-        """Returns the names of `KINDS` for an array of codes."""
+        """Return the names of `KINDS` for an array of codes."""
         return np.asarray(np.array([member.kind_name for member in cls])[codes])
 
     @classmethod
     def regime_names(cls, codes: Any) -> np.ndarray:
-        """Returns the names of `REGIMES` for an array of codes."""
+        """Return the names of `REGIMES` for an array of codes."""
         return np.asarray(np.array([member.regime_name for member in cls])[codes])
 
 
@@ -54,7 +54,7 @@ REGIMES = "periodic", "regular", "chaotic", "unresolved", "transient chaos"
 
 
 def lasting(name: str, least_mean_life: Any) -> str:
-    """Returns the name of a regime as it is shown: of chaos with how long it lasts on average at least, where that
+    """Return the name of a regime as it is shown: of chaos with how long it lasts on average at least, where that
     was looked at. A transient that is longer cannot be told from chaos.
 
     **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of the cases, see `slipperjax.lyapunov_sweep`, NaN where

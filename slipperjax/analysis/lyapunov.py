@@ -102,7 +102,7 @@ class LyapunovSpectrum(eqx.Module):
 
 
 def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"]:
-    """Gives the weights of all components in one array; by default all are one."""
+    """Return the weights of all components in one array; by default all are one."""
     if scale is None:
         return jnp.ones_like(ravel_pytree(state)[0])
     full = lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape)
@@ -115,7 +115,7 @@ def fixed_directions(
     size: int,
     weights: Array,
 ) -> Float[Array, "count size"]:
-    """Makes random directions, the same in every run; their parts in components of weight zero are zero."""
+    """Make random directions, the same in every run; their parts in components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
     return jnp.where(weights > 0, 1 / jnp.where(weights > 0, weights, 1.0), 0.0)[None] * normal
 
@@ -124,7 +124,7 @@ def gram_schmidt(
     rows: Array,
     weights: Array,
 ) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
-    """Makes rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
+    """Make rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
 
     A row that vanishes gives a logarithm of about -354 (of the root of the smallest number in double precision) and
     is replaced by a fixed direction, made orthogonal to the rows before it.
@@ -159,7 +159,7 @@ def orthonormalise(
     state: Any,
     scale: Scale | None = None,
 ) -> tuple[Any, Float[Array, " count"]]:
-    """Makes tangents orthonormal at `state`, and gives the logarithms of their lengths; NaN after lost states."""
+    """Make tangents orthonormal at `state`, and return the logarithms of their lengths; NaN after lost states."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
     # after a lost state exponents are NaN
@@ -169,7 +169,7 @@ def orthonormalise(
 
 
 def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
-    """Makes `count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
+    """Make `count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
     flat, unravel = ravel_pytree(state)
     directions = fixed_directions(0, count, flat.size, weights_of(state, scale))
     return orthonormalise(jax.vmap(unravel)(directions), state, scale)[0]
@@ -184,7 +184,7 @@ def push_tangents(
     index: Any = 0.0,
     scale: Scale | None = None,
 ) -> tuple[Any, Any, Float[Array, "intervals count"]]:
-    """Propagates orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
+    """Propagate orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
 
     **Arguments:**
 
@@ -226,7 +226,7 @@ def map_spectrum(
     periods: Any = 1.0,
     period: Any = 1.0,
 ) -> LyapunovSpectrum:
-    """Computes the Lyapunov spectrum of a map, or of a flow that `step` integrates.
+    """Compute the Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
     Compiled once for each `step`: a new lambda is compiled again, an `equinox.Module` with other values in its arrays
     is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
@@ -268,7 +268,7 @@ def map_spectrum(
 
 
 def _spectrum(functions, static, state, index, transient):
-    """Returns the history without the intervals of alignment, and the state and tangents at the end."""
+    """Return the history without the intervals of alignment, and the state and tangents at the end."""
     step, scale = functions
     count, align, intervals, runs, fixed = static
     if runs:
@@ -282,13 +282,13 @@ def _spectrum(functions, static, state, index, transient):
 
 
 def check_functions(step: Any, scale: Any) -> None:
-    """Raises `ValueError` unless both are callable; `scale` may be None."""
+    """Raise `ValueError` unless both are callable; `scale` may be None."""
     require(callable(step), "step", "be a function", step)
     require(scale is None or callable(scale), "scale", "be a function", scale)
 
 
 def check_state(state: Any) -> Any:
-    """Gives `state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
+    """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(finite("state"), state)
 
@@ -300,12 +300,12 @@ LEAST = 1e-3
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
-    """Tells whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
+    """Return whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
     return np.asarray(np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST))
 
 
 def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0) -> np.ndarray:
-    """Gives the word of `slipperjax.analysis.REGIMES` for each case.
+    """Return the word of `slipperjax.analysis.REGIMES` for each case.
 
     A case is unresolved where it is not trusted, where exponent and recurrence contradict each other, and where the
     exponent is neither positive nor known well enough to be called zero or negative.
@@ -333,7 +333,7 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
-    """Computes Kaplan-Yorke dimensions along the last axis, in any order and unit (doi:10.1007/BFb0064319).
+    """Compute Kaplan-Yorke dimensions along the last axis, in any order and unit (doi:10.1007/BFb0064319).
 
     0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
@@ -355,7 +355,7 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
 
 
 def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Computes the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
+    """Compute the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
     For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
     reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For
@@ -371,7 +371,7 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
 
 def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Computes the standard error of the mean over the axis before the last, with autocorrelation.
+    """Compute the standard error of the mean over the axis before the last, with autocorrelation.
 
     Means over 100 to 199 blocks remove most of the correlation, of any length and kind (doi:10.1063/1.457480). An
     autoregression of these means, of the order that minimises Akaike's criterion, accounts for the remaining
@@ -410,7 +410,7 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
 
 def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Computes the standard error of the mean over one motion's record, with changes that are as slow as the record.
+    """Compute the standard error of the mean over one motion's record, with changes that are as slow as the record.
 
     The greatest of that of `standard_error`, the scatter of the record's quarters and that of its eighths, which
     exceed it where means of blocks have not levelled off with their length (doi:10.1063/1.457480); in quadrature with
@@ -434,19 +434,19 @@ def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]
 
 
 def _means_of_parts(history: np.ndarray, parts: int) -> np.ndarray:
-    """Returns the means of the last intervals in so many parts of equal length, shape (*lanes, parts, count)."""
+    """Return the means of the last intervals in so many parts of equal length, shape (*lanes, parts, count)."""
     length = history.shape[-2] // parts
     used = history[..., history.shape[-2] - parts * length :, :]
     return used.reshape(*history.shape[:-2], parts, length, history.shape[-1]).mean(axis=-2)
 
 
 def _scatter(means: np.ndarray) -> np.ndarray:
-    """Returns the standard error of the mean of independent numbers, along the axis before the last."""
+    """Return the standard error of the mean of independent numbers, along the axis before the last."""
     return means.std(axis=-2, ddof=1) / np.sqrt(means.shape[-2])
 
 
 def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Computes the standard error of the mean over several independent motions on one attractor.
+    """Compute the standard error of the mean over several independent motions on one attractor.
 
     The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
     means of their halves about the mean of all, which sees correlations that are as long as a motion's record, and

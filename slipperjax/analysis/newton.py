@@ -36,22 +36,22 @@ class AbstractEquations(eqx.Module):
 
     @abc.abstractmethod
     def evaluate(self, z: Float[Array, " more"]) -> Linearisation:
-        """Returns residual and derivative at `z`. Pure."""
+        """Return residual and derivative at `z`. Pure."""
 
     @abc.abstractmethod
     def weights(
         self,
         z: Float[Array, " more"],
     ) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
-        """Returns factors of the residual's components, and of the unknowns in the measure of length; zero for
+        """Return factors of the residual's components, and of the unknowns in the measure of length; zero for
         those that are left out."""
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
-        """Returns a consistent point for `z`, proposed from `before`, where the residual was `residual`. Pure."""
+        """Return a consistent point for `z`, proposed from `before`, where the residual was `residual`. Pure."""
         return z
 
     def update(self, z: Any, null_vectors: Any) -> "AbstractEquations":
-        """Returns the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
+        """Return the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
         return self
 
 
@@ -94,7 +94,7 @@ def newton(
     updates: int = 0,
     polish: bool = False,
 ) -> Root:
-    """Solves as many equations as unknowns. Pure; not to be differentiated.
+    """Solve as many equations as unknowns. Pure; not to be differentiated.
 
     **Arguments:**
 
@@ -169,11 +169,11 @@ def newton(
 
 
 def weighted_size(residual: Array, weights: Array) -> Array:
-    """Returns the greatest weighted component, of those with weights; infinite where any is not finite."""
+    """Return the greatest weighted component, of those with weights; infinite where any is not finite."""
     counted = jnp.where(weights > 0, weights * residual, 0.0)
     return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(counted)), jnp.inf)
 
 
 def without_derivatives(tree: Any) -> Any:
-    """Returns a pytree whose arrays are constants to derivatives."""
+    """Return a pytree whose arrays are constants to derivatives."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)

@@ -61,7 +61,7 @@ def ode_step(
     args: Any = None,
     t0: Any = 0.0,
 ) -> OdeStep:
-    """Returns `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
+    """Return `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
 
     **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
 
@@ -92,7 +92,7 @@ def ode_spectrum(
     t0: Any = 0.0,
     **options: Any,
 ) -> LyapunovSpectrum:
-    """Returns the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
+    """Return the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
 
     **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. If `period` is given, an
     interval has `dt * steps / period` periods; by default a period is one interval.

@@ -24,7 +24,7 @@ def quantile_plane(
     quantile: float,
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
-    """Returns coefficients such that a share `quantile` of weighted values lies below `system` @ coefficients."""
+    """Return coefficients such that a share `quantile` of weighted values lies below `system` @ coefficients."""
     used = weights > 0
     x = system[used]
     w = weights[used]
@@ -48,7 +48,7 @@ def mean_plane(
     values: Float[np.ndarray, " rows"],
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
-    """Returns coefficients by weighted least squares."""
+    """Return coefficients by weighted least squares."""
     root = np.sqrt(weights)
     return np.linalg.lstsq(system * root[:, None], values * root, rcond=None)[0]
 
@@ -60,7 +60,7 @@ def bootstrap(
     resamples: int = 100,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers).
+    """Return numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers).
 
     **Arguments:** `resamples`: draws with replacement; 100 give an error to 7 % of itself.
     """
@@ -69,7 +69,7 @@ def bootstrap(
 
 
 def check_quantile(quantile: Any, count: int) -> None:
-    """Warns where few of `count` values lie beyond a quantile.
+    """Warn where few of `count` values lie beyond a quantile.
 
     **Raises:** `ValueError` for what is neither None nor a share between 0 and 1.
     """

@@ -45,7 +45,7 @@ def shoot(
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> Shot:
-    """Returns a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
+    """Return a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
 
     Steps are halved where the residual does not fall. The result has the derivatives of the exact motion with respect
     to all numbers of `step`, in forward and reverse mode, whatever the iterations were.
@@ -74,7 +74,7 @@ def shoot(
 
 
 def _shoot(functions, static, state, tolerance):
-    """Returns a motion of one map, without parameters."""
+    """Return a motion of one map, without parameters."""
     intervals, limit, differentiable = static
 
     def motions(step, scale, consistent):
@@ -104,7 +104,7 @@ def minimal_period(
     *,
     scale: Scale | None = None,
 ) -> Any:
-    """Returns the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
+    """Return the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
 
     **Arguments:** as for `shoot`.
 
@@ -161,26 +161,26 @@ class PeriodicMotions(AbstractEquations):
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
 
     def unknowns(self, state: Any, *values: Any) -> Array:
-        """Returns the unknowns from a state and values of the parameters."""
+        """Return the unknowns from a state and values of the parameters."""
         # components of the state first, then the parameters
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
 
     def state(self, z: Array) -> Any:
-        """Returns the state of a point."""
+        """Return the state of a point."""
         return ravel_pytree(self.like)[1](jnp.asarray(z)[: self.size])
 
     def values(self, z: Array) -> tuple[Array, ...]:
-        """Returns the values of the parameters at a point."""
+        """Return the values of the parameters at a point."""
         return tuple(jnp.asarray(z)[self.size : self.size + jnp.size(self.reach)])
 
     def step(self, z: Array) -> Step:
-        """Returns the map at a point."""
+        """Return the map at a point."""
         return self.family(*self.values(z))
 
     def mapped(self, z: Array) -> Array:
-        """Returns the state after the intervals, as one array. Pure."""
+        """Return the state after the intervals, as one array. Pure."""
         step = self.step(z)
         ks = jnp.arange(float(self.intervals))
         run = lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]

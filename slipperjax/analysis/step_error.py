@@ -19,7 +19,7 @@ def with_step_error(
     steps: int,
     finer: Sequence[int] = FINER,
 ) -> tuple[Any, Any]:
-    """Returns a function of the number of steps with many of them, and its error by the difference to fewer.
+    """Return a function of the number of steps with many of them, and its error by the difference to fewer.
 
     **Arguments:**
 

@@ -12,7 +12,7 @@ from .options import INTERRUPTED, WRONG, app as app
 
 
 def _one_line(message, category, filename, lineno, file=None, line=None) -> None:
-    """Shows a warning as the command line shows errors."""
+    """Show a warning as the command line shows errors."""
     print("warning: " + " ".join(str(message).split()), file=sys.stderr)
 
 
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _called(arguments: list[str], signals: Signals) -> int:
-    """The exit code of a command; says what is wrong with it."""
+    """Return the exit code of a command; says what is wrong with it."""
     try:
         code = app(args=arguments or ["--help"], prog_name="slipperjax", standalone_mode=False)
         return code if isinstance(code, int) else 0

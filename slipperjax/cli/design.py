@@ -125,7 +125,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
 
 
 def _around(best: Any) -> Any:
-    """The objective around a design by simulation alone."""
+    """Return the objective around a design by simulation alone."""
     from ..design.checks import surroundings
 
     # the number of designs grows with the power of the variables
@@ -140,7 +140,7 @@ def _around(best: Any) -> Any:
 
 
 def _margins(best: Any) -> Any:
-    """The nearest events of the cases that tell most; they are printed."""
+    """Return the nearest events of the cases that tell most; they are printed."""
     from ..design.checks import event_margins
 
     if not any(best.cases["period"].values > 0):
@@ -168,7 +168,7 @@ def _margins(best: Any) -> Any:
 
 
 def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
-    """The speeds of --speeds."""
+    """Return the speeds of --speeds."""
     import numpy as np
 
     alone = not given("speed") and "speed" not in variables
@@ -180,7 +180,7 @@ def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
 
 
 def report(best: Any) -> str:
-    """A design in words: what was found, how sure, and a line for each case."""
+    """Return a design in words: what was found, how sure, and a line for each case."""
     import pandas as pd
 
     from ..plots.style import shown

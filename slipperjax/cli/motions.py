@@ -67,7 +67,7 @@ def simulate(
 
 
 def _error(scene: Any, probe: Any) -> str:
-    """Says by how much half the step changes a result."""
+    """Say by how much half the step changes a result."""
     import numpy as np
 
     peaks = np.asarray(probe.peak_error)
@@ -101,7 +101,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
 
 
 def _is_lost(motion: Any) -> bool:
-    """Whether Newton's method found no orbit, which is said."""
+    """Return whether Newton's method found no orbit, which is said."""
     from ..flow.status import Status
 
     status = Status(int(motion.status))
@@ -158,7 +158,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     draw = lambda ds: branches([*drawn, ds], quantity, beneath)
 
     def followed(call: Any, files: Outputs) -> Any:
-        """The branch that a call gives; of an interrupted one its points are written first."""
+        """Return the branch that a call gives; of an interrupted one its points are written first."""
         with keeping(lambda branch: files.write(branch.points, draw, partial=True)):
             return on_thread(call, BRANCH_PATIENCE)
 
@@ -190,7 +190,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
 
 
 def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: int, options: dict) -> Any:
-    """The parameter of --over, and a function that follows the motion on which the case settles.
+    """Return the parameter of --over, and a function that follows the motion on which the case settles.
 
     The function gives None where the case settles on no orbit.
     """
@@ -216,7 +216,7 @@ def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: i
 
 
 def _further(source: Path, over: tuple[str, Any, Any] | None, options: dict[str, Any]) -> Any:
-    """The parameter of a file's branch, and what follows it further, over other bounds where they are given."""
+    """Return the parameter of a file's branch, and what follows it further, over other bounds where given."""
     from ..orbits.branches import load_branch
 
     for name in given(*WITHOUT_FROM):

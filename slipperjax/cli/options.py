@@ -28,12 +28,12 @@ INTERRUPTED = 130
 
 
 def option(name: str, type: Any, text: str, **more: Any) -> Callable[..., Any]:
-    """An option of a command; `text` is its help."""
+    """Return an option of a command; `text` is its help."""
     return click.option(name, type=type, help=text, **more)
 
 
 def flag(name: str, text: str) -> Callable[..., Any]:
-    """An option without a value."""
+    """Return an option without a value."""
     return click.option(name, is_flag=True, help=text)
 
 
@@ -139,12 +139,12 @@ def parameters_of(names: dict[str, Any]) -> str:
 
 
 def bounds(name: str, text: str, **more: Any) -> Callable[..., Any]:
-    """An option that bounds a parameter."""
+    """Return an option that bounds a parameter."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
 def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
-    """The option --out, without an ending that the command adds itself."""
+    """Return the option --out, without an ending that the command adds itself."""
 
     def without(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
         return path.with_suffix("") if path is not None and path.suffix.lower() in endings else path
@@ -153,7 +153,7 @@ def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
 
 
 def result(default: str) -> Callable[..., Any]:
-    """The option --out of commands that write a dataset and a picture."""
+    """Return the option --out of commands that write a dataset and a picture."""
     return out(default, "Where to write: makes OUT.nc and OUT.png.", ".nc", ".png")
 
 
@@ -249,7 +249,7 @@ class Case(NamedTuple):
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with the options of `CASE` besides its own, which gets what they describe as `case`.
+    """Return a command with the options of `CASE` besides its own, which gets what they describe as `case`.
 
     One that has a parameter `scene` of its own gets no option of that name.
     """
@@ -267,7 +267,7 @@ def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def given(*names: str) -> list[str]:
-    """Those of a command's options that stand on its command line, as they are written there."""
+    """Return a command's options that stand on its command line, as they are written there."""
     source = click.get_current_context().get_parameter_source
     return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
 
@@ -327,7 +327,7 @@ def make_case(
 
 
 def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tuple[Any, tuple[float, float]]:
-    """A parameter, and bounds of its values [SI unit].
+    """Return a parameter, and bounds of its values [SI unit].
 
     **Arguments:** `low`, `high`: as for `shown_value`.
 

@@ -47,7 +47,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
 
 
 def _delete(partial: Any) -> None:
-    """Deletes files whose content has its name now."""
+    """Delete files whose content has its name now."""
     for path in partial:
         path.unlink(missing_ok=True)
 

@@ -41,7 +41,7 @@ PERIODS = {"exponents": 500, "orbits": 1, "motion": MIN_TEST}
 
 
 def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
-    """An option that spans values of a parameter."""
+    """Return an option that spans values of a parameter."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
 

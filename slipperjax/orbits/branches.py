@@ -95,11 +95,11 @@ class OrbitPoints:
         require(good, "points", "be an xarray.Dataset along `point`", self.points)
 
     def to_netcdf(self, path: Any) -> None:
-        """Writes `points`, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
+        """Write `points`, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
         write_whole(user_path(path), self.points.to_netcdf(engine="h5netcdf"))
 
     def to_dataframe(self) -> Any:
-        """Returns a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, states.
+        """Return a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, states.
 
         Poincare sections, whose number differs from orbit to orbit, are left out.
         """
@@ -145,14 +145,14 @@ class OrbitBranch(OrbitPoints):
         return tuple(map(BranchEvent, *(columns[name] for name in BranchEvent._fields)))
 
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
-        """Returns the events with a label such as "PD"."""
+        """Return the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
 
     def __repr__(self) -> str:
         return self.summary()
 
     def summary(self) -> str:
-        """Returns the branch in words, with a table of its events."""
+        """Return the branch in words, with a table of its events."""
         varied = self.parameter
         ds = self.points
         values = ds[varied.name].values
@@ -180,13 +180,13 @@ class OrbitBranch(OrbitPoints):
         return "\n".join(lines)
 
     def events_dataframe(self) -> Any:
-        """Returns a `pandas.DataFrame` with a row per event, as `events`."""
+        """Return a `pandas.DataFrame` with a row per event, as `events`."""
         # the table of events is what lies along them alone
         names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
         return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
 
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
-        """Returns the orbit at a point, or at an event."""
+        """Return the orbit at a point, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
         run = _Run.of(self)
         return PeriodicOrbit(
@@ -206,7 +206,7 @@ class OrbitBranch(OrbitPoints):
         bounds: tuple[float, float] | None = None,
         **options: Any,
     ) -> "OrbitBranch":
-        """Follows the branch further: where it was interrupted, met an event of `until`, ended for the number of its
+        """Follow the branch further: where it was interrupted, met an event of `until`, ended for the number of its
         points, or met a bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
@@ -222,7 +222,7 @@ class OrbitBranch(OrbitPoints):
         bounds: tuple[float, float] | None = None,
         **options: Any,
     ) -> "OrbitBranch":
-        """Follows the branch that leaves at a flip, of twice the period, or at a branch point.
+        """Follow the branch that leaves at a flip, of twice the period, or at a branch point.
 
         **Arguments:** as for `extended`.
 
@@ -251,13 +251,13 @@ class OrbitBranch(OrbitPoints):
 
 
 def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
-    """Returns an event as `slipperjax.analysis` has it."""
+    """Return an event as `slipperjax.analysis` has it."""
     label, _, low, high, multiplier, converged, note, point = event
     return Event(label, nodes[point], low, high, multiplier, converged, note)
 
 
 def load_branch(source: Any) -> OrbitBranch:
-    """Loads a branch from a netCDF file, or from the dataset of one.
+    """Load a branch from a netCDF file, or from the dataset of one.
 
     **Raises:** `ValueError` for other files and datasets; `OSError` for a file that cannot be read.
     """
@@ -281,7 +281,7 @@ class _Run:
 
     @classmethod
     def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
-        """Returns those of a new branch."""
+        """Return those of a new branch."""
         # one program for all numbers of steps
         options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
         equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
@@ -289,7 +289,7 @@ class _Run:
 
     @classmethod
     def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Run":
-        """Returns those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
+        """Return those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
         call = load_call(branch.points)
         scene, start = load_base(branch.points)
         varied = branch.parameter
@@ -298,7 +298,7 @@ class _Run:
         return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(varied, bounds))
 
     def observe(self, node: Node) -> Observation:
-        """Observes the contacts and sections of an orbit."""
+        """Observe the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
         equations = dataclasses.replace(self.equations, family=family)
@@ -326,7 +326,7 @@ class _Run:
         progress: bool | None = None,
         **options,
     ) -> OrbitBranch:
-        """Returns the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
+        """Return the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
         with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
             return self.counting(count, walk, *start, **options)
 
@@ -338,7 +338,7 @@ class _Run:
         points: int = 400,
         until: Sequence[str] = (),
     ) -> OrbitBranch:
-        """Returns the branch that `walk` makes from a start; after Ctrl-C raises `Interrupted` with it."""
+        """Return the branch that `walk` makes from a start; after Ctrl-C raises `Interrupted` with it."""
         branch = walk(
             *start,
             self.bounds,
@@ -355,7 +355,7 @@ class _Run:
         return finished(found)
 
     def dataset(self, branch: Branch):
-        """Returns an `xarray.Dataset` of a branch, from which the branch can be made again."""
+        """Return an `xarray.Dataset` of a branch, from which the branch can be made again."""
         nodes = branch.nodes
         scene = self.scene
         views: list[OrbitView] = [node.view.data for node in nodes]
@@ -406,14 +406,14 @@ class _Run:
 
 
 def _samples(equations: PeriodicMotions, static: tuple, z) -> tuple:
-    """Returns the samples of records along an orbit, and the length of a period [s]."""
+    """Return the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
     return passage.samples, step.scene.period
 
 
 def along(values: Any, text: str, *dims: str, unit: str = "1") -> tuple:
-    """Returns a variable of a dataset along its points."""
+    """Return a variable of a dataset along its points."""
     return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
 
 
@@ -424,7 +424,7 @@ def orbits_dataset(
     varied: Sequence[Parameter],
     call: dict[str, Any],
 ) -> tuple[Any, State]:
-    """Returns an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
+    """Return an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
 
     **Returns:** the dataset, and the states, with a leading axis.
     """
@@ -457,7 +457,7 @@ def orbits_dataset(
 
 
 def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
-    """Returns the variables of the table of events."""
+    """Return the variables of the table of events."""
     # by identity: a bound and a grazing may share a value
     index = {id(node.z): k for k, node in enumerate(branch.nodes)}
     names = contact_names(scene)
@@ -484,7 +484,7 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
 
 
 def finished(result: Any) -> Any:
-    """Returns a branch or curve back; raises `Interrupted` with it where it ended by Ctrl-C."""
+    """Return a branch or curve back; raise `Interrupted` with it where it ended by Ctrl-C."""
     if "interrupted" in result.points.attrs["ended"]:
         raise Interrupted(result, result.points.sizes["point"], unit="points")
     return result
@@ -497,7 +497,7 @@ def counted(
     varied: Parameter,
     programs: int = 4,
 ) -> Iterator[Callable[[Any], None]]:
-    """Yields a function that counts points, with their values of a parameter [SI unit], in a progress bar.
+    """Yield a function that counts points, with their values of a parameter [SI unit], in a progress bar.
 
     At each point it polls whether this run is asked to end.
 
@@ -517,13 +517,13 @@ def counted(
 
 
 def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
-    """Returns two values of a parameter, the smaller first; raises `ValueError` for others."""
+    """Return two values of a parameter, the smaller first; raise `ValueError` for others."""
     low, high = checked_bounds(bounds, f"values of {varied.name} [{varied.unit}]")
     return float(varied.check(low)), float(varied.check(high))
 
 
 def labels(until: Any) -> tuple[str, ...]:
-    """Returns labels of events; raises `ValueError` for others."""
+    """Return labels of events; raise `ValueError` for others."""
     choices = [label for label in MEANINGS if label not in ("EP", "MX")]
     known_labels = not isinstance(until, str) and all(label in choices for label in until)
     require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)
@@ -536,7 +536,7 @@ def steps_of_branch(
     bounds: tuple[float, float],
     steps: int | None,
 ) -> int:
-    """Returns the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+    """Return the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
         return given_steps(steps)
     # the steps must do along the whole branch
@@ -558,7 +558,7 @@ def continue_orbit(
     until: Sequence[str] = (),
     progress: bool | None = None,
 ) -> OrbitBranch:
-    """Follows an orbit through a parameter both ways, stable or not, past folds, and names and locates events.
+    """Follow an orbit through a parameter both ways, stable or not, past folds, and names and locates events.
 
     Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers, grazings (GR)
     by the touchdowns of each contact point and by extremes of its gap within steps; all are located, and no grazing

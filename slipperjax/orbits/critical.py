@@ -56,7 +56,7 @@ def critical_orbit(
     *,
     tolerance: float = TOLERANCE,
 ) -> CriticalMotion:
-    """Finds the fold, flip or Neimark-Sacker of orbits over a parameter, from an orbit near it, by Newton's method.
+    """Find the fold, flip or Neimark-Sacker of orbits over a parameter, from an orbit near it, by Newton's method.
 
     `value` and `state` have the derivatives of the exact ones with respect to all numbers of `scene`, in both modes:
     how fast a flip's speed changes with the clearance, for example. The scene's own value of the parameter is without
@@ -90,7 +90,7 @@ def _critical_orbit(
     name: str,
     label: str,
 ) -> CriticalMotion:
-    """Finds the orbit of `critical_orbit`, unchecked."""
+    """Find the orbit of `critical_orbit`, unchecked."""
     # a first guess has no derivatives
     value = jax.lax.stop_gradient(parameter(name, scene).of(start.scene))
     options: dict[str, Any] = dict(stepping=stepping, solver=start.solver, period=start.period)
@@ -99,7 +99,7 @@ def _critical_orbit(
 
 
 def _angle(orbit: PeriodicOrbit) -> float:
-    """Returns the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
+    """Return the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
     mu = np.asarray(orbit.multipliers)
     upper = mu[mu.imag > 0]
     return float(np.angle(min(upper, key=lambda mu: abs(abs(mu) - 1)))) if len(upper) else 0.0
@@ -110,7 +110,7 @@ def event_sensitivities(
     event: BranchEvent,
     names: Sequence[str],
 ) -> xr.Dataset:
-    """Differentiates the place of a fold, flip or Neimark-Sacker by other parameters of the scene.
+    """Differentiate the place of a fold, flip or Neimark-Sacker by other parameters of the scene.
 
     **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
 
@@ -179,7 +179,7 @@ def _place(
     label: str,
     names: tuple[str, ...],
 ) -> tuple[Array, Array, Array]:
-    """Returns an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
+    """Return an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
 
     # the value is the result that is differentiated, and comes with itself and the residual
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -205,15 +205,15 @@ class GapExtreme(eqx.Module):
     """Forcing periods after which the orbit recurs [1]."""
 
     def __call__(self, state: State, *values: Any) -> Array:
-        """Returns the gap [m]."""
+        """Return the gap [m]."""
         return self._extreme(state, *values)[0]
 
     def update(self, state: State, *values: Any) -> "GapExtreme":
-        """Returns the same extreme with its time on this orbit."""
+        """Return the same extreme with its time on this orbit."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
     def _extreme(self, state: State, *values) -> tuple[Array, Array]:
-        """Returns the gap at the extreme [m], and the time [forcing periods]."""
+        """Return the gap at the extreme [m], and the time [forcing periods]."""
         # the gap at both ends of every step along the orbit
         step: PeriodMap = self.family(*values)
         samples = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
@@ -273,7 +273,7 @@ def continue_event(
     points: int = 200,
     progress: bool | None = None,
 ) -> OrbitCurve:
-    """Follows an event of a branch through the plane of the branch's parameter and another one.
+    """Follow an event of a branch through the plane of the branch's parameter and another one.
 
     **Arguments:**
 
@@ -337,7 +337,7 @@ def _extreme_at(
     event: BranchEvent,
     call,
 ) -> GapExtreme:
-    """Returns the extreme that is zero at a grazing."""
+    """Return the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     # the point whose extreme is nearest to zero is the one that grazes
     point = int(np.argmin(touches.margin))

@@ -33,7 +33,7 @@ from ..tools.limits import refuse_impossible
 
 
 def check_count(scene: Scene, count: int) -> int:
-    """Returns the number of exponents, at most as many as the scene's motion has dimensions.
+    """Return the number of exponents, at most as many as the scene's motion has dimensions.
 
     Ten, and the memory of each point where that is integrated. A latched memory adds none: it follows from the motion
     at the touchdown.
@@ -58,7 +58,7 @@ def lyapunov_spectrum(
     start: Motion | State | Trajectory | None = None,
     begin: float | None = None,
 ) -> LyapunovSpectrum:
-    """Returns Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
+    """Return Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
 
     **Arguments:**
 

@@ -47,7 +47,7 @@ def slipper_motions(
     period: int,
     share: float = 1.0,
 ) -> PeriodicMotions:
-    """Returns the equations of orbits over some parameters, with changes `reach` that count as one.
+    """Return the equations of orbits over some parameters, with changes `reach` that count as one.
 
     Lengths of curves are measured by the parameters and, with a weight of `share`, by the motion. Where the
     derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its scale, and the
@@ -65,7 +65,7 @@ def slipper_motions(
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
-    """Returns the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
+    """Return the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
 
     **Arguments:** `mapped`: what the last iterate is mapped to.
     """
@@ -88,12 +88,12 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
 
 
 def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
-    """Returns a proposed state consistent, see `slipperjax.analysis.shoot`."""
+    """Return a proposed state consistent, see `slipperjax.analysis.shoot`."""
     return consistent_memory(step.scene, proposed, mapped)
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raises `ValueError` for a track that does not recur with its first wavelength, unless it is traced, and for a
+    """Raise `ValueError` for a track that does not recur with its first wavelength, unless it is traced, and for a
     speed that changes."""
     if not is_traced(scene.track):
         need = "have a track that recurs with its first wavelength"
@@ -104,5 +104,5 @@ def check_forcing(scene: Scene) -> None:
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
-    """Tells whether a scene's track recurs with the forcing period."""
+    """Return whether a scene's track recurs with the forcing period."""
     return (scene.track.recurrence == 1) & (not isinstance(scene.speed, SpeedProgramme))

@@ -87,14 +87,14 @@ class PeriodicOrbit(eqx.Module):
         return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
 
     def trajectory(self, periods: int | None = None, **options: Any) -> Trajectory:
-        """Simulates the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
+        """Simulate the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
         count = self.period if periods is None else periods
         # what is given counts more than the orbit's own
         options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
         return simulate(self.scene, count, start=self.state, **options)
 
     def to_xarray(self) -> Any:
-        """Returns the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
+        """Return the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
         attributes orbit_period [forcing periods], stable, residual and signature."""
         mu = np.asarray(self.multipliers)
         words = {"units": "1", "long_name": "Floquet multiplier"}
@@ -130,7 +130,7 @@ def periodic_orbit(
     tolerance: float = TOLERANCE,
     max_iterations: int = 30,
 ) -> PeriodicOrbit:
-    """Finds a periodic motion of one scene, stable or not, by Newton's method with derivatives through touchdowns.
+    """Find a periodic motion of one scene, stable or not, by Newton's method with derivatives through touchdowns.
 
     The set of closed contacts may change between iterations: which points touch, and when, need not be given.
     The state has the exact motion's derivatives with respect to all numbers of the scene, in both modes.
@@ -207,7 +207,7 @@ def periodic_orbit(
 
 @jit
 def _status(state: State, residual: Array, tolerance) -> Array:
-    """Judges a state with the residual of its recurrence, as one program."""
+    """Judge a state with the residual of its recurrence, as one program."""
     code = status_of(state)
     return jnp.where(
         (code == int(Status.FINITE)) & ~(residual <= tolerance),
@@ -217,7 +217,7 @@ def _status(state: State, residual: Array, tolerance) -> Array:
 
 
 def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
-    """Returns the state some forcing periods later, without derivatives."""
+    """Return the state some forcing periods later, without derivatives."""
     if not periods:
         return state
     step, state = without_derivatives((step, state))

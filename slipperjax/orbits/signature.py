@@ -79,7 +79,7 @@ class Gaps(NamedTuple):
         steps: int,
         period: float,
     ) -> "Gaps":
-        """Returns the gaps from `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more,
+        """Return the gaps from `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more,
         points); `period` [s]."""
         ends = lambda values, k: np.concatenate(np.asarray(values)[:, k : k + steps])
         # ends of steps in the order of time, slopes per step
@@ -101,7 +101,7 @@ class Grazing(NamedTuple):
 
 
 def grazing(gaps: Gaps) -> Grazing:
-    """Returns how near each point of an orbit is to a grazing."""
+    """Return how near each point of an orbit is to a grazing."""
     # both extremes of every cubic, NaN where there is none inside the step
     x = gaps.cubic.extremes()
     magnitude = np.abs(gaps.cubic.value(x))
@@ -116,7 +116,7 @@ def grazing(gaps: Gaps) -> Grazing:
 
 
 def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, np.ndarray]:
-    """Tells whether gaps fall below zero in the up to three parts of a step between extremes, and gives the ends of
+    """Return whether gaps fall below zero in the up to three parts of a step between extremes, and return the ends of
     these parts."""
     inner = gaps.cubic.extremes()
     # parts behind a missing extreme have no length
@@ -130,12 +130,12 @@ def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, 
 
 
 def contact_names(scene: Scene) -> list[str]:
-    """Returns the names of all contact points, with 1 at the front and 2 at the rear."""
+    """Return the names of all contact points, with 1 at the front and 2 at the rear."""
     return [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
 
 
 def signature(scene: Scene, gaps: Gaps) -> Signature:
-    """Returns the signature of an orbit."""
+    """Return the signature of an orbit."""
     names = contact_names(scene)
     cubic = gaps.cubic
     falls, low, high = _falls(gaps)

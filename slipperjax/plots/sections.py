@@ -166,7 +166,7 @@ def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[n
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
-    """Sets axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
+    """Set axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
     low = 1e3 * points.min(axis=(0, 1)) - margin
     high = 1e3 * points.max(axis=(0, 1)) + margin
     ax.set(
@@ -189,7 +189,7 @@ def animate(
     every: int = 1,
     fps: float = 20.0,
 ) -> Any:
-    """Animates the slipper's front and rear section around the rail head, with the play magnified.
+    """Animate the slipper's front and rear section around the rail head, with the play magnified.
 
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
     drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
