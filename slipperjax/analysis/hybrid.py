@@ -109,7 +109,7 @@ class AbstractCrossingStep(eqx.Module):
 
     @abc.abstractmethod
     def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
-        """Return the state after a step from (t, y) with a crossing inside, where it `crosses`, and if it is stuck."""
+        """Return the state after a step with a crossing inside, where it `crosses`, and whether it is stuck there."""
 
     def _stuck(self, t, y) -> Bool[Array, ""] | bool:
         """Return whether the motion is held on the surface, so that no step from there is a whole one."""

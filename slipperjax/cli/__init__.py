@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _called(arguments: list[str], signals: Signals) -> int:
-    """Return the exit code of a command; says what is wrong with it."""
+    """Return the exit code of a command; print what is wrong with it."""
     try:
         code = app(args=arguments or ["--help"], prog_name="slipperjax", standalone_mode=False)
         return code if isinstance(code, int) else 0
