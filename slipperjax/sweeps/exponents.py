@@ -150,7 +150,8 @@ def run_longer_motions(
 
     name = f"longer motions of {len(chosen)} chaotic cases"
     periods = HOLD + measured_periods(blocks)
-    run = run_cases(plan, work, periods=periods, index=np.repeat(chosen, MOTIONS), name=name, **options)
+    index = np.repeat(chosen, MOTIONS)
+    run = run_cases(plan, work, periods=periods, index=index, tangents=True, name=name, **options)
     if run.results is None:
         return LongerMotions.not_run(chosen, count), True
     history, status, strobe, _ = run.results

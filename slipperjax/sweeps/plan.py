@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from diffrax import AbstractSolver
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, step_plan
@@ -213,12 +213,12 @@ class AbstractStage(AbstractOutput):
         states: State,
         epoch: float,
         status: Int[np.ndarray, " lanes"],
-        strobe: Float[np.ndarray, "lanes periods coordinates"] | None,
+        strobe: Motion | None,
     ) -> tuple[Any, Int[np.ndarray, " lanes"]]:
         """Return arrays (lanes, ...) and `Status` codes of a chunk.
 
         **Arguments:** `states`: at the end of the recorded span, `epoch` forcing periods after distance zero;
-        `strobe`: states once per period before, with `LastStrobes` among the records.
+        `strobe`: motions once per period before, (lanes, periods), with `LastStrobes` among the records.
         """
 
     def of_all(

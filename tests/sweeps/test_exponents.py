@@ -11,7 +11,10 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
-from slipperjax.sweeps.exponents import BLOCK, HOLD, MOTIONS, LongerMotions, LyapunovExponents
+from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.exponents import BLOCK, HOLD, MOTIONS, LongerMotions, LyapunovExponents, run_longer_motions
+from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.run import Run
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
@@ -75,6 +78,21 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
         total = MOTIONS * (HOLD + float(found.attrs["measured"]) + BLOCK)
         np.testing.assert_allclose(np.exp(-total / life[0]), 0.05, rtol=1e-12)
         assert found["regime"].attrs["chaotic"] == f"chaotic (mean life {life[0]:.0f} periods or more)"
+
+
+def test_longer_motions_of_implicit_methods_run_one_at_a_time(monkeypatch):
+    """Their tangents call LAPACK, which must not be called from two threads."""
+    asked = {}
+
+    def run_cases(plan, work, **how):
+        asked.update(how)
+        return Run(None, np.zeros(plan.cases.count, bool), True)
+
+    monkeypatch.setattr(exponents, "run_cases", run_cases)
+    plan = make_plan(Grid(sj.paper_scene(), {"speed": TWO}), sj.table_2_start(), Call(0, 20))
+    longer, interrupted = run_longer_motions(plan, np.array([1]), None, 20, 2, 1, {})
+    assert (longer.status.tolist(), interrupted) == ([int(Status.NOT_RUN)], True)
+    assert asked["tangents"]
 
 
 @pytest.fixture(scope="module")
