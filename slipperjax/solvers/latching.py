@@ -185,7 +185,7 @@ def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.Ab
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Return whether a solver is explicit: stability bounds its steps, none of which fails."""
+    """Return whether a solver is explicit: its steps are bounded by stability, and cannot fail."""
     inner = _innermost(solver)
     return isinstance(inner, diffrax.AbstractERK | diffrax.Euler) or getattr(inner, "explicit", False)
 
