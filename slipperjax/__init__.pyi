@@ -22,6 +22,7 @@ from .flow.simulate import Trajectory as Trajectory, period_map as period_map, s
 from .flow.status import Interrupted as Interrupted, Status as Status
 from .model.contact import (
     AbstractContactLaw as AbstractContactLaw,
+    AbstractIntegratedMemory as AbstractIntegratedMemory,
     AbstractMemory as AbstractMemory,
     ConstantDamping as ConstantDamping,
     EventLatch as EventLatch,

@@ -16,7 +16,8 @@ from jaxtyping import Array, Float, Int
 
 from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
-from ..model.dynamics import Args, SmoothField, State, state_and_penetration, vector_field, warn_if_outside
+from ..model.contact import AbstractMemory
+from ..model.dynamics import Args, State, state_and_penetration, vector_field, warn_if_outside
 from ..model.kinematics import Motion, contact_points, scales_of
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
@@ -38,20 +39,16 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
     The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
     itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
     """
-    # functions of the module: one that is made anew would be compiled anew in every call
-    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _weights
+    return _weights_with(type(scene.memory))
 
 
-def _weights(state: State) -> State:
-    memory = state.memory
-    if memory is not None:
-        closed = memory < -1e-9
-        memory = jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
-    return State(jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion)), memory)
+@functools.cache  # one that is made anew would be compiled anew in every call
+def _weights_with(memory: type[AbstractMemory]) -> Callable[[State], State]:
+    def weights(state: State) -> State:
+        of_memory = None if state.memory is None else memory.weights(state.memory)
+        return State(jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion)), of_memory)
 
-
-def _smooth_weights(state: State) -> State:
-    return State(_weights(state).motion, jnp.ones_like(state.memory))
+    return weights
 
 
 @functools.partial(jit, static_argnames=("count",))

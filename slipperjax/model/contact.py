@@ -135,10 +135,16 @@ class ConstantDamping(AbstractContactLaw):
 
 
 class AbstractMemory(ShapeChecked):
-    """A model of the contact memory, which keeps the gap rate at touchdown."""
+    """A model of the contact memory, which keeps the gap rate at touchdown.
+
+    It is latched between steps: zero of an open point, below zero of a closed one. `AbstractIntegratedMemory` is the
+    base of those that are integrated with the motion.
+    """
 
     unit: ClassVar[str] = ""
     """SI unit of the memory of a point."""
+    integrated: ClassVar[bool] = False
+    """Whether the memory is integrated with the motion, and not latched between steps."""
 
     @abc.abstractmethod
     def initial(self, gap: Array, rate: Array) -> Array:
@@ -147,6 +153,23 @@ class AbstractMemory(ShapeChecked):
     @abc.abstractmethod
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
         """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
+
+    def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
+        """Return the memory after a step, shape (points,): at a touchdown, `initial` of the rate there.
+
+        **Arguments:** `memory` and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end; `step`: its
+        length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
+        """
+        # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
+        entered = (memory == 0) & (gap < 0)
+        began = self.initial(gap, before.touchdown_rate(gap, rate, step, ratio, entered))
+        return jnp.where(gap >= 0, 0.0, jnp.where(entered, began, memory))
+
+    @staticmethod
+    def weights(memory: Array) -> Array:
+        """Return the weights of a tangent's components: of closed contacts relative to themselves, of open ones 0."""
+        closed = memory < -1e-9
+        return jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
         """Return a copy with settings of None replaced by values for the scene. Here unchanged.
@@ -189,25 +212,9 @@ class EventLatch(AbstractMemory):
     def rate_ratio(self, memory, rate):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
-    def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
-        """Return the memory after a step [s/m], shape (points,).
-
-        The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
-        parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
-        simulation to second order. All of this is differentiable, so that tangents include the dependence of the
-        touchdown's time and place on the state.
-
-        **Arguments:** `memory` [s/m] and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end;
-        `step`: its length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
-        """
-        # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
+    def latch(self, memory, before, gap, rate, step, ratio):
         entered = (memory == 0) & (gap < 0)
-        path = Cubic.through(before.gap, step * before.rate, gap, step * rate)
-        x = sign_change(path, gap, entered)
-        # the parabola of the rate through both ends of this step and the start of the previous one
-        rise = rate - before.rate
-        bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
-        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -self.slowest)
+        began = jnp.minimum(before.touchdown_rate(gap, rate, step, ratio, entered), -self.slowest)
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
 
 
@@ -221,6 +228,23 @@ class Before(NamedTuple):
     earlier_rate: Array
     """Gap rate at the start of the previous step [m/s]."""
 
+    def touchdown_rate(self, gap: Array, rate: Array, step: Any, ratio: Any, entered: Array) -> Array:
+        """Return the gap rate of the points that `entered` at the instants of their touchdown [m/s].
+
+        The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
+        parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
+        simulation to second order. All of this is differentiable, so that tangents include the dependence of the
+        touchdown's time and place on the state.
+
+        **Arguments:** as for `AbstractMemory.latch`.
+        """
+        path = Cubic.through(self.gap, step * self.rate, gap, step * rate)
+        x = sign_change(path, gap, entered)
+        # the parabola of the rate through both ends of this step and the start of the previous one
+        rise = rate - self.rate
+        bend = (rise - ratio * (self.rate - self.earlier_rate)) * (ratio / (1 + ratio))
+        return self.rate + x * (rise + (x - 1) * bend)
+
 
 def _number(value: Array | None) -> Array:
     if value is None:
@@ -228,7 +252,28 @@ def _number(value: Array | None) -> Array:
     return value
 
 
-class SmoothSwitch(AbstractMemory):
+class AbstractIntegratedMemory(AbstractMemory):
+    """A contact memory that is integrated with the motion, by any solver."""
+
+    integrated: ClassVar = True
+
+    @staticmethod
+    def weights(memory):
+        return jnp.ones_like(memory)
+
+    @abc.abstractmethod
+    def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
+        """Return the memory's derivative [unit/s], shape (points,).
+
+        **Arguments:** of the points, `gap` [m] and `rate` [m/s]; `acceleration`: d(g')/dt along the flow [m/s^2].
+        """
+
+    @abc.abstractmethod
+    def decay(self, gap: Array) -> Array:
+        """Return the derivative of `derivative` with respect to the memory [1/s], shape (points,)."""
+
+
+class SmoothSwitch(AbstractIntegratedMemory):
     """The memory as an ordinary differential equation, so that any solver integrates it: no events.
 
         m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -slowest)
@@ -276,15 +321,14 @@ class SmoothSwitch(AbstractMemory):
         # The constructor's checks would put a Python callback into the compiled program.
         return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
 
-    def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
-        """Return m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
+    def derivative(self, memory, gap, rate, acceleration):
+        """Return m' [m/s^2].
 
         **Raises:** `ValueError` if width or relaxation is None.
         """
         return self._switch(gap) * ((rate - memory) / _number(self.relaxation) + acceleration)
 
-    def decay(self, gap: Array) -> Array:
-        """Return the derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
+    def decay(self, gap):
         return -self._switch(gap) / _number(self.relaxation)
 
     def felt(self, gap: Array, rate: Array, depth: Array) -> Array:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import finite, instance, real, require, shown_number, warn
 from ..tools.compile import as_argument, is_traced, jit
 from ..tools.fused import store_cotangent, store_if_differentiated, sums
-from .contact import Before, SmoothSwitch
+from .contact import Before
 from .kinematics import (
     Contacts,
     Motion,
@@ -342,7 +342,7 @@ class MemorylessField(ContactField):
 
 
 class LatchedField(ContactField):
-    """For `EventLatch`: ten states, and a memory that changes between steps only."""
+    """For latched memories: ten states, and a memory that changes between steps only."""
 
     def inside_step(self, t, state, args):
         # of the steps in which a contact opens, the memory is that of the closed contact throughout
@@ -368,7 +368,7 @@ class LatchedField(ContactField):
 
 
 class SmoothField(ContactField):
-    """For `SmoothSwitch`: ten states and one per contact point, all integrated; a plain ODE for any solver."""
+    """For integrated memories: ten states and one per contact point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
         scene = settle_memory(args.scene)  # no effect where the period map has already done it
@@ -392,7 +392,7 @@ def vector_field(scene: Scene) -> AbstractVectorField:
     instance("scene", scene, Scene, "a slipperjax.Scene")
     if not scene.contact.has_memory:
         return MemorylessField()
-    return SmoothField() if isinstance(scene.memory, SmoothSwitch) else LatchedField()
+    return SmoothField() if scene.memory.integrated else LatchedField()
 
 
 def fill_frozen(rates: State, state: State) -> State:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.compile import is_traced, jit
-from .dynamics import SmoothField, State, vector_field
+from .dynamics import State
 from .kinematics import Motion, SledMotion, euler_angles
 from .quantities import MOTION_NUMBERS, SLED_NUMBERS, Quantity
 from .scene import Scene
@@ -24,7 +24,7 @@ class StateLayout:
     memory: tuple[Quantity, ...] | None
     """The memory of each contact point, front ones first; None for laws without memory."""
     integrated: bool
-    """Whether the memory is integrated, and not latched."""
+    """Whether there is a memory that is integrated, and not latched."""
 
     @classmethod
     def of(cls, scene: Scene) -> "StateLayout":
@@ -36,7 +36,7 @@ class StateLayout:
             unit = scene.memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
         motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
-        return cls(tuple(motion.values()), memory, isinstance(vector_field(scene), SmoothField))
+        return cls(tuple(motion.values()), memory, scene.contact.has_memory and scene.memory.integrated)
 
     @property
     def numbers(self) -> tuple[Quantity, ...]:

@@ -12,7 +12,6 @@ from jaxtyping import Array, Bool
 from ..analysis.shooting import PeriodicMotions
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.stepping import AbstractStepping
-from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
 from ..model.parameters import at_values
@@ -69,7 +68,7 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
 
     **Arguments:** `mapped`: what the last iterate is mapped to.
     """
-    if proposed.memory is None or not isinstance(scene.memory, EventLatch):
+    if proposed.memory is None or scene.memory.integrated:
         return proposed
     assert mapped.memory is not None  # that of the same scene
     now = contacts(rail_frame(scene, 0.0), proposed.motion)

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model.contact import EventLatch, SmoothSwitch
+from ..model.contact import SmoothSwitch
 from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
 from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
@@ -91,7 +91,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
             # of errors in the memory count what contacts feel
             felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory) * felt) / self.scales.v_z / self.tolerance)
-        elif isinstance(scene.memory, EventLatch) and y0.memory is not None:
+        elif y0.memory is not None and not scene.memory.integrated:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
         elif y0.memory is not None:

@@ -13,7 +13,7 @@ from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
-from slipperjax.model.contact import AbstractMemory
+from slipperjax.model.contact import AbstractIntegratedMemory
 from slipperjax.model.dynamics import Args, vector_field
 from slipperjax.model.kinematics import Motion
 from slipperjax.model.step_size import settle_memory
@@ -107,7 +107,7 @@ def test_tolerances_of_iterations_are_positive():
         SimplifiedNewton(-1.0)
 
 
-class OwnMemory(AbstractMemory):
+class OwnMemory(AbstractIntegratedMemory):
     """Integrated as another one."""
 
     def initial(self, gap, rate):
@@ -115,6 +115,12 @@ class OwnMemory(AbstractMemory):
 
     def rate_ratio(self, memory, rate):
         return rate
+
+    def derivative(self, memory, gap, rate, acceleration):
+        return acceleration
+
+    def decay(self, gap):
+        return jnp.zeros_like(gap)
 
 
 def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
