@@ -268,7 +268,7 @@ tests/sweeps/test_runs.py -k wear_opens
 
 integrated memories of one's own whose errors do not count
 tests/solvers/test_adaptive.py -k own_counts
--        elif isinstance(scene.memory, EventLatch) and y0.memory is not None:
+-        elif y0.memory is not None and not scene.memory.integrated:
 +        elif y0.memory is not None:
 
 basins numbered by the order in which they are met
@@ -443,8 +443,8 @@ tests/tools/test_jacobian.py -k derivatives_are
 
 an orbit compiles its program in every call
 tests/flow/test_compiling.py -k orbit
--    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _weights
-+    return functools.partial(_smooth_weights if isinstance(vector_field(scene), SmoothField) else _weights)
+-@functools.cache  # one that is made anew would be compiled anew in every call
++# one that is made anew is compiled anew in every call
 
 tangents of a batch are those of its first lane
 tests/tools/test_jacobian.py -k derivatives_are
