@@ -155,15 +155,19 @@ class AbstractMemory(ShapeChecked):
         """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
-        """Return the memory after a step, shape (points,): at a touchdown, `initial` of the rate there.
+        """Return the memory after a step, shape (points,): `at_touchdown` where a gap closed, zero where it is open.
 
         **Arguments:** `memory` and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end; `step`: its
         length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
         """
         # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)
-        began = self.initial(gap, before.touchdown_rate(gap, rate, step, ratio, entered))
+        began = self.at_touchdown(gap, before.touchdown_rate(gap, rate, step, ratio, entered))
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, began, memory))
+
+    def at_touchdown(self, gap: Array, rate: Array) -> Array:
+        """Return the memory of points in contact [`unit`] by their rate at touchdown [m/s]; here `initial`."""
+        return self.initial(gap, rate)
 
     @staticmethod
     def weights(memory: Array) -> Array:
@@ -212,10 +216,9 @@ class EventLatch(AbstractMemory):
     def rate_ratio(self, memory, rate):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
-    def latch(self, memory, before, gap, rate, step, ratio):
-        entered = (memory == 0) & (gap < 0)
-        began = jnp.minimum(before.touchdown_rate(gap, rate, step, ratio, entered), -self.slowest)
-        return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
+    def at_touchdown(self, gap, rate):
+        # whatever its sign, which is certain of the gap alone
+        return 1 / jnp.minimum(rate, -self.slowest)
 
 
 class Before(NamedTuple):

@@ -44,7 +44,9 @@ def knows_contacts(scene: Scene) -> bool:
 
     With `SmoothSwitch` there are no kinks to know.
     """
-    return not scene.contact.has_memory or getattr(type(scene.memory), "latch", None) is EventLatch.latch
+    own = type(scene.memory)
+    is_event_latch = own.latch is EventLatch.latch and own.at_touchdown is EventLatch.at_touchdown
+    return not scene.contact.has_memory or is_event_latch
 
 
 class Ends(NamedTuple):
