@@ -1,0 +1,13 @@
+"""Names of what arguments and results may be, for annotations."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Array
+
+Real = float | Array
+"""A real number, which may be traced."""
+Whole = int | Array
+"""A whole number, which may be traced."""
+Numbers = Sequence[float] | np.ndarray | Array
+"""Several numbers: a list, or an array of any kind."""
