@@ -169,7 +169,7 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     if on_rails:
         known = scene.track.extent - scene.track.origin
         # whole periods, up to rounding
-        most = np.floor(known / float(scene.track.wavelength) * (1 + 1e-9))
+        most = np.floor(known / float(scene.wavelength) * (1 + 1e-9))
         periods = ensemble.transient + ensemble.periods
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")

@@ -355,7 +355,7 @@ def _cases(view: View) -> Cases:
 
 
 def _wavelength(scene: Scene) -> float:
-    return float(np.max(np.asarray(scene.track.wavelength)))
+    return float(np.max(np.asarray(scene.wavelength)))
 
 
 def _opened(path: Any) -> xr.Dataset:

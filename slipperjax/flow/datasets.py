@@ -89,8 +89,8 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     lengths = getattr(scene.track, name, None)
     if lengths is None:
         out["track"] = type(scene.track).__name__
-        name = "reference_length"
-        lengths = scene.track.wavelength
+        name = "wavelength"
+        lengths = scene.wavelength
     lengths = np.atleast_1d(np.asarray(lengths, float))
     if not np.isnan(lengths).any():
         out[f"{name} [m]"] = lengths

@@ -167,7 +167,7 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
     track = scene.track
     if is_traced((track, begin)) or not track.extent < np.inf:
         return  # nothing is known, or the rail goes on
-    wave = float(np.max(np.asarray(track.wavelength)))
+    wave = float(np.max(np.asarray(scene.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     why = f"because the rail ends at {track.extent:g} m"
     total = periods + after

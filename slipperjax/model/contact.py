@@ -275,6 +275,18 @@ class AbstractIntegratedMemory(AbstractMemory):
     def decay(self, gap: Array) -> Array:
         """Return the derivative of `derivative` with respect to the memory [1/s], shape (points,)."""
 
+    @property
+    def closing_gap(self) -> Array | float:
+        """Gap below which the memory of an approaching point changes its law [m], where adaptive steps end."""
+        return 0.0
+
+    def felt(self, gap: Array, rate: Array, depth: Array) -> Array:
+        """Return the share of an error in the memory that a contact still feels [1], shape (points,); by default all.
+
+        **Arguments:** `gap` [m] and `rate` [m/s]; `depth` of a typical impact [m].
+        """
+        return jnp.ones_like(gap)
+
 
 class SmoothSwitch(AbstractIntegratedMemory):
     """The memory as an ordinary differential equation, so that any solver integrates it: no events.
@@ -334,13 +346,15 @@ class SmoothSwitch(AbstractIntegratedMemory):
     def decay(self, gap):
         return -self._switch(gap) / _number(self.relaxation)
 
-    def felt(self, gap: Array, rate: Array, depth: Array) -> Array:
+    @property
+    def closing_gap(self):
+        return 0.5 * _number(self.width)
+
+    def felt(self, gap, rate, depth):
         """Return the share of an error in m that a contact still feels [1], shape (points,).
 
         On an approaching point it relaxes until touchdown; on a receding one that is pressed in, what is left of the
         rebound feels it, about (d / `depth`)^(5/2) by its energy; an open one that recedes does not.
-
-        **Arguments:** gap g [m]; g' [m/s]; `depth` of a typical impact [m].
         """
         # share of the rebound that is left, and decay until touchdown
         left = jnp.clip(-gap / depth, 0.0, 1.0)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import finite, instance, real, require, shown_number, warn
 from ..tools.compile import as_argument, is_traced, jit
 from ..tools.fused import store_cotangent, store_if_differentiated, sums
+from ..tools.types import Real
 from .contact import Before
 from .kinematics import (
     Contacts,
@@ -50,7 +51,7 @@ class State(eqx.Module):
 
 
 class Acting(NamedTuple):
-    """The contacts and their forces at one instant."""
+    """The contacts and their forces at one instant, see `forces_at`."""
 
     frame: RailFrame
     contacts: Contacts
@@ -168,6 +169,11 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
 
 
+def forces_at(scene: Scene, frame: RailFrame, now: Contacts, state: State) -> Acting:
+    """Return the contacts with their normal forces, from which all else follows."""
+    return Acting(frame, now, state.motion, contact_forces(scene, now, state.memory))
+
+
 def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
     """Return force along x, y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces.
 
@@ -250,10 +256,14 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
     return jax.tree.map(lambda r: period * r, rates)
 
 
-class AbstractVectorField(eqx.Module):
-    """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
+class VectorField(eqx.Module):
+    """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call.
 
-    def __call__(self, t: Any, state: State, args: Args) -> State:
+    Ten states, and one for each contact point where the memory is integrated. One that is latched changes between
+    steps only. Subclasses with forces of their own define `from_contacts`.
+    """
+
+    def __call__(self, t: Real, state: State, args: Args) -> State:
         """Return the derivative of the whole state [per forcing period], as of an ODE for any solver.
 
         **Raises:** `equinox.EquinoxRuntimeError` where the memory is frozen over a step: it changes where a solver of
@@ -271,7 +281,7 @@ class AbstractVectorField(eqx.Module):
         return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
-    def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
+    def evaluate(self, t: Real, state: State, args: Args, frame: RailFrame | None = None) -> State:
         """Return the derivative [per forcing period], with None for parts that are frozen over a step.
 
         **Arguments:** `frame`: `args.frame(t)`, if already computed.
@@ -279,120 +289,106 @@ class AbstractVectorField(eqx.Module):
         frame = args.frame(t) if frame is None else frame
         return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
-    def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
+    def from_contacts(self, t: Real, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
         """Return the derivative [per forcing period] from known rail and contacts."""
+        scene = args.scene
         travel = args.travel(t)
-        at = Acting(frame, now, state.motion, contact_forces(args.scene, now, state.memory))
-        return State(per_period(travel, motion_rates(args.scene, at, travel)), None)
+        rates = per_period(travel, motion_rates(scene, forces_at(scene, frame, now, state), travel))
+        if not scene.integrates_memory:
+            return State(rates, None)
+        scene = settle_memory(scene)  # no effect where the period map has already done it
+        # d(g')/dt along the flow: of the rail's motion and of the slipper's
+        gap_rate = lambda t, motion: contacts(args.frame(t), motion).rate
+        _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
+        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
+        return State(rates, travel.period * memory)
 
-    def linearised(self, t: Any, state: State, args: Args) -> Linearised:
+    def linearised(self, t: Real, state: State, args: Args) -> Linearised:
         """Return the motion's derivative, linearised [per forcing period]; the memory is frozen.
 
         **Raises:** `ValueError` for a scene with a sled.
         """
-        if args.scene.sled is not None:
-            raise ValueError(
-                "Argument `solver` must be an explicit one for a scene with a sled, such as RK4, or Latching of "
-                "one of diffrax's implicit ones with a root finder of optimistix."
-            )
-        # the memory stays as it is
-        rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
-        return dense_linearised(rates, state.motion, args.travel(t).period)
-
-    def memory_decay(self, t: Any, state: State, args: Args) -> Any:
-        """Return the derivative of a point's memory rate by the memory [per forcing period]; None if latched."""
-        return None
-
-    def open_step(self, t0: Any, state: State, args: Args) -> Any:
-        """Return `before` of the first step, for `close_step`. Here None."""
-        return None
-
-    def inside_step(self, t: Any, state: State, args: Args) -> State:
-        """Return an interpolated state with the memory that fits its gaps. Here unchanged."""
-        return state
-
-    def close_step(
-        self, before: Any, t0: Any, t1: Any, state: State, args: Args, frame: RailFrame | None = None
-    ) -> tuple[State, State, Any]:
-        """End a step at `state`. Here nothing is latched.
-
-        **Arguments:** `before`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
-
-        **Returns:** the state with latched memory, its derivative, and `before` of the next step.
-        """
-        return state, self.evaluate(t1, state, args, frame), None
-
-
-class ContactField(AbstractVectorField):
-    """The right-hand side of a scene, linearised in closed form."""
-
-    def linearised(self, t, state, args):
         scene = args.scene
-        # friction has no closed form here
-        if scene.friction is not None or scene.sled is not None:
-            return super().linearised(t, state, args)
+        require(
+            scene.sled is None,
+            "solver",
+            "be an explicit one for a scene with a sled, such as RK4, or Latching of one of diffrax's implicit ones "
+            "with a root finder of optimistix",
+            shown="implicit",
+        )
+        if scene.friction is not None:  # which has no closed form here
+            rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
+            return dense_linearised(rates, state.motion, args.travel(t).period)
         frame = args.frame(t)
         now = contacts(frame, state.motion)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
         return contact_linearised(scene, args.travel(t), frame, now, state.motion, force)
 
+    def memory_decay(self, t: Real, state: State, args: Args) -> Float[Array, " points"] | None:
+        """Return the derivative of the memory's rate by the memory [per forcing period]; None if not integrated."""
+        if not args.scene.integrates_memory:
+            return None
+        now = contacts(args.frame(t), state.motion)
+        return args.travel(t).period * settle_memory(args.scene).memory.decay(now.gap)
 
-class MemorylessField(ContactField):
-    """For contact laws without memory: ten states."""
+    def open_step(self, t0: Real, state: State, args: Args) -> "LastStep | None":
+        """Return what `close_step` needs to know of the time before the first step; None where nothing is latched."""
+        if not args.scene.latches_memory:
+            return None
+        now = contacts(args.frame(t0), state.motion)
+        # an infinite earlier step: there is none
+        return LastStep(Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf))
 
-
-class LatchedField(ContactField):
-    """For latched memories: ten states, and a memory that changes between steps only."""
-
-    def inside_step(self, t, state, args):
+    def inside_step(self, t: Real, state: State, args: Args) -> State:
+        """Return an interpolated state with the memory that fits its gaps."""
+        if not args.scene.latches_memory:
+            return state
         # of the steps in which a contact opens, the memory is that of the closed contact throughout
         gap = contacts(args.frame(t), state.motion).gap
         return State(state.motion, jnp.where(gap >= 0, 0.0, state.memory))
 
-    def open_step(self, t0, state, args):
-        now = contacts(args.frame(t0), state.motion)
-        # an infinite earlier step: there is none
-        return Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf)
+    def close_step(
+        self,
+        last: "LastStep | None",
+        t0: Real,
+        t1: Real,
+        state: State,
+        args: Args,
+        frame: RailFrame | None = None,
+    ) -> tuple[State, State, "LastStep | None"]:
+        """End a step at `state`, and latch touchdowns.
 
-    def close_step(self, before, t0, t1, state, args, frame=None):
+        **Arguments:** `last`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
+
+        **Returns:** the state with latched memory, its derivative, and `last` of the next step.
+        """
+        if last is None:
+            return state, self.evaluate(t1, state, args, frame), None
         frame = args.frame(t1) if frame is None else frame
         now = contacts(frame, state.motion)
-        before, earlier_step = before
         step = t1 - t0
         # by the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
-        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
+        before = last.ends
+        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / last.step)
         state = State(state.motion, memory)
-        after = Before(now.gap, now.rate, before.rate), step
-        return state, self.from_contacts(t1, frame, now, state, args), after
+        rates = self.from_contacts(t1, frame, now, state, args)
+        return state, rates, LastStep(Before(now.gap, now.rate, before.rate), step)
 
 
-class SmoothField(ContactField):
-    """For integrated memories: ten states and one per contact point, all integrated; a plain ODE for any solver."""
+class LastStep(NamedTuple):
+    """A step that the latch looks back at."""
 
-    def from_contacts(self, t, frame, now, state, args):
-        scene = settle_memory(args.scene)  # no effect where the period map has already done it
-        rates = super().from_contacts(t, frame, now, state, args).motion
-
-        # d(g')/dt along the flow: of the rail's motion and of the slipper's
-        gap_rate = lambda t, motion: contacts(args.frame(t), motion).rate
-        _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
-        travel = args.travel(t)
-        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
-        return State(rates, travel.period * memory)
-
-    def memory_decay(self, t, state, args):
-        scene = settle_memory(args.scene)
-        now = contacts(args.frame(t), state.motion)
-        return args.travel(t).period * scene.memory.decay(now.gap)
+    ends: Before
+    """Gaps and gap rates."""
+    step: Real
+    """Length of the step [forcing periods]."""
 
 
-def vector_field(scene: Scene) -> AbstractVectorField:
-    """Return the right-hand side for a scene, chosen by its contact law and memory."""
+def vector_field(scene: Scene) -> VectorField:
+    """Return the right-hand side for a scene."""
     instance("scene", scene, Scene, "a slipperjax.Scene")
-    if not scene.contact.has_memory:
-        return MemorylessField()
-    return SmoothField() if scene.memory.integrated else LatchedField()
+    return VectorField()
 
 
 def fill_frozen(rates: State, state: State) -> State:
@@ -439,7 +435,7 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     travel = args.travel(t)
     frame = args.frame(t)
     now = contacts(frame, m)
-    at = Acting(frame, now, m, contact_forces(scene, now, state.memory))
+    at = forces_at(scene, frame, now, state)
     rates = motion_rates(scene, at, travel)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
@@ -448,7 +444,7 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     lengths = scene.slipper.length * jnp.array([0.0, 1.0])
-    rail = scene.track.irregularity(phase(t, args.epoch) * scene.track.wavelength - lengths)
+    rail = scene.track.irregularity(phase(t, args.epoch) * scene.wavelength - lengths)
     node = jnp.stack([scene.slipper.length / 2 - lengths, rail.lateral, rail.vertical])
     return Reactions(
         contact_force=ends(at.force),

@@ -280,7 +280,7 @@ class _Node(NamedTuple):
 
 def _nodes(scene: Scene, points: Points, phase: Any) -> list[_Node]:
     """Return all points as if at the front node, and as if at the rear one."""
-    distance = jnp.asarray(phase, float) * scene.track.wavelength
+    distance = jnp.asarray(phase, float) * scene.wavelength
     return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
 
 

@@ -36,7 +36,7 @@ class StateLayout:
             unit = scene.memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
         motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
-        return cls(tuple(motion.values()), memory, scene.contact.has_memory and scene.memory.integrated)
+        return cls(tuple(motion.values()), memory, scene.integrates_memory)
 
     @property
     def numbers(self) -> tuple[Quantity, ...]:

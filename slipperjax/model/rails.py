@@ -19,14 +19,13 @@ from ..tools.checks import (
     not_negative,
     number,
     one_of,
-    positive,
     require,
     warn,
     whole_number,
 )
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import field
-from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count, on_host, smooth_step
+from .tracks import AbstractTrack, Irregularity, chosen, greatest, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")
 """How a rail goes on beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, refused
@@ -48,13 +47,13 @@ class SplineTrack(AbstractTrack):
     """Number of intervals between knots [1]; there may be coefficients beyond, which do not count."""
     coefficients: Float[Array, "knots channels"]
     """Those of the B-splines of each interval and its neighbours: lateral and vertical [m], and roll [rad] if any."""
-    reference_length: Float[Array, ""]
+    forcing_length: Float[Array, ""]
     """Length of travel that counts as one period [m]."""
     ends: str = eqx.field(static=True)
 
     @property
     def wavelength(self):
-        return self.reference_length
+        return self.forcing_length
 
     def irregularity(self, distance):
         return self.motion(distance)[0]
@@ -124,7 +123,6 @@ class AbstractRail(AbstractTrack):
     """A rail of samples or of a spectrum, which runs evaluate as a spline."""
 
     ends: eqx.AbstractVar[str]
-    reference_length: eqx.AbstractVar[Float[Array, ""]]
 
     @abc.abstractmethod
     def prepared(self) -> SplineTrack:
@@ -136,15 +134,11 @@ class AbstractRail(AbstractTrack):
         """Distances between which the rail is given [m], known while programs are made unless they are traced."""
 
     @property
-    def wavelength(self):
-        return self.reference_length
-
-    @property
     def recurrence(self):
         if self.ends != "repeat":
             return jnp.asarray(jnp.inf)
         begin, end = self.bounds
-        return least_common_count(self.reference_length, end - begin)
+        return jnp.asarray(end - begin)
 
     @property
     def begin(self):
@@ -192,8 +186,6 @@ class SampledTrack(AbstractRail):
     """One of `ENDS`."""
     ramp: Float[Array, ""] = field("m", not_negative)
     """Length over which a rail that goes on straight rises from zero at its ends [m]."""
-    reference_length: Float[Array, ""] = field("m", positive)
-    """Length of travel that counts as one period [m]: the window of records."""
 
     def __init__(
         self,
@@ -204,7 +196,6 @@ class SampledTrack(AbstractRail):
         *,
         ends: str = "straight",
         ramp: Any = None,
-        reference_length: Any = None,
     ):
         """**Arguments:**
 
@@ -214,8 +205,6 @@ class SampledTrack(AbstractRail):
         - `ends`: what the rail is beyond its ends: "straight", risen to by ramps within it; "repeat", where the last
             sample must be the first again; or "error", where runs that are longer are refused.
         - `ramp`: length of the ramps [m], default `DEFAULT_RAMP` where the rail goes on straight, otherwise zero.
-        - `reference_length`: length of travel that counts as one period [m]; default 8 m, and the whole length of a
-            rail that repeats, so that it has periodic orbits.
 
         **Raises:** `ValueError` that names the argument which is wrong.
         """
@@ -233,8 +222,6 @@ class SampledTrack(AbstractRail):
         length = float(places[-1] - places[0])
         if ramp is None:
             ramp = min(DEFAULT_RAMP, length / 4) if ends == "straight" else 0.0
-        if reference_length is None:
-            reference_length = length if ends == "repeat" else 8.0
         if not is_traced(ramp):
             ramp = number(not_negative, "ramp", ramp, "m")
             require(ramp <= length / 2, "ramp", f"be at most {length / 2:g} m", ramp)
@@ -243,7 +230,11 @@ class SampledTrack(AbstractRail):
         self.vertical = channels["vertical"]
         self.roll = channels.get("roll")
         self.ramp = ramp
-        self.reference_length = reference_length
+
+    @property
+    def wavelength(self):
+        """That of other rails; of one that repeats its whole length, so that it has periodic orbits [m]."""
+        return self.length if self.ends == "repeat" else super().wavelength
 
     @property
     def spacing(self) -> Float[Array, ""]:
@@ -264,7 +255,7 @@ class SampledTrack(AbstractRail):
             samples = ramps(jnp.minimum(away, self.length - away), self.ramp)[:, None] * samples
         coefficients = jax.vmap(lambda channel: spline_coefficients(channel, self.ends), 1, 1)(samples)
         intervals = jnp.asarray(samples.shape[0] - 1.0)
-        return SplineTrack(self.distance[0], self.spacing, intervals, coefficients, self.reference_length, self.ends)
+        return SplineTrack(self.distance[0], self.spacing, intervals, coefficients, self.wavelength, self.ends)
 
     @property
     def bounds(self):
@@ -281,11 +272,11 @@ class SampledTrack(AbstractRail):
     @at_once
     def shortest_wavelength(self):
         """The wavelength of a sine with the same root mean squares of slope and curvature [m]: that of short waves as
-        far as these matter; at most the reference length."""
+        far as these matter; at most `wavelength`."""
         places = self._places()
         slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
-        return mean_wave(rms(slope), rms(curvature), self.reference_length)
+        return mean_wave(rms(slope), rms(curvature), self.wavelength)
 
     def _places(self) -> Float[Array, " places"]:
         """Return distances of the samples, and of the middles between them, within the rail [m]."""
@@ -367,7 +358,7 @@ class TrackSet(AbstractRail):
     tracks: tuple[AbstractRail, ...] = eqx.field(
         converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
     )
-    """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
+    """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement."""
     chosen_by: ClassVar = "number"
     number: Float[Array, ""] = field("", finite, default=0)
     """Which of them is the track, from 0 [1]; a traced number of which there is none gives NaN."""
@@ -380,9 +371,6 @@ class TrackSet(AbstractRail):
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
         if not is_traced(self.number):
             self._whole("number")(self.number)
-        if not is_traced(self.tracks):
-            lengths = {float(track.wavelength) for track in self.tracks}
-            require(len(lengths) == 1, "tracks", "have one reference length", shown=f"{sorted(lengths)} m")
 
     def check_of(self, name: str) -> Check | None:
         return self._whole(name) if name == "number" else super().check_of(name)
@@ -395,8 +383,8 @@ class TrackSet(AbstractRail):
         return self.tracks[0].ends
 
     @property
-    def reference_length(self):
-        return self.tracks[0].reference_length
+    def wavelength(self):
+        return self._most("wavelength")
 
     def prepared(self):
         """Return the chosen rail's spline, with coefficients for the longest."""

@@ -122,8 +122,6 @@ class RandomTrack(AbstractRail):
     """How the rail goes on beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
     """Length of the ramps at the ends of a rail that goes on straight [m]."""
-    reference_length: Float[Array, ""] = field("m", positive, default=8.0)
-    """Length of travel that counts as one period [m]."""
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: Any) -> "RandomTrack":
@@ -235,7 +233,7 @@ class RandomTrack(AbstractRail):
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
         numbers = jnp.zeros(()), jnp.asarray(spacing), jnp.asarray(float(count))
-        return SplineTrack(*numbers, rail, self.reference_length, self.ends)
+        return SplineTrack(*numbers, rail, self.wavelength, self.ends)
 
     def rms(self, power: int = 0) -> Irregularity:
         """Return the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
@@ -255,4 +253,4 @@ class RandomTrack(AbstractRail):
     def shortest_wavelength(self):
         """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
-        return mean_wave(size(self.rms(1)), size(self.rms(2)), self.reference_length)
+        return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import instance, known, require, shown_number, warn
+from ..tools.checks import instance, known, positive, require, shown_number, warn
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
-from ..tools.fields import ShapeChecked, unit_of
+from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path, write_whole
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
@@ -22,7 +22,7 @@ from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
 from .sled import SledMass
 from .slipper import Slipper
-from .tracks import AbstractTrack
+from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
 
@@ -38,7 +38,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
-NUMBERS = ("speed", "gravity")
+NUMBERS = ("speed", "gravity", "window")
 """Numbers of the scene itself."""
 
 
@@ -71,6 +71,8 @@ class Scene(ShapeChecked):
     """A mass on a spring on the slipper."""
     wear: AbstractWear | None = None
     """Law by which the play opens along a run, see `slipperjax.run`."""
+    window: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_LENGTHS, default=None)
+    """Length of travel that counts as a forcing period [m]; None for the track's first wavelength."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
@@ -93,52 +95,74 @@ class Scene(ShapeChecked):
         head = [f"speed={self.speed!r}" if changes else f"speed={shown_number(self.speed)} m/s"]
         if self.gravity is not None:
             head.append(f"gravity={shown_number(self.gravity)} m/s^2")
+        if self.window is not None:
+            head.append(f"window={shown_number(self.window)} m")
         rows = ",\n  ".join([", ".join(head), *map(repr, self.parts.values())])
         return f"Scene({rows})"
 
     @property
+    def wavelength(self) -> Float[Array, ""]:
+        """Length of travel that counts as a forcing period [m]."""
+        return self.track.wavelength if self.window is None else self.window
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        """Number of forcing periods after which the rail recurs [1]; infinite where it does not."""
+        return least_common_count(self.wavelength, self.track.recurrence)
+
+    @property
     def period(self) -> Float[Array, ""]:
-        """The forcing period [s]: the time to travel the track's (first) wavelength, at the start's speed."""
+        """The forcing period [s]: the time to travel its wavelength, at the start's speed."""
         return self.travel(0.0).period
 
     def travel(self, phase: Any) -> Travel:
         """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
-            return Travel(self.speed, self.track.wavelength)
+            return Travel(self.speed, self.wavelength)
         # a programme goes by distance
-        distance = jnp.asarray(phase, float) * self.track.wavelength
-        return Travel(self.speed.at(distance), self.track.wavelength, self.speed.acceleration(distance))
+        distance = jnp.asarray(phase, float) * self.wavelength
+        return Travel(self.speed.at(distance), self.wavelength, self.speed.acceleration(distance))
 
     @property
     def slowest(self) -> Travel:
         """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
-        return Travel(self.speed.scale * jnp.min(self.speed.speed), self.track.wavelength)
+        return Travel(self.speed.scale * jnp.min(self.speed.speed), self.wavelength)
 
     def slowest_between(self, phase: Any, later: Any) -> Travel:
         """Return the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(phase)
-        begin, end = (jnp.asarray(p, float) * self.track.wavelength for p in (phase, later))
-        return Travel(self.speed.least(begin, end), self.track.wavelength)
+        begin, end = (jnp.asarray(p, float) * self.wavelength for p in (phase, later))
+        return Travel(self.speed.least(begin, end), self.wavelength)
 
     def epoch_at(self, distance: Any) -> Any:
         """Return forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
         if is_traced((distance, self.track)):
-            return distance / self.track.wavelength
-        return float(distance) / float(np.asarray(self.track.wavelength)) if distance else 0.0
+            return distance / self.wavelength
+        return float(distance) / float(np.asarray(self.wavelength)) if distance else 0.0
 
     def seconds(self, phase: Any) -> Any:
         """Return the time [s] after `phase` forcing periods from the start."""
         if not isinstance(self.speed, SpeedProgramme):
             return phase * self.period
-        return self.speed.seconds(jnp.asarray(phase, float) * self.track.wavelength)
+        return self.speed.seconds(jnp.asarray(phase, float) * self.wavelength)
 
     @property
     def parts(self) -> dict[str, Any]:
         """The parts that the scene has, by name."""
         return {name: getattr(self, name) for name in PARTS if getattr(self, name) is not None}
+
+    @property
+    def latches_memory(self) -> bool:
+        """Whether contacts have a memory that changes between steps only."""
+        return self.contact.has_memory and not self.memory.integrated
+
+    @property
+    def integrates_memory(self) -> bool:
+        """Whether contacts have a memory that is integrated with the motion."""
+        return self.contact.has_memory and self.memory.integrated
 
     @property
     def points(self) -> int:

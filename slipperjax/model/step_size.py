@@ -84,7 +84,7 @@ def steps_needed(scene: Scene, per_wave: int = 10, damped: float = 2.0) -> Float
     law = scene.contact
     damping = jnp.asarray(law.damping(-_approach(scene), jnp.ones(()) if law.has_memory else None))
     impacts = scene.slowest.period / contact_duration(scene)
-    waves = scene.track.wavelength / scene.track.shortest_wavelength
+    waves = scene.wavelength / scene.track.shortest_wavelength
     per_impact = PER_CONTACT * impacts * jnp.maximum(damping / damped, 1.0)
     return jnp.maximum(per_impact, per_wave * waves * damped_waves(damping))
 

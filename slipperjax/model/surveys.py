@@ -51,7 +51,6 @@ class SurveyedTrack(SampledTrack):
         chord: float | None = None,
         ends: str = "straight",
         ramp: Any = None,
-        reference_length: Any = None,
     ):
         """**Arguments:** as for `load_rail` and `SampledTrack`; `sha256`: digest that the file must have.
 
@@ -67,7 +66,7 @@ class SurveyedTrack(SampledTrack):
         self.chord = None if chord is None else number(positive, "chord", chord, "m")
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)
-        super().__init__(**columns, ends=ends, ramp=ramp, reference_length=reference_length)
+        super().__init__(**columns, ends=ends, ramp=ramp)
         spacing = float(self.spacing)
         wave = float(self.shortest_wavelength)
         if wave < 4 * spacing:
@@ -92,7 +91,7 @@ def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> Surve
     - `chord`: length of a chord [m] where lateral and vertical are the distances of the rail from the middle of that
         chord (versines), and not displacements from a line. Waves that the chord shows by less than a tenth, such as
         those of half its length, are left out.
-    - `options`: `ends`, `ramp` and `reference_length` of `SampledTrack`.
+    - `options`: `ends` and `ramp` of `SampledTrack`.
 
     **Returns:** a `SurveyedTrack`, which is a `SampledTrack`.
 

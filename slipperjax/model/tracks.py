@@ -28,12 +28,14 @@ class Irregularity(NamedTuple):
 
 
 class AbstractTrack(ShapeChecked):
-    """A track whose irregularity is a function of distance alone. Subclasses define the two abstract members."""
+    """A track whose irregularity is a function of distance alone. Subclasses define `irregularity`."""
 
     @property
-    @abc.abstractmethod
     def wavelength(self) -> Float[Array, ""]:
-        """The length that defines the forcing period [m]: period = wavelength / speed."""
+        """The length that defines the forcing period [m], period = wavelength / speed: the first wavelength. By
+        default 8 m, for tracks that have none; see `Scene.window`."""
+        with jax.ensure_compile_time_eval():  # known inside jit, too
+            return jnp.asarray(8.0)
 
     @abc.abstractmethod
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
@@ -76,9 +78,10 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        """Number of first wavelengths after which the irregularity recurs [1]; infinite where it does not.
+        """Length of travel after which the irregularity recurs [m]; 0 where it is the same everywhere, infinite where
+        it never does.
 
-        By default 1 or infinite, from samples one and a thousand wavelengths apart.
+        By default one wavelength or infinite, from samples one and a thousand wavelengths apart.
         """
         shares = jnp.arange(64) / 64
 
@@ -90,7 +93,7 @@ class AbstractTrack(ShapeChecked):
         within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
         next_is_equal = jnp.abs(heights(1.0) - here) <= within
         far_is_equal = jnp.abs(heights(1000.0) - here) <= within
-        return jnp.where(jnp.all(next_is_equal & far_is_equal), 1.0, jnp.inf)
+        return jnp.where(jnp.all(next_is_equal & far_is_equal), self.wavelength, jnp.inf)
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
@@ -128,15 +131,16 @@ PLAUSIBLE_LENGTHS = 0.02, 2000.0
 
 def least_common_count(unit: Any, lengths: Any, most: int = 100) -> Float[Array, ""]:
     """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
-    is none up to `most`."""
+    is none up to `most`. A length of zero goes with all."""
     # on the host where nothing is traced, which compiles nothing
     traced = is_traced((unit, lengths))
     xp = jnp if traced else np
     counts = xp.arange(1.0, most + 1)
     # a count fits where it makes whole numbers of all lengths
-    times = xp.outer(counts, xp.asarray(unit) / xp.asarray(lengths))
+    lengths = xp.ravel(xp.asarray(lengths))
+    times = xp.outer(counts, xp.asarray(unit) / xp.where(lengths > 0, lengths, 1.0))
     nearest = xp.round(times)
-    whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0)
+    whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0) | (lengths == 0)[None]
     return as_argument(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
 
 
@@ -156,7 +160,7 @@ class _Waves(AbstractTrack):
 
     @property
     def recurrence(self):
-        return least_common_count(self.wavelength, self.wavelengths)
+        return self.wavelength * least_common_count(self.wavelength, self.wavelengths)
 
     @property
     def shortest_wavelength(self):
@@ -210,14 +214,7 @@ class HarmonicTrack(_Waves):
 
 
 class StraightTrack(AbstractTrack):
-    """A track without irregularity. `reference_length` only sets the unit of time, the forcing period."""
-
-    reference_length: Float[Array, ""] = field("m", positive, plausible=PLAUSIBLE_LENGTHS, default=8.0)
-    """Length of travel that counts as one period [m]."""
-
-    @property
-    def wavelength(self):
-        return self.reference_length
+    """A track without irregularity."""
 
     def irregularity(self, distance):
         zero = jnp.zeros_like(distance)
@@ -225,7 +222,7 @@ class StraightTrack(AbstractTrack):
 
     @property
     def recurrence(self):
-        return jnp.ones(())
+        return jnp.zeros(())
 
     @property
     def steepest_slope(self):
@@ -318,8 +315,6 @@ class LocalTrack(AbstractTrack):
     """"lateral" or "vertical"."""
     every: Float[Array, ""] | None = field("m", positive, default=None)
     """Distance after which all of them come again [m], such as 1.32 for supports; None for once. Not for steps."""
-    reference_length: Float[Array, ""] = field("m", positive, default=8.0)
-    """Length of travel that counts as one period [m]."""
 
     def __check_init__(self):
         one_of("shape", self.shape, tuple(SHAPES))
@@ -327,10 +322,6 @@ class LocalTrack(AbstractTrack):
         good = self.place.shape == self.height.shape
         require(good, "height", f"have one value per place, {self.place.shape}", shown=f"shape {self.height.shape}")
         require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
-
-    @property
-    def wavelength(self):
-        return self.reference_length
 
     @at_once
     def irregularity(self, distance):
@@ -345,7 +336,7 @@ class LocalTrack(AbstractTrack):
 
     @property
     def recurrence(self):
-        return jnp.asarray(jnp.inf) if self.every is None else least_common_count(self.reference_length, self.every)
+        return jnp.asarray(jnp.inf) if self.every is None else self.every
 
     @property
     def steepest_slope(self):
@@ -357,8 +348,8 @@ class LocalTrack(AbstractTrack):
 
     @property
     def shortest_wavelength(self):
-        """The shapes' length, or the reference length if that is less [m]."""
-        return jnp.minimum(self.length, self.reference_length)
+        """The shapes' length [m]; 8 m at most."""
+        return jnp.minimum(self.length, self.wavelength)
 
 
 class SumTrack(AbstractTrack):
@@ -391,10 +382,9 @@ class SumTrack(AbstractTrack):
 
     @property
     def recurrence(self):
-        """The least number of first wavelengths after which both recur."""
-        # the sum recurs where both do
-        lengths = [track.recurrence * track.wavelength for track in (self.one, self.other)]
-        return least_common_count(self.wavelength, jnp.stack(lengths))
+        """The least multiple of the first wavelength after which both recur [m]."""
+        lengths = jnp.stack([self.one.recurrence, self.other.recurrence])
+        return self.wavelength * least_common_count(self.wavelength, lengths)
 
     @property
     def begin(self):

@@ -68,9 +68,11 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
 
     **Arguments:** `mapped`: what the last iterate is mapped to.
     """
-    if proposed.memory is None or scene.memory.integrated:
+    if not scene.latches_memory:
         return proposed
-    assert mapped.memory is not None  # that of the same scene
+    # those of this scene
+    assert proposed.memory is not None
+    assert mapped.memory is not None
     now = contacts(rail_frame(scene, 0.0), proposed.motion)
     fresh = scene.memory.initial(now.gap, now.rate)
     # of a contact that was open at the section, the memory latched since is better than that of a fresh start
@@ -92,16 +94,16 @@ def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raise `ValueError` for a track that does not recur with its first wavelength, unless it is traced, and for a
+    """Raise `ValueError` for a track that does not recur with the forcing period, unless it is traced, and for a
     speed that changes."""
     if not is_traced(scene.track):
-        need = "have a track that recurs with its first wavelength"
+        need = "have a track that recurs with the forcing period"
         with jax.ensure_compile_time_eval():  # inside jit, too
-            recurrence = float(scene.track.recurrence)
+            recurrence = float(scene.recurrence)
         require(recurrence == 1, "scene", need, scene.track)
     check_steady(scene)
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
     """Return whether a scene's track recurs with the forcing period."""
-    return (scene.track.recurrence == 1) & (not isinstance(scene.speed, SpeedProgramme))
+    return (scene.recurrence == 1) & (not isinstance(scene.speed, SpeedProgramme))

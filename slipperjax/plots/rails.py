@@ -25,7 +25,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
     **Returns:** the Axes, an array.
     """
     check_scene(scene)
-    unit = float(scene.track.wavelength)
+    unit = float(scene.wavelength)
     # without a run 25 reference lengths from the rail's beginning
     first = scene.track.origin
     extent = 25 * unit

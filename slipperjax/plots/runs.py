@@ -118,7 +118,7 @@ def _speed_name(ds: xr.Dataset) -> str:
 
 def draw_irregularity(ax: Any, scene: Scene, places: np.ndarray) -> None:
     """Draw the displacements of the rail [mm] at `places` [m]."""
-    here = scene.track.irregularity(places + 0 * scene.track.wavelength)
+    here = scene.track.irregularity(places + 0 * scene.wavelength)
     # both directions on one scale
     for name, color in (("lateral", "blue"), ("vertical", "red")):
         height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape)

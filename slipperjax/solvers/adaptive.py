@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model.contact import SmoothSwitch
 from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
 from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
@@ -21,9 +20,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
       step is longer than a part of a typical contact.
     - A touchdown is a kink inside a step, for which estimates for smooth motions are too small; therefore the error
       of a step in which the event latch found one is multiplied by `touchdown`.
-    - With `SmoothSwitch` steps end where the next point begins to touch down, as its gap, rate and acceleration tell,
-      instead of being tried across that place and rejected.
-    - Errors in an integrated memory count by what the contacts feel of them, see `SmoothSwitch.felt`.
+    - With an integrated memory steps end where the next point begins to touch down, as its gap, rate and acceleration
+      tell, instead of being tried across that place and rejected.
+    - Errors in an integrated memory count by what the contacts feel of them, see `AbstractIntegratedMemory.felt`.
 
     Each period starts with the step length proposed at the end of the previous one.
     """
@@ -85,18 +84,14 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         _, end = controller_state
         scene = args.scene
         size = scaled_size(y_error.motion, self.scales) / self.tolerance
-        smooth = y0.memory is not None and isinstance(scene.memory, SmoothSwitch)
-        if smooth:
+        if scene.integrates_memory:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
-            # of errors in the memory count what contacts feel
+            # of errors in the memory counts what contacts feel, in the scale of the vertical velocity
             felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory) * felt) / self.scales.v_z / self.tolerance)
-        elif y0.memory is not None and not scene.memory.integrated:
+        elif scene.latches_memory:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
-        elif y0.memory is not None:
-            # an integrated memory of one's own: rates, with the scale of the vertical velocity
-            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.scales.v_z / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
@@ -111,12 +106,12 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         underflow = wanted < self.shortest
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         step = wanted
-        if smooth:
+        if scene.integrates_memory:
             # to where a switch begins to close
             gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
             period = args.travel(at).period
             acceleration = (now.rate - before.rate) / (t1 - t0)
-            step = _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
+            step = _until(gap - scene.memory.closing_gap, period * rate, period * acceleration, wanted)
         return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
 
     def _longest(self, args, t):

@@ -17,12 +17,11 @@ from jaxtyping import Array
 
 from ..model.contact import EventLatch
 from ..model.dynamics import (
-    Acting,
     Args,
-    LatchedField,
-    MemorylessField,
     State,
+    VectorField,
     contact_forces,
+    forces_at,
     newton_euler,
     per_force,
     per_period,
@@ -40,13 +39,11 @@ NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Return whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch`'s own latch or without memory.
+    """Return whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch` itself or without memory.
 
     With `SmoothSwitch` there are no kinks to know.
     """
-    own = type(scene.memory)
-    is_event_latch = own.latch is EventLatch.latch and own.at_touchdown is EventLatch.at_touchdown
-    return not scene.contact.has_memory or is_event_latch
+    return not scene.contact.has_memory or type(scene.memory) is EventLatch
 
 
 class Ends(NamedTuple):
@@ -80,7 +77,7 @@ class ImpulseRK4(AbstractLatchingSolver):
 
     def init(self, terms, t0, t1, y0, args):
         field = field_of(terms)
-        if type(field) not in (LatchedField, MemorylessField) or not knows_contacts(args.scene):
+        if type(field) is not VectorField or not knows_contacts(args.scene):
             raise ValueError(
                 "Argument `solver` must be another one than ImpulseRK4, which knows contacts with EventLatch or "
                 f"without memory, for a {type(field).__name__} with memory {type(args.scene.memory).__name__}."
@@ -106,9 +103,9 @@ class ImpulseRK4(AbstractLatchingSolver):
             travel = args.travel(t)
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
-            force = contact_forces(scene, now, y0.memory)
-            own = per_force(scene, Acting(frame, now, m, force), travel)[1:]
-            wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
+            at = forces_at(scene, frame, now, State(m, y0.memory))
+            own = per_force(scene, at, travel)[1:]
+            wrenches = sums(*(at.force * d for d in (*own, *before.wrenches)))
             return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
         y2, k2, f2 = stage(half, middle, k1, 0.5)
@@ -221,12 +218,11 @@ def _ended(
 ) -> tuple[Motion, Ends]:
     """Return the derivative [per forcing period] and the contacts at the end of a step."""
     scene = args.scene
-    m = state.motion
     travel = args.travel(t)
-    force = contact_forces(scene, now, state.memory)
-    own = per_force(scene, Acting(frame, now, m, force), travel)[1:]
-    wrench = sums(*(force * w for w in own))
-    rates = per_period(travel, newton_euler(scene, m, wrench, travel))
+    at = forces_at(scene, frame, now, state)
+    own = per_force(scene, at, travel)[1:]
+    wrench = sums(*(at.force * w for w in own))
+    rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
     return rates, Ends(now.gap, now.rate, turning, own, wrench)
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from equinox.internal import ω
 
-from ..model.dynamics import AbstractVectorField, State, fill_frozen
+from ..model.dynamics import State, VectorField, fill_frozen
 from ..tools.checks import require
 from .simplified_newton import SimplifiedNewton, with_root_finder
 
@@ -33,13 +33,13 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
         return State(value.motion, self.frozen)
 
 
-def field_of(terms: Any) -> AbstractVectorField:
+def field_of(terms: Any) -> VectorField:
     """Return the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field: Any = getattr(terms, "vector_field", None)
     need = "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver"
-    require(isinstance(field, AbstractVectorField), "terms", need, terms)
+    require(isinstance(field, VectorField), "terms", need, terms)
     return field
 
 
@@ -85,7 +85,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
 class _FrozenField(eqx.Module):
     """The motion's derivative with frozen memory, passed in the arguments: ten states for diffrax's solvers."""
 
-    field: AbstractVectorField
+    field: VectorField
 
     def __call__(self, t, motion, args):
         memory, args = args

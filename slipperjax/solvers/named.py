@@ -6,7 +6,6 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from ..model.dynamics import LatchedField, vector_field
 from ..model.scene import Scene
 from ..tools.checks import brief, instance, require
 from .explicit import RK4, Tsit5
@@ -65,7 +64,7 @@ def resolve_solver(
     )
     if isinstance(solver, AbstractLatchingSolver):
         return solver
-    return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_root_finder(solver)
+    return Latching(solver) if scene.latches_memory else with_root_finder(solver)
 
 
 def resolve_controller(

@@ -60,7 +60,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             if drift is not None:
                 weight = self.gamma * row["slope"] * h * h
                 motion = jax.tree.map(lambda v, d: v + weight * d, motion, drift)
-            memory = None if right.memory is None else right.memory / (1 - h * self.gamma * decay)
+            memory = None if right.memory is None or decay is None else right.memory / (1 - h * self.gamma * decay)
             new = State(system.solve(motion), memory)
             return jax.tree.map(lambda u, v: u.at[row["index"]].set(v), stages, new), None
 

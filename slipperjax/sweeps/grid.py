@@ -1,7 +1,7 @@
 """Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -233,12 +233,7 @@ class Cases(Grid):
 @jit
 def _prepared(scenes: Batched[Scene]) -> Batched[Scene]:
     """Return the same scenes with tracks as runs evaluate them, once for all calls."""
-    return with_tracks(scenes, lambda track: track.prepared())
-
-
-def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], AbstractTrack]) -> Batched[Scene]:
-    """Return the same scenes on tracks that `change` makes of theirs."""
-    tracks = Batched(scenes.varied.track, scenes.shared.track).apply(change)
+    tracks = Batched(scenes.varied.track, scenes.shared.track).apply(lambda track: track.prepared())
     is_track = lambda part: isinstance(part, AbstractTrack)
     put = lambda scene, track: eqx.tree_at(lambda s: s.track, scene, track, is_leaf=is_track)
     return Batched(put(scenes.varied, tracks.varied), put(scenes.shared, tracks.shared))
@@ -247,7 +242,7 @@ def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], Abstra
 @jit
 def _facts(scenes: Batched[Scene], starts: Motion | State) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return forcing period [s], wavelength [m] and steps needed of each case."""
-    of_case = lambda scene, start: (scene.period, scene.track.wavelength, steps_needed(scene))
+    of_case = lambda scene, start: (scene.period, scene.wavelength, steps_needed(scene))
     return scenes.map(of_case, starts)
 
 

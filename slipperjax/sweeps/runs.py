@@ -34,7 +34,7 @@ from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .call import refined
 from .estimate import Estimate
-from .grid import Cases, Grid, filled, with_tracks
+from .grid import Cases, Grid, filled
 from .plan import Calls, Part, Plan, check_variables, shared_capacity
 from .records import OF_LOADS
 from .run import half_step_change, initial_carry, run_cases
@@ -48,7 +48,6 @@ from .windows import (
     PerWindow,
     ThirdOctaves,
     Wearing,
-    WindowedTrack,
     Worn,
     run_record,
     stretch_ends,
@@ -296,10 +295,10 @@ def _keys(profiles: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     return np.array(list(profile_of))[np.ravel(which)], profile_of
 
 
-@jit
-def _windowed(scenes: Batched[Scene], window: Any) -> Batched[Scene]:
+def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
     """Return the same scenes with windows as their unit of travel."""
-    return with_tracks(scenes, lambda track: WindowedTrack(track, window))
+    put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
+    return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
 
 def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
@@ -345,7 +344,7 @@ def _run_windows(
     records = plan.records
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
-    around = max(1, round(float(np.max(plan.cases.scene.track.wavelength)) / call.window))
+    around = max(1, round(float(np.max(plan.cases.scene.wavelength)) / call.window))
     pieces = []
     marks = []
     plays = []
@@ -462,7 +461,7 @@ def _times(scenes: Batched[Scene], starts: Any, ends: jax.Array, window: Any) ->
     """
 
     def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:
-        length = scene.track.wavelength
+        length = scene.wavelength
         speed = jnp.asarray(scene.travel((ends[1:] - 0.5 * window) / length).speed)
         seconds = jnp.asarray(scene.seconds(ends / length))
         return jnp.broadcast_to(speed, ends[1:].shape), seconds[1:] - seconds[0]

@@ -17,58 +17,10 @@ from ..flow.record import AbstractRecord, Unlabelled
 from ..flow.records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import Scene
-from ..model.tracks import AbstractTrack, Irregularity
-from ..tools.checks import positive
 from ..tools.columns import column
-from ..tools.fields import field
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
-
-
-class WindowedTrack(AbstractTrack):
-    """A track whose unit of travel is a window of distance."""
-
-    track: AbstractTrack
-    window: Float[Array, ""] = field("m", positive)
-    """Length of a window [m]."""
-
-    @property
-    def wavelength(self) -> Float[Array, ""]:
-        return self.window
-
-    @property
-    def recurrence(self) -> Float[Array, ""]:
-        return jnp.asarray(jnp.inf)
-
-    @property
-    def begin(self) -> Any:
-        return self.track.begin
-
-    @property
-    def extent(self) -> Any:
-        return self.track.extent
-
-    @property
-    def end(self) -> float:
-        return self.track.end
-
-    @property
-    def steepest_slope(self) -> Float[Array, ""]:
-        return self.track.steepest_slope
-
-    @property
-    def shortest_wavelength(self) -> Float[Array, ""]:
-        return self.track.shortest_wavelength
-
-    def prepared(self) -> "WindowedTrack":
-        return WindowedTrack(self.track.prepared(), self.window)
-
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        return self.track.irregularity(distance)
-
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        return self.track.motion(distance)
 
 
 def touchdowns(course: Course) -> Float[Array, "2 points"]:
@@ -198,7 +150,7 @@ class Wearing(Unlabelled):
 def _added(scene: Scene, work: Any, epoch: Any) -> Array:
     """Return the play that wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
     assert scene.wear is not None  # looked at before
-    return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.track.wavelength, work)
+    return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.wavelength, work)
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:

@@ -38,7 +38,7 @@ def test_accelerations_on_a_sled_rail_beside_a_straight_one():
     scene, speeds = dataclasses.replace(sj.paper_scene(), gravity=9.81), [100.0 + 200.0 * k for k in range(8)]
     rails = {
         "rough": (sj.RandomTrack.sled(length=2000.0), {"speed": speeds, "track.seed": np.arange(16.0)}),
-        "straight": (sj.StraightTrack(8.0), {"speed": speeds}),
+        "straight": (sj.StraightTrack(), {"speed": speeds}),
     }
     found = {}
     for name, (track, grid) in rails.items():

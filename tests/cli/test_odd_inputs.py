@@ -147,7 +147,7 @@ ERRORS = [
     refused("`faces` must ", section, faces=5),
     refused("`faces` must name points, but is [(]'Z'", section, faces=(("Z", "A"), *FACES[1:])),
     refused("`hysteresis` must be zero or positive, but is -1", sj.ConstantDamping, stiffness=1e8, hysteresis=-1.0),
-    *each(sj.StraightTrack, "reference_length", POSITIVE, (0.0, "0")),
+    *each(scene, "window", POSITIVE, (0.0, "0")),
     *each(sj.EventLatch, "slowest", POSITIVE, (0.0, "0")),
     *each(sj.SmoothSwitch, "width", POSITIVE, (0.0, "0")),
     # other values of named parameters
@@ -283,7 +283,7 @@ WARNINGS = [
             ("wavelengths", (8e-3,), "0.008 m"),
         )
     ),
-    implausible("reference_length", "1e-300 m", sj.StraightTrack, reference_length=1e-300),
+    implausible("window", "1e-300 m", scene, window=1e-300),
     implausible("gravity", "9810 m/s", scene, gravity=9810.0),
     implausible("inertia", "86000 kg", lambda: scene(slipper=slipper(inertia=(51e3, 60e3, 86e3)))),
     implausible("points", "48 m", section, points=POINTS * 1e3),

@@ -14,7 +14,7 @@ START = sj.table_2_start()
 def scene_of(speed):
     """A scene that compiles soon."""
     plain = sj.paper_scene()
-    return sj.Scene(speed, plain.slipper, plain.section, sj.StraightTrack(8.0), sj.HertzSpring(1e8))
+    return sj.Scene(speed, plain.slipper, plain.section, sj.StraightTrack(), sj.HertzSpring(1e8))
 
 
 def state_of(speed):

@@ -233,7 +233,7 @@ def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs()
         with pytest.raises(ValueError, match=r"`periods` must be at most 50 here, .* the rail ends at 400 m"):
             run()
     for call in (sj.periodic_orbit, lambda s: sj.continue_orbit(s, "speed", (900.0, 1100.0))):
-        with pytest.raises(ValueError, match="`scene` must have a track that recurs with its first wavelength"):
+        with pytest.raises(ValueError, match="`scene` must have a track that recurs with the forcing period"):
             call(ON_RAIL)
 
 
@@ -264,3 +264,17 @@ def test_forces_have_derivatives_by_samples_and_by_roughness():
         forward, reverse = jax.jacfwd(function)(value), jax.grad(function)(value)
         np.testing.assert_allclose(forward, difference, rtol=1e-5)
         np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+
+
+def test_a_window_is_the_period_of_a_scene():
+    """Of two waves of 8 m: the state after one window is that after two periods, and every window recurs."""
+    scene = sj.paper_scene()
+    doubled = dataclasses.replace(scene, window=16.0)
+    assert float(doubled.period) == 2 * float(scene.period)
+    start = sj.initial_state(scene, sj.table_2_start())
+    once = sj.period_map(doubled, start, steps_per_period=400)
+    twice = sj.period_map(scene, start, periods=2, steps_per_period=200)
+    # measured: 3e-14
+    np.testing.assert_allclose(coordinates(once), coordinates(twice), atol=1e-12)
+    assert float(doubled.recurrence) == 1.0
+    assert float(dataclasses.replace(scene, window=12.0).recurrence) == 2.0

@@ -91,7 +91,7 @@ class GivesUp(sj.Latching):
 @pytest.mark.parametrize("saves", [1, 50])
 def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
     plain = sj.paper_scene()
-    scene = sj.Scene(plain.speed, plain.slipper, plain.section, sj.StraightTrack(8.0), sj.HertzSpring(1e8))
+    scene = sj.Scene(plain.speed, plain.slipper, plain.section, sj.StraightTrack(), sj.HertzSpring(1e8))
     options = dict(steps_per_period=50, saves_per_period=saves, loads=False)
     found = sj.simulate(scene, 1, solver=GivesUp(diffrax.Euler()), **options)
     assert int(found.status) == Status.NOT_FINITE

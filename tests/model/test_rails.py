@@ -141,7 +141,7 @@ def test_local_shapes_have_their_height_length_and_place():
     np.testing.assert_allclose(at(dips, 4.0, 20.0, 3.7, 4.3, 10.0).vertical, [-1e-3, -2e-3, 0, 0, 0], atol=1e-18)
     np.testing.assert_allclose(at(step, 11.4, 12.0, 12.6).lateral, [0, 2.5e-4, 5e-4], atol=1e-18)
     np.testing.assert_allclose(at(joints, 1.0, 5.0, 101.0, 3.0).vertical, [-3e-4, -3e-4, -3e-4, 0], atol=1e-18)
-    assert (float(joints.recurrence), float(dips.recurrence)) == (1.0, np.inf)
+    assert (float(joints.recurrence), float(dips.recurrence)) == (float(joints.every), np.inf)
     with pytest.raises(ValueError, match="`every` must be None for steps"):
         dataclasses.replace(step, every=jnp.asarray(2.0))
 
@@ -153,8 +153,8 @@ def test_sums_add_and_recur_with_all_their_parts():
     np.testing.assert_allclose(here.roll, parts[0].roll)
     assert float(SUM.recurrence) == np.inf
     twice = sj.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
-    assert float(twice.recurrence) == 3.0
-    assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 1.0
+    assert float(twice.recurrence) == 24.0
+    assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 8.0
 
 
 @pytest.mark.parametrize("track", [HARMONIC, sampled(160, 40.0, ends="error"), sj.RandomTrack.sled(length=300.0)])
@@ -174,7 +174,7 @@ def test_a_number_chooses_one_of_several_rails():
     for number, rail in enumerate(rails[:2]):
         chosen = sj.TrackSet(rails[:2], number)
         assert largest(chosen.irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
-    again = (sampled(16, ends="repeat"), sampled(96, 24.0, ends="repeat", reference_length=8.0))
+    again = (sampled(16, ends="repeat"), sampled(96, 24.0, ends="repeat"))
     for number, rail in enumerate(again):
         assert largest(sj.TrackSet(again, number).irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
     with pytest.raises(ValueError, match="`number` must be a whole number of 0 to 1, but is 5"):
@@ -192,7 +192,7 @@ def test_fourier_tracks_have_their_own_amplitudes_and_phases():
     np.testing.assert_allclose(here.lateral, 1e-3 * wave(8) + 2e-4 * wave(2), atol=1e-15)
     np.testing.assert_allclose(here.vertical, 1e-3 * wave(8, np.pi / 2), atol=1e-15)
     np.testing.assert_allclose(here.roll, 2e-3 * wave(8), atol=1e-15)
-    assert float(FOURIER.recurrence) == 1.0
+    assert float(FOURIER.recurrence) == 8.0
     equal = sj.FourierTrack((8.0,), (1e-3,), (1e-3,), (2e-3,))
     assert largest(equal.irregularity(PLACES), HARMONIC.irregularity(PLACES)) < 1e-17
 
@@ -223,7 +223,7 @@ SPECTRA = {
 @pytest.mark.parametrize("name", SPECTRA)
 def test_random_rails_have_their_spectra(name):
     """The mean periodogram of 200 rails lies within its 95 % band at 95 % of the wavenumbers."""
-    rail = SPECTRA[name](length=1000.0, ends="repeat", reference_length=1000.0)
+    rail = SPECTRA[name](length=1000.0, ends="repeat")
     x = jnp.arange(4000) * 0.25
     seeds = jnp.arange(200.0)
     heights = jax.jit(jax.vmap(lambda s: eqx.tree_at(lambda t: t.seed, rail, s).irregularity(x)))(seeds)

@@ -91,7 +91,7 @@ def after_impact(relative, stepping, solver, law=sj.Flores):
     """Speed [m/s] of a ball after its impact on the plane, from values relative to `AT`."""
     plain = sj.paper_scene()
     stiffness, restitution, approach = relative * AT
-    scene = sj.Scene(100.0, plain.slipper, plain.section, sj.StraightTrack(1.0), law(1.0, 0.5))
+    scene = sj.Scene(100.0, plain.slipper, plain.section, sj.StraightTrack(), law(1.0, 0.5), window=1.0)
     scene = scene.replace(stiffness=stiffness, restitution=restitution)
     motion = jax.tree.map(lambda v: jnp.asarray(v, float), sj.Motion(z=1e-3, v_z=-approach))
     state = sj.State(motion, jnp.zeros(1))

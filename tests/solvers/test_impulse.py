@@ -32,7 +32,7 @@ def law_of(law):
 def dropped(relative, steps, solver, law):
     """Speed [m/s] of a level slipper after an impact of its roof on a straight rail, from values relative to `AT`."""
     stiffness, restitution, approach = relative * AT
-    scene = sj.Scene(100.0, sj.paper_scene().slipper, ROOF, sj.StraightTrack(1.0), law)
+    scene = sj.Scene(100.0, sj.paper_scene().slipper, ROOF, sj.StraightTrack(), law, window=1.0)
     scene = scene.replace(stiffness=stiffness)
     if law.has_memory:
         scene = scene.replace(restitution=restitution)

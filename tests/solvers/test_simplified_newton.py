@@ -12,7 +12,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status
-from slipperjax.model.dynamics import Args, LatchedField, vector_field
+from slipperjax.model.dynamics import Args, vector_field
 from slipperjax.model.kinematics import scaled_size
 from slipperjax.model.step_size import settle_memory
 from slipperjax.solvers.latching import _FrozenField
@@ -32,7 +32,7 @@ class OneStep:
 
     def __init__(self, scene, solver):
         self.scene, self.tableau, field = settle_memory(scene), getattr(solver, "tableau", None), vector_field(scene)
-        self.frozen = isinstance(field, LatchedField)
+        self.frozen = scene.latches_memory
         of_motion = lambda t, motion, memory: field.evaluate(t, sj.State(motion, memory), Args(self.scene)).motion
         whole = lambda t, state, _: field(t, state, Args(self.scene))
         self.rates = sj.jit(of_motion if self.frozen else whole)

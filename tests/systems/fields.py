@@ -9,14 +9,14 @@ from scipy.optimize import brentq
 
 import slipperjax as sj
 from slipperjax.model.contact import Before
-from slipperjax.model.dynamics import AbstractVectorField, contact_forces
+from slipperjax.model.dynamics import VectorField, contact_forces
 from slipperjax.model.kinematics import Contacts, attitude_rates
 from slipperjax.model.linearised import Linearised
 
 SPIN = np.array([0.4, -0.3, 0.2])
 
 
-class Smooth(AbstractVectorField):
+class Smooth(VectorField):
     """y = sin t, forced and damped; z = 1 / (2 - t), which solves z'' = 2 z^3; a constant spin."""
 
     scene = sj.paper_scene(speed=8.0)  # a forcing period of one second
@@ -26,6 +26,9 @@ class Smooth(AbstractVectorField):
         a_y = -9 * m.y - 0.5 * m.v_y + 8 * jnp.sin(t) + 0.5 * jnp.cos(t)
         zero = 0 * m.y
         return sj.State(sj.Motion(m.v_y, m.v_z, *attitude_rates(m), a_y, 2 * m.z**3, zero, zero, zero), None)
+
+    def open_step(self, t0, state, args):
+        return None  # there is no contact
 
     def linearised(self, t, state, args):
         stiffness = {(0, 0): -9.0, (1, 1): 6 * state.motion.z**2}
@@ -38,7 +41,7 @@ class Smooth(AbstractVectorField):
         return np.array([np.sin(t), 1 / (2 - t), *q, np.cos(t), 1 / (2 - t) ** 2, *SPIN])
 
 
-class Ball(AbstractVectorField):
+class Ball(VectorField):
     """A ball that falls on a plane: its gap is z, law and memory of the contact are the scene's, there is no weight.
 
     It touches down at an instant within a step, like a slipper, and its rebound follows from `rebound`.
