@@ -54,6 +54,7 @@ class Calls(NamedTuple):
 
     length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
     count: int
+    most: int = 0  # forcing periods in the longest call of the same program, where that is longer
 
     @classmethod
     def of(cls, periods: int) -> "Calls":
@@ -71,7 +72,7 @@ class Calls(NamedTuple):
     @property
     def capacity(self) -> int:
         """Forcing periods for which the program of one call is compiled; it serves shorter calls, too."""
-        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(self.length)
+        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(max(self.length, self.most))
 
 
 class Chunk(NamedTuple):

@@ -59,8 +59,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     plan = part.plan
     scenes = part.scenes
     records = plan.records
-    period = plan.epoch + epoch
-    status = np.zeros(len(states.motion.y), int)
+    at = Passing(states, plan.epoch + epoch, np.zeros(len(states.motion.y), int))
     samples = Samples(records, plan.recorded.periods)
     number = as_argument(part.steps)  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
@@ -68,47 +67,69 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
         alike = bool(np.all(plan.steps == part.steps))
         recording = ConstantSteps(part.steps) if alike else ConstantSteps(part.capacity, number)
     early = records.from_start
-    probe = None
-
-    def options_of(calls: Calls, kept: RecordSet) -> dict[str, Any]:
-        return dict(solver=plan.solver, periods=calls.capacity, records=kept)
-
-    def compile_recording() -> None:
-        none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
-        advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
-
+    carry = initial_carry(early, scenes, states)
     if first and plan.transient.count and not calls_lapack(plan.solver):
-        ahead(compile_recording)
-    for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
-        options = options_of(calls, kept)
-        if kept is records and plan.probed:
-            # the program of the transient, which is there already, serves this one period, too
-            once = dict(used=as_argument(1), earlier=initial_carry(early, scenes, states))
-            once |= options_of(plan.transient, early)
-            probe = half_step_change(scenes, states, period, part.steps, **once)
-        carry = initial_carry(kept, scenes, states)
-        used = as_argument(calls.length)
-        for _ in range(calls.count):
-            part.on_progress(0)
-            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options)
-            states = passed.state
-            carry = passed.carried
-            status = first_problem(status, passed.status)
-            # a program serves several numbers of periods: samples of periods beyond its use are cut off
-            cut = jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples)
-            samples.add(kept, cut)
-            part.on_progress(calls.length)
-            period += calls.length
-    status = records.judge(carry, status, scenes, plan.solver)
+        unused = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
+        unused |= dict(solver=plan.solver, periods=plan.recorded.capacity, records=records)
+        ahead(lambda: advance(scenes, states, at.period, recording, **unused))
+    at, _ = run_span(part, scenes, at, plan.transient, stepping, early, carry, samples)
+    probe = None
+    if plan.probed:
+        # the program of the transient, which is there already, serves this one period, too
+        once = dict(used=as_argument(1), earlier=carry)
+        once |= dict(solver=plan.solver, periods=plan.transient.capacity, records=early)
+        probe = half_step_change(scenes, at.states, at.period, part.steps, **once)
+    carry = initial_carry(records, scenes, at.states)
+    at, carry = run_span(part, scenes, at, plan.recorded, recording, records, carry, samples)
+    states = at.states
+    status = records.judge(carry, at.status, scenes, plan.solver)
     if probe is not None:
         status = with_accuracy(status, probe)
     span = RecordedSpan(plan.recorded.periods, part.steps, plan.epoch + epoch, status)
     values = list(records.finish(carry, samples.joined(), span))
     strobe = next((a for r, a in zip(records.records, values, strict=True) if isinstance(r, LastStrobes)), None)
     for stage in plan.stages:
-        measured, status = stage.of_chunk(part, states, period, status, strobe)
+        measured, status = stage.of_chunk(part, states, at.period, status, strobe)
         values.append(measured)
     return ChunkRun(states, status, tuple(values), probe)
+
+
+class Passing(NamedTuple):
+    """Where a chunk of cases is on its way."""
+
+    states: State
+    period: float  # forcing periods from distance zero
+    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes so far
+
+
+def run_span(
+    part: Part,
+    scenes: Batched[Scene],
+    at: Passing,
+    calls: Calls,
+    stepping: ConstantSteps,
+    records: RecordSet,
+    carry: tuple[Any, ...],
+    samples: Samples,
+) -> tuple[Passing, tuple[Any, ...]]:
+    """Run a chunk over a span with equal steps, call by call; return where it is then, and the records' carry.
+
+    **Arguments:** `carry`: of the records before; `samples`: to which those of the span are added.
+    """
+    states, period, status = at
+    options: dict[str, Any] = dict(solver=part.plan.solver, periods=calls.capacity, records=records)
+    used = as_argument(calls.length)
+    for _ in range(calls.count):
+        part.on_progress(0)
+        passed = advance(scenes, states, period, stepping, used=used, earlier=carry, **options)
+        states = passed.state
+        carry = passed.carried
+        status = first_problem(status, passed.status)
+        # a program serves several numbers of periods: samples of periods beyond its use are cut off
+        samples.add(records, jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], passed.samples))
+        part.on_progress(calls.length)
+        period += calls.length
+    return Passing(states, period, status), carry
 
 
 def half_step_change(

@@ -14,11 +14,11 @@ import xarray as xr
 from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.period_map import advance, initial_states
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Unlabelled
+from ..flow.period_map import initial_states
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, warn_beyond
-from ..flow.status import MEANINGS, first_problem, with_accuracy
+from ..flow.status import MEANINGS, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -37,7 +37,7 @@ from .estimate import Estimate
 from .grid import Cases, Grid, filled
 from .plan import Calls, Part, Plan, check_variables, shared_capacity
 from .records import OF_LOADS
-from .run import half_step_change, initial_carry, run_cases
+from .run import Passing, half_step_change, initial_carry, run_cases, run_span
 from .store import Store, run_or_store
 from .windows import (
     DEFAULT,
@@ -340,7 +340,7 @@ def _run_windows(
         scenes = _opened(scenes, call.worn[None])
     epoch = call.begin / call.window
     states = initial_states(scenes, part.starts, epoch)
-    status = np.zeros(len(states.motion.y), int)
+    at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
     records = plan.records
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
@@ -352,32 +352,29 @@ def _run_windows(
     for k, steps in enumerate(profile.tolist()):
         part.on_progress(0.0)
         used = min(STRETCH, plan.periods - k * STRETCH)
-        at = epoch + k * STRETCH
+        at = at._replace(period=epoch + k * STRETCH)
         if k in probed:
             now = scenes
             for worn in _worn_in(carry):
                 now = _opened(scenes, worn.play)
             over = dict(used=as_argument(around), periods=capacity_for(around))
-            errors.append(half_step_change(now, states, at, steps, solver=plan.solver, **over))
+            errors.append(half_step_change(now, at.states, at.period, steps, solver=plan.solver, **over))
         stepping = ConstantSteps(steps)
         if np.ptp(profile):
             stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
-        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
-        passed = advance(scenes, states, at, stepping, used=as_argument(used), earlier=carry, **options)
-        states = passed.state
-        status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples)
-        made = records.finish(passed.carried, kept, RecordedSpan(used, steps, at, status))
+        samples = Samples(records, used)
+        begin = at.period
+        at, carried = run_span(part, scenes, at, Calls(used, 1, STRETCH), stepping, records, carry, samples)
+        made = records.finish(carried, samples.joined(), RecordedSpan(used, steps, begin, at.status))
         pieces.append([])
         carry = ()
-        for one, value, new, old in zip(records.records, made, passed.carried, empty, strict=True):
+        for one, value, new, old in zip(records.records, made, carried, empty, strict=True):
             # records of a stretch begin anew with the next one, and those of the whole run go on
             carry += (new if isinstance(one, Unlabelled) else old,)
             pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
-        marks.append(StateLayout.pack(states))
+        marks.append(StateLayout.pack(at.states))
         plays += [np.asarray(scenes.varied.section.play + worn.play) for worn in _worn_in(carry)]
-        part.on_progress(used)
-    status = records.judge(carry, status, scenes, plan.solver)
+    status = records.judge(carry, at.status, scenes, plan.solver)
     probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
     record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
     play = np.stack(plays, axis=1) if plays else None
