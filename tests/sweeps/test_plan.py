@@ -92,8 +92,8 @@ def test_chunks_follow_the_cost_model():
 
 def test_calls_make_up_the_run():
     plan = plan_of({"speed": [1250.0]})
-    assert plan.transient == (30, 1)  # rounded up to tens
-    assert plan.recorded == (50, 2)
+    assert plan.transient[:2] == (30, 1)  # rounded up to tens
+    assert plan.recorded[:2] == (50, 2)
     assert [Calls(n, 1).capacity for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1
