@@ -1,49 +1,51 @@
-"""Classification of attractors from states once per forcing period (stroboscopic states): a motion of period n, a
-torus, chaos, or unresolved.
+"""Classification of attractors from states once per forcing period (stroboscopic states): motions of period n, tori
+and chaos.
 
-A motion is assigned to a class only if it meets all criteria of that class; otherwise it is "unresolved".
+A motion is of a class only if it meets all criteria of the class; otherwise it is "unresolved".
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..tools.checks import finite, number, numbers, positive, require, whole
+from ..tools.types import Numbers
 from .kinds import Regime
 
 MIN_TEST = 200
-"""Least number of periods for distinguishing tori from chaos. Near it, K of a torus scatters up to 0.9, and the
-result is "unresolved"; 500 periods are enough."""
+"""Least number of periods for telling tori from chaos. With so few, K of some tori is up to 0.9, which gives
+"unresolved"; 500 periods are enough."""
 
 
 class Attractors(NamedTuple):
-    """Attractors of motions; arrays over the cases, of shape () for a single case."""
+    """Attractors of motions, as arrays over the cases, of shape () for a single case."""
 
     kind: np.ndarray
     """One of `KINDS`."""
     period: np.ndarray
-    """n for a motion of period n, 0 for all other motions."""
+    """n for a motion of period n [forcing periods], 0 for all other motions."""
     residual: np.ndarray
-    """Recurrence distance at the end of the record [scales]: over `period`, or the best over all lags."""
+    """Greatest change of a state over `period` at the end of the record [scales]; for period 0 the least over all
+    lags."""
     k: np.ndarray
-    """K of the 0-1 test for the motion without its part of the best period: near 0 if regular, near 1 if chaotic, 0
-    if nothing remains, NaN for records below `MIN_TEST`."""
+    """K of the 0-1 test after its best periodic part is subtracted: near 0 if regular, near 1 if chaotic, 0 if
+    nothing remains, NaN for records below `MIN_TEST`."""
     evidence: np.ndarray
-    """The deciding criterion, in words."""
+    """Criterion that decided, in words."""
 
 
 def recurrence(
     states: Float[np.ndarray, "*cases periods states"],
     most: int,
 ) -> dict[int, np.ndarray]:
-    """Return by lag n, up to `most`, the greatest changes of a scaled state in n periods, (*cases, periods - n)."""
+    """Return the greatest change of a state over each lag of n periods up to `most`, (*cases, periods - n), by n."""
     return {n: np.abs(states[..., n:, :] - states[..., :-n, :]).max(-1) for n in range(1, most + 1)}
 
 
 def zero_one_test(
-    series: Any,
+    series: Numbers,
     *,
     samples: int = 100,
     seed: int = 0,
@@ -77,37 +79,38 @@ def zero_one_test(
 
 
 def classify(
-    strobe: Any,
+    strobe: Numbers,
     *,
-    scales: Any = None,
+    scales: Numbers | None = None,
     max_period: int = 16,
     tolerance: float = 1e-3,
     floor: float = 1e-6,
 ) -> Attractors:
     """Return the attractor of each motion.
 
-    - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
-      one period n to the next and over a quarter of the record; or the residual of recurrence decays geometrically
-      to zero, in a slow transient. n is the smallest possible.
+    - "period": the states recur after n periods and over a quarter of the record, within `tolerance` of the
+      attractor's extent or within `floor`; or their distance over n periods decays geometrically to zero, in a slow
+      transient. n is the smallest possible.
     - "chaotic": K of the 0-1 test above 0.8, and neighbours diverge.
     - "torus": K below 0.2, neighbours stay close, the states fill the section evenly, their mean and spread
       do not drift, and the residuals over all lags do not decay together.
     - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
 
-    These are not distinguished: splittings and chaotic bands narrower than the tolerance from periodic motions;
-    transients that drift by less than the tolerance in a quarter of the record from settled motions; long chaotic
-    transients from chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are
-    "unresolved".
+    These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
+    that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
+    and chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are "unresolved".
 
-    **Arguments:** `strobe`: states once per forcing period without the transient, shape (*cases, periods, states)
-    or (periods, states), 16 periods or more; of an angle that goes round, give sine and cosine. `scales`, shape
-    (states,): divisors of the states, in their units. The default is the greatest magnitude over all cases and
-    periods (1 where that is below 1e-12, so that rounding errors of a state that is zero by symmetry are not
-    amplified); explicit scales are better, such as clearance and clearance times frequency.
-    `max_period`: greatest n (at most a quarter of the record is tried);
-    `tolerance`: as a fraction of the attractor's extent, which is the greatest peak-to-peak value of a scaled
-    state in the last quarter of the record, and above the error of an integration that is accurate to 1e-4;
-    `floor` [scales]: smaller distances count as zero.
+    **Arguments:**
+
+    - `strobe`: states once per forcing period without the transient, shape (*cases, periods, states) or (periods,
+        states), 16 periods or more; instead of an angle that goes round, give its sine and cosine.
+    - `scales`: divisors of the states, in their units, shape (states,). The default is the greatest magnitude over
+        all cases and periods (1 where that is below 1e-12, so that rounding errors of a state that is zero by
+        symmetry are not amplified); explicit scales are better, such as clearance and clearance times frequency.
+    - `max_period`: greatest n, at most a quarter of the record.
+    - `tolerance`: as a fraction of the attractor's extent, which is the greatest peak-to-peak value of a scaled state
+        in the last quarter of the record. The default is above the error of an integration accurate to 1e-4.
+    - `floor`: smaller distances count as zero [scales].
 
     **Returns:** `Attractors`; cases that are not finite are "unresolved".
 
@@ -142,12 +145,12 @@ def _classified(states, most, tolerance, floor):
     if lost.any():
         text = f"non-finite states from period {int(np.argmax(lost))} on"
         return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, text
-    case = _Case(states, most, tolerance, floor)
-    return case.recurrent() or case.decaying() or case.irregular()
+    motion = _Recurrence(states, most, tolerance, floor)
+    return motion.recurrent() or motion.decaying() or motion.irregular()
 
 
-class _Case:
-    """The states of one motion, with the residuals of their recurrence over all lags."""
+class _Recurrence:
+    """Scaled states of one motion, with their changes over all lags, called residuals."""
 
     def __init__(self, states, most, tolerance, floor):
         self.states = states
@@ -157,7 +160,7 @@ class _Case:
         self.quarter = self.periods // 4
         self.extent = np.ptp(states[-self.quarter :], axis=0).max()
         self.near = max(tolerance * self.extent, floor)
-        """Distance that counts as none."""
+        """Distance up to which states count as equal."""
         self.lags = range(1, min(most, self.quarter) + 1)
         self.residuals = recurrence(states, self.lags[-1])
         self.at_end = {n: residual[-self.tail(n) :].max() for n, residual in self.residuals.items()}
@@ -165,22 +168,22 @@ class _Case:
         self.k = self.chaos()
 
     def result(self, regime, lag, evidence):
-        """Return the entries of `Attractors`, with the residual over `lag` periods, by the deciding criterion."""
+        """Return the entries of `Attractors` for a regime, with the residual over `lag` periods."""
         period = lag if regime == Regime.PERIODIC else 0
         return regime.kind_name, period, self.at_end[lag], self.k, evidence
 
     def tail(self, n):
-        """Return the number of periods at the end over which a residual is judged."""
+        """Return the number of periods at the end over which the residual of lag n is judged."""
         return max(n, self.periods // 10)
 
     def fit(self, n, floor):
-        """Return the decay of the residual over n periods; NaN where the record is too short."""
+        """Return the decay of the residual of lag n; NaN where the record is too short."""
         residual = self.residuals[n]
         windows = len(residual) // max(n, 4)
         return _decay(residual, min(12, windows), floor) if windows >= 6 else _Decay()
 
     def chaos(self):
-        """Return K of the 0-1 test, without the part of the best period; NaN for short records."""
+        """Return K of the 0-1 test after the best periodic part is subtracted; NaN for short records."""
         if self.periods < MIN_TEST:
             return np.nan
         part = _irregular_part(self.states, self.best)
@@ -188,21 +191,23 @@ class _Case:
         return float(zero_one_test(part)) if np.ptp(part) > self.near else 0.0
 
     def recurrent(self):
-        """Return a verdict where states recur, by the shortest period over which they do."""
+        """Return the entries of a motion that recurs, by its shortest period, or None."""
         for n in self.lags:
             shorter = [self.at_end[m] for m in _divisors(n)]
             # near the floor, a decay that rotates by a third of a turn per period looks like period 3
             if self.at_end[n] > self.near or any(residual < 10 * self.floor for residual in shorter):
                 continue
-            # Slow drifts near a resonance or a bifurcation are visible over many periods only, and in a short record
-            # only at their onset; they must also be small against the difference of period n from its divisors.
+            # A slow drift near a resonance or a bifurcation shows over many periods only, so the states must also
+            # recur over a quarter of the record. The bound is lower for short records, which show only the onset of a
+            # drift, and where period n differs little from its divisors.
             far = n * max(2, self.quarter // n)
             before = self.states[-self.tail(n) - far : self.periods - far]
             drift = np.abs(self.states[-self.tail(n) :] - before).max()
             split = min(shorter, default=self.extent)
             if drift > max(min(self.near * min(1, far / 100), 3 * self.tolerance * split), self.floor):
                 continue
-            growing = self.fit(n, 1e-14)  # departure from an unstable motion, from rounding errors on
+            # the motion may be unstable, and begin to depart from rounding errors on
+            growing = self.fit(n, 1e-14)
             if growing.fall < -math.log(10) and growing.fit > 0.95:
                 text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
                 return self.result(Regime.UNRESOLVED, n, text)
@@ -211,10 +216,10 @@ class _Case:
         return None
 
     def decaying(self):
-        """Return a verdict where the residual over some period decays to zero."""
+        """Return the entries of a motion whose residual over some period decays to zero, or None."""
         for n in self.lags:
             decay = self.fit(n, self.floor)
-            # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
+            # the period is n, not a divisor of n, only if the residuals over the divisors do not decay
             falls = [self.fit(m, self.floor).fall for m in _divisors(n)]
             if decay.convincing and all(abs(fall) < 0.3 * decay.fall for fall in falls):
                 speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
@@ -222,7 +227,7 @@ class _Case:
         return None
 
     def irregular(self):
-        """Return the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
+        """Return the entries of any other motion: torus, chaos or unresolved."""
         unresolved = lambda text: self.result(Regime.UNRESOLVED, self.best, text)
         if self.periods < MIN_TEST:
             few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
@@ -241,7 +246,8 @@ class _Case:
             bunch = f"the states bunch: a period above {self.lags[-1]}, or one not reached yet"
             return unresolved(f"{facts}, but {bunch}")
         rates = np.array([self.fit(n, self.floor).rate for n in self.lags])
-        spiral = np.std(rates) < 0.3 * abs(np.mean(rates))  # residuals over all lags decay alike
+        # on a slow spiral into a fixed point, residuals over all lags decay alike
+        spiral = np.std(rates) < 0.3 * abs(np.mean(rates))
         if _drift(self.states) > 0.01 or mixing > 3 or spiral:
             return unresolved(f"{facts}, but the states still drift or spiral")
         text = f"{facts}, no recurrence up to {self.lags[-1]} periods, no decay, no drift"
@@ -254,8 +260,11 @@ def _divisors(n):
 
 
 def _irregular_part(x, n):
-    """Return a series for the 0-1 test: the scaled states along the direction in which they vary most, without the
-    part of period n, which would make chaos in n bands, visited in turn, look regular."""
+    """Return a series for the 0-1 test: the states along the direction in which they vary most, less their periodic
+    part of period n.
+
+    With it, chaos in n bands that are visited in turn would look regular.
+    """
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
     for phase in range(n):
@@ -264,17 +273,17 @@ def _irregular_part(x, n):
 
 
 class _Decay(NamedTuple):
-    """Geometric fit to the envelope of a residual; NaN where there is nothing to fit."""
+    """Fit of exp(-rate k) to the envelope of a residual; NaN where there is nothing to fit."""
 
     rate: float = np.nan
-    """Decay rate per forcing period: the envelope goes as exp(-rate k). Negative where it grows."""
+    """Decay rate [1/period]; negative where the envelope grows."""
     fall: float = np.nan
     """ln of the ratio of first to last value of the fit."""
     fit: float = np.nan
     """Coefficient of determination R^2 of the fit to ln of the envelope."""
     steadiness: float = np.nan
-    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for algebraic decays and
-    for decays to other limits."""
+    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for an algebraic one and
+    for a limit above zero."""
 
     @property
     def convincing(self):
@@ -285,8 +294,8 @@ class _Decay(NamedTuple):
 def _decay(residual, windows, floor):
     """Return the fit of exp(-rate k) to the maxima of a residual over windows of equal length.
 
-    With maxima, spiral decays, which oscillate below their envelope, are fitted as well as monotone ones. Maxima at
-    or below `floor` are omitted, because rounding and integration errors dominate there.
+    Maxima are fitted because spiral decays oscillate below their envelope. Those at or below `floor` are left out,
+    because rounding and integration errors dominate there.
     """
     length = len(residual) // windows
     envelope = residual[len(residual) - windows * length :].reshape(windows, length).max(1)
@@ -304,7 +313,7 @@ def _decay(residual, windows, floor):
 
 
 def _growth_of_displacement(series, c):
-    """Return the median over c of the correlation of n with D_c(n)."""
+    """Return K of the 0-1 test for one series: the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
@@ -323,10 +332,10 @@ def _growth_of_displacement(series, c):
 
 
 def _mean_square_displacement(z, steps):
-    """Return the mean of |z_{j+n} - z_j|^2 over j for each of `steps` n; z: (samples, periods)."""
+    """Return the mean over j of |z_{j+n} - z_j|^2, for each n in `steps`; z: (samples, periods)."""
     length = z.shape[1]
     count = length - steps[-1]
-    # the squares by running sums, the products as a correlation by FFT
+    # expanded: sums of the squares by running sums, of the products as a correlation by FFT
     square = np.cumsum(np.abs(z) ** 2, axis=-1)
     moved = square[:, steps + count - 1] - square[:, steps - 1]
     size = 1 << int(length + count).bit_length()
@@ -335,15 +344,15 @@ def _mean_square_displacement(z, steps):
 
 
 def _neighbours(x, most=30, window=10):
-    """Return measures of the divergence of neighbours on the section, and of how evenly the states fill it.
+    """Return how fast neighbouring states diverge, and how evenly the states fill the section.
 
-    **Arguments:** `most`: greatest number of periods over which neighbours are followed, a fifth of the record if
-    that is shorter; `window`: states fewer than this many periods apart in time do not count as neighbours (Theiler).
+    **Arguments:** `most`: number of periods over which neighbours are followed, at most a fifth of the record;
+    `window`: states fewer than this many periods apart in time do not count as neighbours (Theiler).
 
-    **Returns:** the mean growth of ln of the distance of nearest neighbours in one period, and from there on to
-    `most` (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance
-    of nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
-    over that to their nearest state in the second half.
+    **Returns:** four numbers. The mean growth of the logarithm of the distance of nearest neighbours in the first
+    period, and its further growth over later periods (Rosenstein, Collins and De Luca 1993,
+    doi:10.1016/0167-2789(93)90009-P). The median distance of nearest neighbours. For states of the second half, the
+    median distance to the nearest state of the first half over that to the nearest state of the second half.
     """
     periods = len(x)
     distance = np.zeros((periods, periods))
@@ -351,7 +360,7 @@ def _neighbours(x, most=30, window=10):
         np.maximum(distance, np.abs(state[:, None] - state), out=distance)
     tiny = 1e-12 * distance.max()
     ahead = min(most, periods // 5)
-    # of states that can be followed ahead, pairs that are near in space and not in time
+    # nearest neighbours of states that can be followed ahead: near in space, but not in time
     index = np.arange(periods)
     lag = np.abs(index[:, None] - index)
     apart = np.where(lag < window, np.inf, distance)
@@ -359,7 +368,7 @@ def _neighbours(x, most=30, window=10):
     other = np.argmin(apart[:count, :count], axis=1)
     steps = np.arange(ahead + 1)[:, None]
     mean = np.log(np.maximum(distance[index[:count] + steps, other + steps], tiny)).mean(1)
-    # without the first period, in which the distance to the nearest neighbour, a minimum, grows in noise too
+    # without the first period: the nearest distance is a minimum, which grows at once, in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
     half = periods // 2
     own = np.where(lag == 0, np.inf, distance)[half:, half:].min(1)
@@ -368,9 +377,9 @@ def _neighbours(x, most=30, window=10):
 
 
 def _drift(x):
-    """Return the greatest change of mean and spread of a state between both halves, over the greatest spread.
+    """Return the greatest change of a state's mean or spread from the first half to the second, over the spread.
 
-    Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
+    Means are weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """
     half = len(x) // 2
     weight = np.sin(np.pi * (np.arange(half) + 0.5) / half) ** 2

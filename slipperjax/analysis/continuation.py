@@ -1,14 +1,15 @@
-"""Branches of periodic motions: followed through folds, with their events named and located, and switched at them."""
+"""Branches of periodic motions: following them through folds, locating events, switching to other branches."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from ..tools.checks import instance, require, shown_number, whole
-from .curves import Node, Pace, Walk, check_within, checked_bounds, correct, evaluated, passes
+from .arclength import Node, Pace, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, EventSearch, Observe, observed
 from .floquet import product
 from .newton import AbstractEquations
@@ -19,10 +20,10 @@ class End(NamedTuple):
     """One end of a branch."""
 
     reason: str
-    """Why it ends there: "bound", "no convergence", "closed", "count", "event", "interrupted" or a strong resonance;
-    empty for a start from which it was not followed."""
+    """Why the branch ends there: "bound", "no convergence", "closed", "count", "event", "interrupted" or "strong
+    resonance 1:1", for example; empty for a start from which it was not followed."""
     step: float
-    """The step that would be tried next."""
+    """Length of the step that would be tried next."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,15 +32,15 @@ class Branch:
 
     equations: AbstractEquations
     nodes: tuple[Node, ...]
-    """The points in their order along the branch, events included."""
+    """Points in their order along the branch, events included."""
     events: tuple[Event, ...]
-    """In the same order."""
+    """Events in the same order."""
     ends: tuple[End, End]
-    """Its first and its last point."""
+    """Ends at the first and the last point."""
 
     @property
     def values(self) -> np.ndarray:
-        """The last parameter, of shape (points,)."""
+        """Values of the last parameter, of shape (points,)."""
         return np.array([node.z[-1] for node in self.nodes])
 
     @property
@@ -49,12 +50,11 @@ class Branch:
 
     @property
     def ended(self) -> tuple[str, str]:
-        """The reasons why the branch ends at its first and its last point, see `End`."""
+        """Reasons why the branch ends at its first and its last point, see `End`."""
         return self.ends[0].reason, self.ends[1].reason
 
     def turned(self) -> "Branch":
-        """Return the branch the other way round."""
-        # points keep their places, and tangents point the other way
+        """Return the branch in the opposite direction."""
         turn = lambda node: node._replace(tangent=-node.tangent)
         events = []
         for event in reversed(self.events):
@@ -69,28 +69,28 @@ class Branch:
 
 def continue_motion(
     equations: PeriodicMotions,
-    start: Node | tuple[Any, Any],
+    start: Node | tuple[PyTree, float],
     bounds: tuple[float, float],
     *,
     ways: Sequence[int] = (1, -1),
     tolerance: float = 1e-10,
     pace: Pace = Pace(),
     observe: Observe | None = None,
-    **options: Any,
+    **options: object,
 ) -> Branch:
-    """Follow periodic motions through a parameter, past folds, and names and locates events on the way.
+    """Follow periodic motions over a parameter, past folds; locate and label the events on the way.
 
     **Arguments:**
 
     - `equations`: of one parameter.
-    - `start`: a state near a motion and the parameter's value there, or a point such as `switch` gives.
-    - `bounds`: of the parameter. `ways`: 1 begins towards larger values or along the tangent of `start`, -1 the other
-        way round.
+    - `start`: a state near a motion and the parameter's value there; or a point, such as `switch` returns.
+    - `bounds`: of the parameter. `ways`: 1 begins towards larger values, or along the tangent of a point; -1 the
+        opposite way.
     - `tolerance`: greatest weighted residual. `pace`: of the steps.
     - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
     - `options`: `points`, `until` and `on_point` of `extend`.
 
-    **Returns:** a `Branch`; after Ctrl-C its part until then.
+    **Returns:** a `Branch`; after Ctrl-C the part followed so far.
 
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
@@ -119,7 +119,7 @@ def begun(
     pace: Pace,
     ways: Sequence[int] = (1, -1),
 ) -> Branch:
-    """Return a branch of one point, to be followed those `ways`."""
+    """Return a branch of one point, which `extend` follows in these `ways`."""
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
     return Branch(equations, (start,), (), (back, ahead))
 
@@ -133,24 +133,25 @@ def extend(
     locate: bool = True,
     points: int = 400,
     until: Sequence[str] = (),
-    on_point: Callable[[Node], Any] | None = None,
+    on_point: Callable[[Node], object] | None = None,
 ) -> Branch:
-    """Follow a branch further, from ends where it was not finished, and from those on bounds that are wider now.
+    """Follow a branch further, from ends by count, event or interrupt, and from bounds that are wider now.
 
     **Arguments:** as for `continue_motion`, and
 
-    - `bounds`: of each unknown after the state. `locate`: whether events are looked for; not on a curve of events,
-        whose derivatives are second ones of the map and may be rough.
-    - `points`: most points of each way. `until`: labels of events after which a way is not followed further.
-    - `on_point`: is called with each point, for progress.
+    - `bounds`: of each unknown after the state. `locate`: whether events are located; not on a curve of events, where
+        the derivatives are second ones of the map and may be rough.
+    - `points`: most points of each way. `until`: labels of events at which a way ends.
+    - `on_point`: is called with each new point, to show progress.
     """
     instance("branch", branch, Branch, "a slipperjax.analysis.Branch")
     points = whole("points", points, 1)
+    # the components of the state have no bounds
     free = [(-np.inf, np.inf)] * (branch.nodes[0].z.size - len(bounds))
     low, high = np.transpose([*free, *map(checked_bounds, bounds)])
     search = EventSearch(branch.equations, observe, tolerance)
     interrupted = False
-    # ahead from the last point, then turned around and ahead once more
+    # extend the last end, turn the branch, and extend its other end; after two turns it has its direction again
     for _ in range(2):
         end = branch.ends[1]
         last = branch.nodes[-1]
@@ -167,7 +168,7 @@ def _extended(branch, walk, search, most, until, on_point):
     """Return a branch with up to `most` further points at its end, and the events among them."""
     nodes = list(branch.nodes)
     events = list(branch.events)
-    if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
+    if branch.ends[1].reason == "bound":  # the bound is wider now: its end point becomes an ordinary point
         nodes[-1] = nodes[-1]._replace(label="")
         events.pop()
     limit = len(nodes) + most
@@ -179,7 +180,7 @@ def _extended(branch, walk, search, most, until, on_point):
             between = search.between(last, new) if walk.smooth else []
             events.extend(between)
             nodes.extend(event.node for event in between)
-            # the first points are near the start without a return to it
+            # the first points are near the start because the walk begins there
             closed = len(nodes) > 3 and passes(nodes[0], last, new)
             if not closed:
                 nodes.append(new)
@@ -203,6 +204,7 @@ def _extended(branch, walk, search, most, until, on_point):
         events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", ""))
     back = branch.ends[0]
     if reason == "closed":
+        # nothing is left to follow from the start of a closed curve
         back = back._replace(reason="")
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
 
@@ -213,13 +215,13 @@ def switch(
     *,
     length: float = 0.05,
     tolerance: float = 1e-10,
-) -> tuple[Any, Node]:
+) -> tuple[AbstractEquations, Node]:
     """Return the equations and first point of the branch that leaves at a flip or a branch point.
 
-    **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
-    until Newton's method finds a point that is not on `branch`.
+    **Arguments:** `length`: weighted distance of the first point from the event. It is halved until Newton's method
+    finds a point that is not on `branch`.
 
-    **Returns:** what `continue_motion` takes, with `ways=(1,)`.
+    **Returns:** the first two arguments of `continue_motion`, to be called with `ways=(1,)`.
 
     **Raises:** `ValueError` for other events, or where no point is found.
     """
@@ -242,8 +244,8 @@ def switch(
         guess = point.z + length * direction
         new = correct(equations, guess, point.weights**2 * direction, point.z, tolerance=tolerance)
         if new.residual <= tolerance and new.length(new.z - guess) < 2 * length:
-            # A doubled motion that recurs after half the intervals is one of the old branch. At a flip its halves
-            # are twice as far apart as it is from the flip.
+            # A motion of the doubled period whose halves agree is one of the old branch. On the new one the halves
+            # differ by twice the distance from the flip.
             missed = evaluated(branch.equations, new.z).residual
             apart = np.linalg.norm(new.weights[: missed.size] * missed)
             if event.label == "BP" or apart > 0.1 * length:
@@ -253,14 +255,14 @@ def switch(
 
 
 def _across(equations: AbstractEquations, point: Node) -> np.ndarray:
-    """Return the direction of solutions at right angles to the tangent, in weighted components."""
+    """Return the direction of the crossing branch: the null vector of the Jacobian at right angles to the tangent."""
     rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(point.z)))
-    # components without weight count as they are
+    # components of weight zero would vanish from the scaled Jacobian: they count with weight one
     rows = np.where(rows > 0, rows, 1.0)
     columns = np.where(columns > 0, columns, 1.0)
     scaled = rows[:, None] * evaluated(equations, point.z).jacobian / columns
     tangent = columns * point.tangent
-    # of two null vectors of the Jacobian one at least is not along the tangent
+    # at a branch point the Jacobian has two null vectors, at least one of which is not along the tangent
     for direction in np.linalg.svd(scaled)[2][-2:]:
         across = direction - tangent * (tangent @ direction) / (tangent @ tangent)
         if np.linalg.norm(across) > 0.5:

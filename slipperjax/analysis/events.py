@@ -1,12 +1,12 @@
-"""Events between two points of a branch of periodic motions, detected by multipliers and located."""
+"""Events between two points of a branch of periodic motions: detected by the multipliers, and located."""
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from .curves import CRITICAL_DISTANCE, Node, Observation, correct
+from .arclength import CRITICAL_DISTANCE, Node, Observation, correct
 from .floquet import CONSERVED, multipliers, rounding_errors
 from .newton import AbstractEquations
 
@@ -19,14 +19,14 @@ MEANINGS = {
     "EP": "end point on a bound of the parameter",
     "MX": "end: no convergence at the least step",
 }
-"""Labels of events, as AUTO's and COCO's users know them."""
+"""Labels of events, as in AUTO and COCO, with their meanings."""
 
 
 def resonance(angle: float) -> str:
-    """Return the strong resonance that a multiplier of this angle is near, such as "1:3"; empty for none.
+    """Return the strong resonance near the angle [rad] of a multiplier, such as "1:3"; empty for none.
 
-    No torus needs to leave a Neimark-Sacker there (Kuznetsov, Elements of Applied Bifurcation Theory, chapter 9).
-    Near is an angle within 0.05: the phase drifts by a turn in 126 periods.
+    There a Neimark-Sacker need not give birth to a torus (Kuznetsov, Elements of Applied Bifurcation Theory, chapter
+    9). Near is within 0.05 rad: the phase drifts by a turn in 126 periods.
     """
     strong = {"1:1": 0.0, "1:2": np.pi, "1:3": 2 * np.pi / 3, "1:4": np.pi / 2}
     angle = float(np.abs(np.angle(np.exp(1j * angle))))
@@ -44,36 +44,38 @@ class Event(NamedTuple):
     """One of `MEANINGS`."""
     node: Node
     low: float
-    """The parameter's values between which it lies."""
+    """Lower bound of the parameter's value there; `high`: upper bound."""
     high: float
     multiplier: complex
-    """The critical multiplier, NaN where there is none."""
+    """Critical multiplier; NaN where there is none."""
     converged: bool
     note: str
     change: tuple[int, ...] = ()
-    """Changes of `Observation.counts` at a grazing, in the direction of the branch."""
+    """Changes of `Observation.counts` at a grazing, along the branch."""
 
 
 def observed(node: Node, observe: Observe | None) -> Node:
-    """Return a point of a branch with its multipliers and the user's view of it."""
-    mu = np.asarray(multipliers(np.asarray(node.matrices)))
+    """Return a point of a branch with its multipliers and their errors, and with what `observe` makes of it."""
+    matrices = np.asarray(node.matrices)
+    mu = np.asarray(multipliers(matrices))
     view = Observation() if observe is None else observe(node)
-    return node._replace(multipliers=mu, errors=rounding_errors(mu, node.matrices), view=view)
+    return node._replace(multipliers=mu, errors=rounding_errors(mu, matrices), view=view)
 
 
 def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
-    """Return the labels of events between two near points of a branch; a pair that comes and goes again is missed.
+    """Return the labels of events between two near points of a branch; events that cancel between them are missed.
 
-    A real multiplier passes +1 where the parity of those beyond changes: at a fold where the parameter turns, else at
-    a branch point. Likewise for -1. What is left of the change in the number outside are pairs: complex ones, unless
-    the real ones beyond changed by two.
+    Where the number of real multipliers above +1 changes by an odd number, one of them has passed +1: at a fold if
+    the parameter turns back, else at a branch point. An odd change below -1 is a flip. The rest of the change in the
+    number of multipliers outside the unit circle comes in pairs: complex ones at a Neimark-Sacker, unless the number
+    of real ones above +1 or below -1 changed by two.
     """
-    above, below, outside = (abs(one.beyond(conserved, s) - other.beyond(conserved, s)) for s in (1, -1, 0))
+    above, below, outside = (abs(one.beyond(conserved, sign) - other.beyond(conserved, sign)) for sign in (1, -1, 0))
     # the parameter turns back between both points
     turns = int(one.tangent[-1] * other.tangent[-1] < 0)
     labels = [] if one.view.counts == other.view.counts else ["GR"]
     labels += ["LP"] * turns + ["BP"] * (above % 2 != turns) + ["PD"] * (below % 2)
-    # two multipliers make a pair; one that is left counts as one
+    # rounded up: a single multiplier that is left counts as a pair
     pairs = max(-(-(outside - above % 2 - below % 2) // 2), 0)
     flips = min(below // 2, pairs)
     folds = min(above // 2, pairs - flips)
@@ -81,41 +83,38 @@ def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
 
 
 class EventSearch(NamedTuple):
-    """Search for events between points of a branch."""
+    """Search for events between two points of a branch, by halving the step between them."""
 
     equations: AbstractEquations
     observe: Observe | None
     tolerance: float
     conserved: bool = False
-    """Whether the map is conservative at both ends of the step of the branch. One end may also be an event at which
-    the product of all multipliers passes one."""
+    """True where the map is conservative at both ends of the step. At one end alone the product of all multipliers
+    may be 1 by chance, at an event."""
     narrowest: float = 1e-10
-    """Share of a step to which an event is located."""
+    """Share of the step at which halving ends."""
     bracket: float = 1e-9
-    """Share of a step on both sides of a smooth event at which its sign is confirmed."""
+    """Share of the step before and after a root of a test function at which its sign is confirmed."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
-        """Locate the events in the step of a branch from a to b, in their order."""
+        """Return the located events in the step of a branch from a to b, in their order."""
         return self._replace(conserved=a.conserved and b.conserved).events(a, b)
 
     def at(self, share: float, a: Node, b: Node) -> Node | None:
-        """Return the branch's point in the plane across the chord at a share of the way from a to b.
-
-        None where none is found nearby.
-        """
+        """Return the branch's point on the plane across the chord at a share of the way from a to b, or None."""
         chord = b.z - a.z
         near = a if share < 0.5 else b
         guess = a.z + share * chord
         row = near.weights**2 * chord
-        # near events a residual well below the tolerance is aimed at
+        # well below the tolerance, because test functions near zero are as accurate as the point
         node = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * 1e-3)
         found = node.residual <= self.tolerance and node.length(node.z - guess) <= node.length(chord)
         return observed(node, self.observe) if found else None
 
     def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
-        """Locate the events between a and b: halves the step until each is alone.
+        """Return the located events between a and b; halve the step until each is alone.
 
-        **Arguments:** `width`: share of the step between two consecutive points of the branch.
+        **Arguments:** `width`: distance from a to b as a share of the branch's step.
         """
         labels = changes(a, b, self.conserved)
         if not labels:
@@ -126,7 +125,7 @@ class EventSearch(NamedTuple):
             return [event]
         if labels in (["LP"], ["PD"], ["NS"]):
             event = self.located(labels[0], a, b)
-            # what looks like a flip from both ends may be a Neimark-Sacker and a flip
+            # not converged: a Neimark-Sacker and a flip may look like a single flip from both ends
             if event.converged or width <= self.narrowest:
                 return [event]
         if labels == ["GR"] and (event := self.grazing(a, b)) is not None:
@@ -137,16 +136,16 @@ class EventSearch(NamedTuple):
         return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
 
     def narrowed(self, test: Callable[[Node], float], a: Node, b: Node) -> tuple[Node, Node, Node, float]:
-        """Look for a zero of `test` between a and b by Brent's method.
+        """Search a zero of `test` between a and b by Brent's method.
 
-        **Returns:** the points next to it on either side, the one nearest to it, and the share of the step that lies
+        **Returns:** the last point before it, the first one after it, the nearest one, and the share of the step
         between the first two.
         """
         from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
 
         nodes = {0.0: a, 1.0: b}
 
-        # Brent's method may ask for a point twice, and ends with an error where there is none
+        # Brent's method may ask for a point twice; NaN, where there is no point, ends it with an error
         def value(share: float) -> float:
             node = nodes[share] if share in nodes else self.at(share, a, b)
             if node is None:
@@ -154,10 +153,10 @@ class EventSearch(NamedTuple):
             nodes[share] = node
             return test(node)
 
-        root: Any = None
+        root = None
         with contextlib.suppress(ValueError):
-            # where the test jumps, the bracket may still be wide at the end
-            root = brentq(value, 0.0, 1.0, xtol=self.narrowest / 100, rtol=1e-14, maxiter=60, disp=False)
+            # where the test jumps, Brent's method may end with a wide bracket: two more points close in on the root
+            root = float(brentq(value, 0.0, 1.0, xtol=self.narrowest / 100, rtol=1e-14, maxiter=60, disp=False))
             value(max(root - self.bracket, 0.0))
             value(min(root + self.bracket, 1.0))
         tests = {share: test(node) for share, node in nodes.items()}
@@ -168,7 +167,7 @@ class EventSearch(NamedTuple):
         return nodes[low], nodes[high], nodes[root], high - low
 
     def located(self, label: str, a: Node, b: Node) -> Event:
-        """Locate a fold, flip or Neimark-Sacker by the sign of its test function."""
+        """Return a fold, flip or Neimark-Sacker located by the sign of its test function."""
         low, high, nearest, width = self.narrowed(self.test(label, a, b), a, b)
         values = [float(node.z[-1]) for node in (low, high, nearest)]
         critical = _critical(label, nearest, self.index(a, b))
@@ -182,14 +181,17 @@ class EventSearch(NamedTuple):
         return Event(label, node, min(values), max(values), critical, bool(converged), note)
 
     def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
-        """Locate a branch point by interpolation from both sides: there itself Newton's method is singular.
+        """Return a branch point located by interpolation between points on both sides, or None.
 
-        With `turning` that of a pitchfork, on the branch that turns back there; None where the fold is elsewhere.
+        At the branch point itself the equations are singular.
+
+        **Arguments:** `turning`: whether it is a pitchfork's, on the branch that turns back there; None is returned
+        where the fold is elsewhere.
         """
         test = self.test("LP" if turning else "BP", a, b)
         index = self.index(a, b)
         rough = test(a) / (test(a) - test(b))
-        # from points on both sides, within a share of the step; within a larger one where that fails
+        # points within a share of the step around it; around a larger one where these do not do
         for spread in (0.2, 0.3, 0.5):
             shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b where these are the branch point
             nodes = [self.at(share, a, b) for share in shares]
@@ -204,6 +206,7 @@ class EventSearch(NamedTuple):
                 break
         else:
             return None
+        # all unknowns as polynomials of the test function, at its zero
         unknowns = np.array([node.z for node in nodes])
         z = _polynomials(tests, unknowns)[0]
         tangent = _polynomials(tests, np.array([node.tangent for node in nodes]))[0]
@@ -216,7 +219,7 @@ class EventSearch(NamedTuple):
         return Event("BP", node, value - error, value + error, _critical("BP", node, index), True, "")
 
     def grazing(self, a: Node, b: Node) -> Event | None:
-        """Locate a single grazing; None where there are several, or other events near it."""
+        """Return a single grazing, located; None where there are several, or other events near it."""
         before, after = a.view.counts, b.view.counts
         kinds = [k for k, (m, n) in enumerate(zip(before, after, strict=True)) if m != n]
 
@@ -224,7 +227,7 @@ class EventSearch(NamedTuple):
             counts = node.view.counts
             if counts not in (before, after) and changes(a, node, self.conserved):
                 return np.nan
-            # the margin has no sign: that is whether the counts are still those of a
+            # margins have no sign: make it positive on the side of a, where the counts are those of a
             return (1.0 if counts == before else -1.0) * min(node.view.margins[k] for k in kinds)
 
         low, high, _, width = self.narrowed(test, a, b)
@@ -233,20 +236,20 @@ class EventSearch(NamedTuple):
         return self.inseparable(["GR"], low, high, self.narrowest)
 
     def index(self, a: Node, b: Node) -> int:
-        """Return the place of the critical multiplier among those sorted by their moduli, which are continuous."""
+        """Return the index of the critical multiplier; sorted by modulus, multipliers keep it along the branch."""
         return min(node.beyond(self.conserved) for node in (a, b))
 
     def test(self, label: str, a: Node, b: Node) -> Callable[[Node], float]:
         """Return a continuous function of a point that is zero at the event."""
         if label == "LP":
             return lambda node: float(node.tangent[-1] * node.weights[-1])
-        if label == "BP":  # which is smooth where a pair meets at +1, too
+        if label == "BP":  # the product is smooth, also where a pair of multipliers meets at +1
             return lambda node: float(np.prod(node.multipliers - 1).real)
         index = self.index(a, b)
         return lambda node: float(np.abs(node.multipliers[index]) - 1 - CONSERVED * self.conserved)
 
     def inseparable(self, labels: list[str], a: Node, b: Node, width: float) -> Event:
-        """Return one event for several, or for a grazing, that no further point of the branch separates."""
+        """Return one event in place of several that cannot be separated; or a grazing, which lies between points."""
         label = "GR" if "GR" in labels else labels[0]
         notes = []
         if set(labels) != {"GR"}:
@@ -272,20 +275,22 @@ class EventSearch(NamedTuple):
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:
-    """Return whether a point lies on the branch from a to b, and not on one that crosses it."""
+    """Return whether a point lies on the branch from a to b, not on one that crosses it."""
     chord = a.weights * (b.z - a.z)
     cosine = abs(chord @ (node.weights * node.tangent)) / np.linalg.norm(chord)
     return bool(cosine > 0.95)
 
 
 def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the coefficients of polynomials in `tests` (count,), over its greatest, through `values` (count, more).
-    The first row has their values where the test is zero."""
+    """Return coefficients of polynomials in tests / max |tests| (count,) through `values` (count, more).
+
+    The first row holds the polynomials' values where the test is zero.
+    """
     return np.linalg.solve(np.vander(tests / np.abs(tests).max(), increasing=True), values)
 
 
 def _critical(label: str, node: Node, index: int) -> complex:
-    """Return the multiplier that is critical at an event; `index`: of a pair among the multipliers."""
+    """Return the critical multiplier at an event; `index`: place of the pair for "NS"."""
     mu = node.multipliers
     if label == "NS":
         return complex(mu[index].real, abs(mu[index].imag))

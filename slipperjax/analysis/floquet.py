@@ -2,17 +2,17 @@
 
 import functools
 import itertools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Complex, Float, Inexact
+from jaxtyping import Array, Bool, Complex, Float, Inexact, PyTree
 
 from ..tools.checks import numbers
 from ..tools.compile import is_traced
 from ..tools.one_kernel import in_one_kernel
+from ..tools.types import Numbers, Real
 from .lyapunov import Step
 
 
@@ -20,7 +20,7 @@ def solve(
     matrix: Inexact[Array, "n n"],
     rhs: Inexact[Array, "n ..."],
 ) -> Inexact[Array, "n ..."]:
-    """Return x of `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
+    """Return x of `matrix @ x = rhs` by Gauss-Jordan elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.
     """
@@ -28,7 +28,7 @@ def solve(
     columns = rhs if rhs.ndim == 2 else rhs[:, None]
     rows = jnp.arange(size)
 
-    # the row with the greatest pivot takes place k, and is subtracted from all others
+    # swap the row with the greatest pivot into place k, and subtract it from all others
     def eliminate(k, both: Array) -> Array:
         pivot = jnp.argmax(jnp.where(rows >= k, jnp.abs(both[:, k]), -1.0))
         both = both.at[jnp.stack([k, pivot])].set(both[jnp.stack([pivot, k])])
@@ -41,10 +41,10 @@ def solve(
 
 def jacobians(
     step: Step,
-    state: Any,
+    state: PyTree,
     intervals: int,
     *,
-    index: Any = 0.0,
+    index: Real = 0.0,
 ) -> Float[Array, "intervals size size"]:
     """Return Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
@@ -55,21 +55,23 @@ def jacobians(
 
 
 def linearise(
-    step: Step, state: Any, intervals: int, *, index: Any = 0.0
+    step: Step, state: PyTree, intervals: int, *, index: Real = 0.0
 ) -> tuple[Float[Array, " size"], Float[Array, "intervals size size"]]:
-    """Return the state at the end as one array, and `jacobians`. Pure."""
+    """Return the state after the last interval as one array, and the `jacobians`. Pure."""
     flat, unravel = ravel_pytree(state)
 
     def interval(x, k):
-        # in each direction the end is the same, so that it is computed once
+        # out_axes None: the state at the end is the same for all directions, and is computed once
         flow = lambda x: ravel_pytree(step(unravel(x), k))[0]
         return jax.vmap(lambda t: jax.jvp(flow, (x,), (t,)), out_axes=(None, 1))(jnp.eye(x.size))
 
     return in_one_kernel(lambda flat: jax.lax.scan(interval, flat, index + jnp.arange(float(intervals))), flat)
 
 
-def product(matrices: Any) -> Any:
-    """Return the product of successive matrices, the first applied first."""
+def product(
+    matrices: Float[Array | np.ndarray, "intervals size size"],
+) -> Float[Array | np.ndarray, "size size"]:
+    """Return the product of successive matrices, of which the first is applied first."""
     if is_traced(matrices):
         return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
     return functools.reduce(_after, np.asarray(matrices))
@@ -80,9 +82,9 @@ def multipliers(
 ) -> Complex[Array | np.ndarray, " size"]:
     """Return the eigenvalues of the product of successive Jacobians, the largest modulus first.
 
-    The product is not formed, because it would lose the small ones: QR factors of the Jacobians are passed through
-    the intervals until they separate moduli (the orthogonal iteration; see Lust 2001, doi:10.1142/S0218127401003486).
-    Under a transformation the product is formed.
+    The product is not formed, because its rounding errors would hide the small ones: QR factors of the Jacobians are
+    passed through the intervals until they separate the moduli (orthogonal iteration; Lust 2001,
+    doi:10.1142/S0218127401003486). Inside `jax.jit` and other transformations the product is formed.
     """
     if is_traced(matrices):
         mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
@@ -108,14 +110,14 @@ def _blocks(
     passes: int = 30,
     separated: float = 1e-12,
 ) -> list[np.ndarray]:
-    """Return the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k).
+    """Return the diagonal blocks (intervals, k, k) of the matrices in bases that make all of them block triangular.
 
-    **Arguments:** `passes`: through all intervals, in which the QR factors separate moduli; `separated`: greatest
-    entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals rounding
-    errors grow to this, and forming a product because of them would cost more accuracy.
+    **Arguments:** `passes`: passes of the QR factors through all intervals; `separated`: two blocks are separate
+    where the entries that couple them are below this share of the norm of the first. Rounding errors over many
+    intervals grow to this; a larger block because of them would cost more accuracy.
     """
     size = matrices.shape[1]
-    # orthogonal iteration: the bases converge to those of subspaces of falling moduli
+    # orthogonal iteration: the bases converge to subspaces in the order of falling moduli
     basis = np.eye(size)
     for _ in range(passes):
         bases = [basis]
@@ -139,14 +141,16 @@ def _blocks(
 
 
 CONSERVED = 1e-6
-"""Greatest |ln| of the product of all multipliers' moduli at which a map counts as conservative: the product is one
-but for errors of integration."""
+"""Greatest |ln| of the product of all multipliers' moduli at which a map counts as conservative: then the product is
+one up to the error of the integration."""
 ROUNDING = 100 * np.finfo(float).eps
-"""Relative error of a Jacobian over a period by rounding."""
+"""Relative rounding error of the Jacobian over a period."""
 
 
-def is_conservative(multipliers: Any) -> Any:
-    """Return whether multipliers (*cases, size) are those of a conservative or reversible map: pairs mu and 1/mu.
+def is_conservative(
+    multipliers: Inexact[Array | np.ndarray, "*cases size"],
+) -> Bool[Array | np.ndarray | np.bool_, "*cases"]:
+    """Return whether multipliers are those of a conservative or reversible map: in pairs mu and 1/mu.
 
     Such pairs stay on the unit circle along whole stretches of a branch.
     """
@@ -155,26 +159,29 @@ def is_conservative(multipliers: Any) -> Any:
         return xp.abs(xp.sum(xp.log(xp.abs(multipliers)), axis=-1)) <= CONSERVED
 
 
-def circle_error(multipliers: Any) -> Any:
-    """Return errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
+def circle_error(multipliers: Inexact[Array | np.ndarray, "*cases size"]) -> Float[Array | np.ndarray, "*cases"]:
+    """Return the error of the largest multiplier's modulus: nearer to 1 than this, it decides nothing of
+    stability."""
     xp = jnp if is_traced(multipliers) else np
     return xp.where(is_conservative(multipliers), CONSERVED, ROUNDING)
 
 
-def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
-    """Return errors of multipliers by rounding, estimated from the successive Jacobians.
+def rounding_errors(
+    multipliers: Inexact[np.ndarray, " size"],
+    matrices: Float[np.ndarray, "intervals size size"],
+) -> Float[np.ndarray, " size"]:
+    """Return the rounding error of each multiplier, estimated from the successive Jacobians.
 
     They are `ROUNDING` times the norm of the balanced product and the multiplier's condition, or the root of that
     where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
     """
     from scipy.linalg import eig, matrix_balance  # here, because importing takes time that most runs need not spend
 
-    whole_period = product(np.asarray(matrices))
+    whole_period = product(matrices)
     if not np.all(np.isfinite(whole_period)):
         return np.full(np.shape(multipliers), ROUNDING)
     matrix = matrix_balance(whole_period)[0]
-    decomposed: Any = eig(matrix, left=True)
-    values, left, right = decomposed
+    values, left, right = eig(matrix, left=True)  # type: ignore[misc]
     cosines = np.abs(np.sum(left.conj() * right, axis=0))  # zero for a double one
     norm = np.linalg.norm(matrix, 2)
     errors = np.minimum(ROUNDING * norm / np.maximum(cosines, ROUNDING), np.sqrt(ROUNDING) * norm)
@@ -183,7 +190,7 @@ def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
     return errors[nearest]
 
 
-def largest_exponent(matrices: Any, period: int) -> float:
+def largest_exponent(matrices: Numbers, period: int) -> float:
     """Return ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
 
     **Arguments:** `matrices`: Jacobians of `period` or more successive intervals, (intervals, size, size).

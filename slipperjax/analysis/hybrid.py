@@ -8,35 +8,35 @@ are arrays along one axis.
 
 import abc
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from ..tools.checks import finite, positive, require, whole
 from ..tools.one_kernel import in_one_kernel
+from ..tools.types import Real
 
-Field = Callable[[Any, Any], Any]
-"""y' at (t, y)."""
-Surface = Callable[[Any, Any], Any]
-"""A number at (t, y), which is zero on a surface: a gap, or a coordinate."""
-Reset = Callable[[Any, Any], Any]
-"""The state after a rebound, at (t, y) on the surface."""
+Field = Callable[[Array, Array], Array]
+"""Vector field: y' at (t, y)."""
+Surface = Callable[[Array, Array], Array]
+"""Function of (t, y) that is zero on a surface: a gap, or a coordinate."""
+Reset = Callable[[Array, Array], Array]
+"""State after an impact at (t, y) on the surface."""
 CROSSING_ITERATIONS = 60
-"""Most iterations for the instant of a crossing: bisections to rounding, where Newton's method never helps."""
+"""Most iterations for the instant of a crossing: enough bisections to reach rounding errors."""
 CLOSE = 1e-9
-"""Newton step, as a share of the integration step, after which the instant is exact: the next one is its square."""
+"""Newton step, as a share of the integration step, after which the instant is exact: its error is the square."""
 SHORTEST = 1e-3
-"""Shortest flight between impacts, as a share of the integration step; the motion sticks instead of a shorter one."""
+"""Shortest flight between impacts, as a share of the integration step; instead of a shorter one the motion sticks."""
 MOST_IMPACTS = 2000
-"""Impacts in one integration step after which the state is NaN; flights of `SHORTEST` are half as many."""
+"""Impacts in one integration step after which the state is NaN; twice the number of flights of length `SHORTEST`."""
 
 
-def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
-    """Make a step of the classical method of Runge and Kutta: the state at t + h."""
+def rk4(field: Field, t: Array, y: Array, h: Array) -> Array:
+    """Return the state at t + h by a step of the classical Runge-Kutta method."""
     a = field(t, y)
     b = field(t + h / 2, y + h / 2 * a)
     c = field(t + h / 2, y + h / 2 * b)
@@ -46,34 +46,34 @@ def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
 
 def share_before(
     surface: Surface,
-    flow: Callable[[Any], Any],
-    t: Any,
-    dt: Any,
+    flow: Callable[[Array], Array],
+    t: Real,
+    dt: Real,
     crosses: Bool[Array, ""],
 ) -> Float[Array, ""]:
-    """Compute the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
+    """Return the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
 
-    It crosses in the direction of its sign at the end. A start on the surface by rounding, from which it first moves
-    the other way, is no crossing. The derivatives are those of the exact share, of any order and in both modes.
+    The crossing is the one towards the sign at the end. A start that rounding puts on the wrong side of the surface
+    is no crossing. The derivatives are those of the exact share, of any order and in both modes.
 
     **Arguments:** `flow(share)`: the state after this share of the step `dt`.
     """
     # the surface as a function of the share
     height = lambda share: surface(t + share * dt, flow(share))
-    # where nothing crosses, a line that does at the end
+    # where there is no crossing, a function with a root at 1 stands in
     sought = lambda share: jnp.where(crosses, height(share), share - 1)
     slope = lambda line, miss: miss / (lambda steep: jnp.where(steep == 0, jnp.inf, steep))(line(jnp.ones_like(miss)))
     return jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, slope)
 
 
 def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
-    """Find where a function on 0 to 1 gets the sign that it has at 1, by Newton's method kept in a bracket."""
+    """Return where a function on 0 to 1 takes the sign that it has at 1, by Newton's method within a bracket."""
     slope_at = lambda share: jax.jvp(height, (share,), (jnp.ones_like(share),))
     (start, end), (slope, _) = jax.vmap(slope_at)(jnp.stack([zero, zero + 1]))
-    # so that the crossing is always a fall
+    # mirrored if need be, so that the function falls through zero
     side = jnp.where(end < 0, 1.0, -1.0)
     start, end, slope = side * start, side * end, side * slope
-    # the falling zero of the parabola through the value and slope at the start and the value at the end
+    # first guess: the falling zero of the parabola with the value and slope at the start and the value at the end
     start = jnp.maximum(start, 0.0)
     bend = start - end + slope
     root = jnp.sqrt(jnp.maximum(slope**2 + 4 * bend * start, 0.0))
@@ -85,10 +85,10 @@ def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
         value, slope = (side * a for a in slope_at(x))
         low, high = jnp.where(value > 0, x, low), jnp.where(value > 0, high, x)
         newton = x - value / slope
-        # to the zero at which it falls, which is the only one of interest
+        # bisect where Newton's step leads out of the bracket, or to a zero at which the function rises
         good = (slope < 0) & (newton >= low) & (newton <= high)
         new = jnp.where(good, newton, (low + high) / 2)
-        # a bisection is no estimate of what is left
+        # the length of a Newton step tells the error that is left, that of a bisection does not
         done = jnp.abs(new - x) < jnp.where(good, CLOSE, jnp.finfo(new.dtype).eps)
         return new, low, high, count + 1, done
 
@@ -97,29 +97,29 @@ def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
 
 
 class AbstractCrossingStep(eqx.Module):
-    """`step` that takes whole integration steps until one crosses a surface, and splits that one."""
+    """Map over an interval of integration steps, in which steps that cross a surface are split at the crossing."""
 
     dt: Float[Array, ""]
     t0: Float[Array, ""]
     steps: int = eqx.field(static=True)
 
     @abc.abstractmethod
-    def _ahead(self, t, y) -> tuple[Any, Bool[Array, ""]]:
-        """Return the state after a whole step from (t, y), and whether that crosses."""
+    def _ahead(self, t, y) -> tuple[Array, Bool[Array, ""]]:
+        """Return the state after a whole step from (t, y), and whether the step crosses the surface."""
 
     @abc.abstractmethod
-    def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
-        """Return the state after a step with a crossing inside, where it `crosses`, and whether it is stuck there."""
+    def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Array, Bool[Array, ""]]:
+        """Return the state after a step that is split, if it `crosses`, and whether it then sticks to the surface."""
 
     def _stuck(self, t, y) -> Bool[Array, ""] | bool:
-        """Return whether the motion is held on the surface, so that no step from there is a whole one."""
+        """Return whether the motion sticks to the surface, so that the step from there is not a plain one."""
         return False
 
-    def __call__(self, state: Any, k: Any) -> Any:
+    def __call__(self, state: Array, k: Real) -> Array:
         return in_both_modes(self._interval, state, k)
 
     def _interval(self, state, k):
-        # the time at which a step of this interval begins
+        # time at which step number i of this interval begins
         instant = lambda i: self.t0 + (k * self.steps + i) * self.dt
 
         def whole_step(carry):
@@ -127,6 +127,7 @@ class AbstractCrossingStep(eqx.Module):
             end, crosses = self._ahead(instant(i), y)
             return jnp.where(crosses, i, i + 1), jnp.where(crosses, y, end), crosses
 
+        # Whole steps run in an inner loop, because under vmap both sides of a condition would run in every step.
         def to_crossing(carry):
             i, y, _ = jax.lax.while_loop(lambda c: (c[0] < self.steps) & ~c[2], whole_step, carry)
             crosses = i < self.steps
@@ -138,7 +139,7 @@ class AbstractCrossingStep(eqx.Module):
 
 
 class SwitchedStep(AbstractCrossingStep):
-    """`step` of y' = above(t, y) where surface(t, y) >= 0, and below(t, y) elsewhere. See `switched_step`."""
+    """Map of y' = above(t, y) where surface(t, y) >= 0, and below(t, y) elsewhere. See `switched_step`."""
 
     above: Field
     below: Field
@@ -162,7 +163,7 @@ class SwitchedStep(AbstractCrossingStep):
 
 
 class ImpactStep(AbstractCrossingStep):
-    """`step` of y' = field(t, y), which rebounds where `surface` falls to zero. See `impact_step`."""
+    """Map of y' = field(t, y), with impacts where `surface` falls to zero. See `impact_step`."""
 
     field: Field
     surface: Surface
@@ -174,7 +175,7 @@ class ImpactStep(AbstractCrossingStep):
 
     @property
     def _push(self) -> Surface:
-        """The gap's acceleration in flight, negative where the motion is pressed into the surface."""
+        """Acceleration of the gap in flight, negative where the motion is pressed into the surface."""
         return _along(self.field, self._rate)
 
     def _ahead(self, t, y):
@@ -183,12 +184,12 @@ class ImpactStep(AbstractCrossingStep):
 
     def _falls(self, t, y, then, end):
         height = self.surface(then, end)
-        # by falling, since a state on the surface may lie below it by rounding
+        # it must fall, because rounding may put a start on the surface below it
         return (height < 0) & (height < self.surface(t, y))
 
     def _stuck(self, t, y):
         gap, rate, push = jnp.maximum(self.surface(t, y), 0.0), jnp.abs(self._rate(t, y)), self._push(t, y)
-        # the time until the gap closes again, where it does
+        # the time until the gap closes again, at constant acceleration
         pressed = push < 0
         flight = (rate + jnp.sqrt(jnp.maximum(rate**2 - 2 * push * gap, 0.0))) / jnp.where(
             pressed,
@@ -201,13 +202,13 @@ class ImpactStep(AbstractCrossingStep):
         at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
 
         def to_event(carry):
-            # to an impact, to where a motion that sticks is released, or to the end of the step
+            # advance to an impact, to the release of a motion that sticks, or to the end of the step
             share, y, stuck, _, count = carry
-            # each traced once, because tracing takes longer than all steps
+            # jit, so that each is traced once: tracing takes longer than all steps
             surface = jax.jit(lambda t, y: jnp.where(stuck, self._push(t, y), self.surface(t, y)))
             field = jax.jit(self._field(stuck))
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            # what would be at the end of the step without an event
+            # the end of the step, if nothing happens before
             end = flow(1.0)
             released, touches = self._push(at(1.0), end) > 0, self._falls(at(share), y, at(1.0), end)
             happens = crosses & jnp.where(stuck, released, touches)
@@ -228,7 +229,7 @@ class ImpactStep(AbstractCrossingStep):
         return lambda t, y: jnp.where(stuck, self._held(t, y), self.field(t, y))
 
     def _reaction(self, t, y):
-        """Return the direction of impacts' changes of the state, by which the rate of the gap changes by one."""
+        """Return the change of the state by an impact, scaled to change the rate of the gap by one."""
         slope = jax.grad(lambda y: self._rate(t, y))(y)
         jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
         return jump / (slope @ jump)
@@ -238,14 +239,14 @@ class ImpactStep(AbstractCrossingStep):
         return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
     def _settled(self, t, y):
-        """Return the state on the surface and at rest across it."""
+        """Return the state moved onto the surface, with no rate of the gap."""
         slope = jax.grad(lambda y: self.surface(t, y))(y)
         y = y - self.surface(t, y) / (slope @ slope) * slope
         return y - self._rate(t, y) * self._reaction(t, y)
 
 
 class ReturnStep(eqx.Module):
-    """`step` from one fall of `surface` to zero to the next. See `return_step`."""
+    """Map from one fall of `surface` through zero to the next. See `return_step`."""
 
     field: Field
     surface: Surface
@@ -253,7 +254,7 @@ class ReturnStep(eqx.Module):
     dt: Float[Array, ""]
     most: int = eqx.field(static=True)
 
-    def __call__(self, state: Any, k: Any) -> Any:
+    def __call__(self, state: Array, k: Real) -> Array:
         return in_both_modes(self._flight, state, k)
 
     def _flight(self, state, k):
@@ -263,13 +264,12 @@ class ReturnStep(eqx.Module):
             i, y, risen, _ = carry
             end = rk4(self.field, i * self.dt, y, self.dt)
             height = self.surface((i + 1) * self.dt, end)
-            # after a reset that does not lift off it falls at once
+            # after a reset that does not lift off, the surface falls at once
             falls = (risen | (self.reset is not None)) & (height < 0)
             return jnp.where(falls, i, i + 1), jnp.where(falls, y, end), risen | (height > 0), falls
 
-        # a start on the surface lies above or below it by rounding: it must have risen before it can fall
+        # Rounding puts a start on the surface above or below it, so the surface must have risen before it can fall.
         if self.reset is None:
-            # without a reset a start on the surface has not risen yet
             begin = 0, state, jnp.zeros((), bool), False
         else:
             state = self.reset(start, state)
@@ -281,11 +281,11 @@ class ReturnStep(eqx.Module):
         return jnp.where(falls & risen, end, jnp.nan)
 
 
-def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> Any:
-    """Return function(state, k) with derivatives in reverse mode too, where loops know forward mode only.
+def in_both_modes(function: Callable[[Array, Array], Array], state: Array, k: Real) -> Array:
+    """Return function(state, k), differentiable in both modes, although while loops know forward mode only.
 
-    They are those of its Jacobian by forward mode, a matrix, by all numbers that are differentiated, also those
-    that `function` closes over. States are small; a derivative costs as many as there are such numbers.
+    Its Jacobian is formed by forward mode, with respect to all numbers that are differentiated, also those that
+    `function` closes over: a derivative costs as many tangents as there are such numbers. States are small.
     """
     state, k = jnp.asarray(state), jnp.asarray(k)
     return _by_jacobian(eqx.filter_closure_convert(function, state, k), state, k)
@@ -300,19 +300,19 @@ def _by_jacobian(function, state, k):
 def _(primals, tangents):
     moving = jax.tree.leaves(jax.tree.map(lambda _, tangent: tangent is not None, primals, tangents))
     function, state, k = primals
-    # itself differentiated in this way, for derivatives of any order
+    # `_by_jacobian` again, so that derivatives of any order work in this way
     value, jacobian = _by_jacobian(_Linearised(function, tuple(moving)), state, k)
     flat, back = ravel_pytree(value)
     return value, back((jacobian @ ravel_pytree(tangents)[0]).astype(flat.dtype))
 
 
 class _Linearised(eqx.Module):
-    """A function's value, and its Jacobian by all numbers that are differentiated, as one matrix."""
+    """Function that returns the value of another one and its Jacobian by all numbers that are differentiated."""
 
-    function: Callable[[Any, Any], Any]
+    function: Callable[[Array, Array], Array]
     moving: tuple[bool, ...] = eqx.field(static=True)
 
-    def __call__(self, state, k) -> tuple[Any, Array]:
+    def __call__(self, state, k) -> tuple[PyTree, Array]:
         primals = self.function, state, k
         moving, fixed = eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moving))
         flat, unravel = ravel_pytree(moving)
@@ -327,9 +327,9 @@ class _Linearised(eqx.Module):
 
 
 def switched_step(
-    above: Field, below: Field, surface: Surface, *, dt: Any, steps: int, t0: Any = 0.0
+    above: Field, below: Field, surface: Surface, *, dt: Real, steps: int, t0: Real = 0.0
 ) -> SwitchedStep:
-    """Make `step` of an ODE whose right-hand side jumps where `surface` changes its sign.
+    """Return the map of an ODE over an interval, where the right-hand side jumps when `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
     Grazing, sliding, and steps longer than the time between two crossings are not supported.
@@ -348,22 +348,22 @@ def impact_step(
     surface: Surface,
     reset: Reset,
     *,
-    dt: Any,
+    dt: Real,
     steps: int,
-    t0: Any = 0.0,
+    t0: Real = 0.0,
 ) -> ImpactStep:
-    """Make `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
+    """Return the map of a system with rigid stops over an interval: when `surface` falls to zero, `reset` is applied.
 
-    The motion rebounds at the instant of each impact inside a step. Where impacts accumulate (chattering), it sticks
-    to the surface instead of a flight shorter than `SHORTEST` of a step: it comes to rest across the surface and goes
-    along it, held by a force in the direction of the impacts' changes, until the vector field pulls it off (Nordmark
-    and Piiroinen 2009, Nonlinear Dynamics 58, 85). Where `reset` does not turn a motion around, it becomes NaN. A
-    surface that is touched and left within one step is not noticed.
+    Each impact is found inside a step. Where impacts accumulate (chattering), the motion sticks to the surface
+    instead of a flight shorter than `SHORTEST` of a step: the gap stays closed, held by a force in the direction of
+    the impacts, and the motion slides along the surface until the vector field pulls it off (Nordmark and Piiroinen
+    2009, Nonlinear Dynamics 58, 85). The state becomes NaN where `reset` does not turn the motion around. A surface
+    that is touched and left within one step is not noticed.
 
     **Arguments:**
 
     - `vector_field`: y' at (t, y).
-    - `surface`: a number at (t, y) that is positive where the stop is not touched: the gap.
+    - `surface`: the gap at (t, y), positive where the stop is not touched.
     - `reset`: the state after an impact at (t, y), such as a velocity times minus the coefficient of restitution.
     - `dt`, `steps`, `t0`: as for `switched_step`.
 
@@ -378,10 +378,10 @@ def return_step(
     surface: Surface,
     reset: Reset | None = None,
     *,
-    dt: Any,
+    dt: Real,
     most: int = 100_000,
 ) -> ReturnStep:
-    """Make the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next.
+    """Return the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next one.
 
     `shoot` on it finds periodic orbits of a flow without a phase condition: along the flow the map's Jacobian has the
     multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact map, from
@@ -405,7 +405,7 @@ def _instants(dt, t0, steps):
 
 
 def _along(field: Field, function: Surface) -> Surface:
-    """Return the derivative in time of a number along the motions of a field."""
+    """Return the time derivative of a function of (t, y) along the motions of a field."""
 
     def derivative(t, y):
         t = jnp.asarray(t, float)

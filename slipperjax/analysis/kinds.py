@@ -1,29 +1,30 @@
-"""The kinds of motions: one code, with the names that results and pictures have for it."""
+"""Kinds of motions: their codes in arrays and their names in results and pictures."""
 
 import enum
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..tools.checks import numbers
+from ..tools.types import Numbers
 
 
 class Regime(enum.IntEnum):
-    """Code of a kind of motion, with its names in results; 0 also marks cases that were not computed."""
+    """Kind of motion: its code in arrays, and its names in results. Code 0 also marks cases not computed."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
-    """None of the others with certainty."""
+    """None of the others for certain."""
     PERIODIC = 1, "period", "periodic"
     REGULAR = 2, "torus", "regular"
     """Neither periodic nor chaotic: a torus."""
     CHAOTIC = 3, "chaotic", "chaotic"
     TRANSIENT = 4, "", "transient chaos"
-    """Chaotic for long, and regular in the end."""
+    """Chaotic for long, then regular."""
 
     kind_name: str
-    """Name where motions are told apart by recurrence; empty where that cannot tell."""
+    """Name by recurrence alone, one of `KINDS`; empty where recurrence cannot tell."""
     regime_name: str
-    """Name where the largest Lyapunov exponent counts, too."""
+    """Name by recurrence and the largest Lyapunov exponent, one of `REGIMES`."""
 
     def __new__(cls, code: int, kind_name: str, regime_name: str) -> "Regime":
         member = int.__new__(cls, code)
@@ -31,18 +32,18 @@ class Regime(enum.IntEnum):
         return member
 
     @classmethod
-    def codes(cls, kind_names: Any) -> np.ndarray:
+    def codes(cls, kind_names: Sequence[str] | np.ndarray) -> np.ndarray:
         """Return the codes for an array of names of `KINDS`."""
         codes = {member.kind_name: int(member) for member in cls}
         return np.array([codes[name] for name in np.ravel(kind_names)], int).reshape(np.shape(kind_names))
 
     @classmethod
-    def kind_names(cls, codes: Any) -> np.ndarray:
+    def kind_names(cls, codes: Sequence[int] | np.ndarray) -> np.ndarray:
         """Return the names of `KINDS` for an array of codes."""
         return np.asarray(np.array([member.kind_name for member in cls])[codes])
 
     @classmethod
-    def regime_names(cls, codes: Any) -> np.ndarray:
+    def regime_names(cls, codes: Sequence[int] | np.ndarray) -> np.ndarray:
         """Return the names of `REGIMES` for an array of codes."""
         return np.asarray(np.array([member.regime_name for member in cls])[codes])
 
@@ -53,12 +54,13 @@ REGIMES = "periodic", "regular", "chaotic", "unresolved", "transient chaos"
 """Names for kinds of motions by recurrence and the largest exponent, in the order of legends."""
 
 
-def lasting(name: str, least_mean_life: Any) -> str:
-    """Return the name of a regime as it is shown: of chaos with how long it lasts on average at least, where that
-    was looked at. A transient that is longer cannot be told from chaos.
+def lasting(name: str, least_mean_life: float | Numbers) -> str:
+    """Return the label of a regime; for chaos with the least mean life that was measured, if any.
 
-    **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of the cases, see `slipperjax.lyapunov_sweep`, NaN where
-    there is none.
+    A transient longer than that cannot be told from chaos.
+
+    **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of each case [forcing periods], see
+    `slipperjax.lyapunov_sweep`, NaN where it was not measured.
     """
     least_mean_life = numbers("least_mean_life", least_mean_life)
     known = np.ravel(least_mean_life)[np.isfinite(np.ravel(least_mean_life))]

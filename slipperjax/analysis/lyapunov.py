@@ -1,33 +1,34 @@
 """Lyapunov spectra of any differentiable map or ODE, from its exact tangent dynamics (Benettin et al. 1980).
 
-A system is a function `step(state, k)`, which advances the state (a pytree of floats) over the orthonormalisation
-interval number k. Tangents are propagated by forward mode and orthonormalised at the end of each interval; the
-logarithms of their growth are the local exponents, and the means of these are the spectrum (doi:10.1007/BF02128236).
+A system is a function `step(state, k)`, which advances the state (a pytree of floats) over interval number k.
+Tangents are propagated by forward mode and orthonormalised at the end of each interval. The logarithms of their
+growth are the local exponents, whose means are the spectrum (doi:10.1007/BF02128236).
 
 `step` must be differentiable *as a map*: the instant of an event inside it (a touchdown, a switch) must depend on the
 state in a differentiable way. If the force jumps at the end of the integration step that contains the event, the
 derivative lacks the saltation term, and the exponents are wrong however short the steps.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..tools.checks import finite, numbers, positive, require, shown_number, whole
 from ..tools.compile import call_compiled, is_traced
 from ..tools.one_kernel import in_one_kernel
+from ..tools.types import Numbers, Real
 from .kinds import Regime
 
-Step = Callable[[Any, Any], Any]
-"""The state at the end of an interval, from the state at its start and its index, a float."""
-Scale = Callable[[Any], Any]
-"""Weights of a state's components: the norm of a tangent is the root of the sum of (weight tangent)^2."""
+Step = Callable[[PyTree, Real], PyTree]
+"""Function `step(state, k)` that returns the state at the end of interval number k, a float."""
+Scale = Callable[[PyTree], PyTree]
+"""Function from a state to the weights of its components; the norm of a tangent is the root of the sum of
+(weight * component)^2."""
 
 
 class LyapunovSpectrum(eqx.Module):
@@ -35,18 +36,18 @@ class LyapunovSpectrum(eqx.Module):
 
     history: Float[Array, "*lanes intervals count"]
     """Logarithm of the growth in each interval [1]."""
-    state: Any
-    """The state at the end."""
-    tangents: Any
-    """The orthonormal tangents there: like the state, with a leading axis of length count."""
+    state: PyTree
+    """State at the end."""
+    tangents: PyTree
+    """Orthonormal tangents at the end: like the state, with a leading axis of length count."""
     periods: Float[Array, "*lanes"]
     """Periods in an interval [1]."""
     period: Float[Array, "*lanes"]
     """Length of a period [s], or in the unit of the system's time."""
-    status: Any = None
-    """Status code of the state at the end, such as `slipperjax.Status`; None where it was not checked."""
+    status: Int[Array, "*lanes"] | None = None
+    """Status code of the state at the end, see `slipperjax.Status`; None where it was not checked."""
     slowest: float = eqx.field(static=True, default=0.0)
-    """Periods over which chaos of the system is known to change; 0 where nothing is known."""
+    """Time scale of the slowest known changes of chaotic motions of the system [periods]; 0 where none is known."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
@@ -74,16 +75,15 @@ class LyapunovSpectrum(eqx.Module):
     @property
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
         """Standard errors of `per_period` [1/period], see `one_motion_standard_error`; not for use under a
-        transformation. Of chaos they hold where it is `resolved`."""
+        transformation. For chaos they are too small where it is not `resolved`."""
         return one_motion_standard_error(self.history) / np.asarray(self.periods)[..., None]
 
     @property
     def resolved(self) -> Bool[np.ndarray, "*lanes"]:
-        """Whether the record can show its errors; not for use under a transformation.
+        """True where the record is long enough for its errors; not for use under a transformation.
 
-        One record tells nothing of changes that are slower than itself. Therefore chaos is not resolved where the
-        record is shorter than four times `slowest`: its errors are those of the stretch that was recorded.
-        `slipperjax.lyapunov_sweep` runs several motions for longer.
+        A record cannot show changes slower than itself. So chaos is not resolved where the record is shorter than
+        four times `slowest`. `slipperjax.lyapunov_sweep` runs several motions for longer.
         """
         recorded = self.history.shape[-2] * np.asarray(self.periods)
         chaotic = is_chaotic(self.per_period[..., 0], self.stderr[..., 0])
@@ -101,7 +101,7 @@ class LyapunovSpectrum(eqx.Module):
         return kaplan_yorke(self.per_period)
 
 
-def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"]:
+def weights_of(state: PyTree, scale: Scale | None) -> Float[Array, " size"]:
     """Return the weights of all components in one array; by default all are one."""
     if scale is None:
         return jnp.ones_like(ravel_pytree(state)[0])
@@ -115,7 +115,7 @@ def fixed_directions(
     size: int,
     weights: Array,
 ) -> Float[Array, "count size"]:
-    """Make random directions, the same in every run; their parts in components of weight zero are zero."""
+    """Return random directions, the same in every run; components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
     return jnp.where(weights > 0, 1 / jnp.where(weights > 0, weights, 1.0), 0.0)[None] * normal
 
@@ -124,13 +124,13 @@ def gram_schmidt(
     rows: Array,
     weights: Array,
 ) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
-    """Make rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
+    """Return orthonormal rows by Gram-Schmidt, each projected twice, and the logarithms of their lengths before.
 
-    A row that vanishes gives a logarithm of about -354 (of the root of the smallest number in double precision) and
-    is replaced by a fixed direction, made orthogonal to the rows before it.
+    A row that vanishes has a logarithm of about -354 (of the root of the smallest number in double precision) and is
+    replaced by a fixed direction, made orthogonal to the rows before it.
     """
     count, size = rows.shape
-    # squares below count as zero
+    # squares up to this count as zero
     tiny = jnp.finfo(rows.dtype).tiny
     # scalar products are those of the weighted components
     dual = lambda a: weights[None] ** 2 * a
@@ -155,21 +155,21 @@ def gram_schmidt(
 
 
 def orthonormalise(
-    tangents: Any,
-    state: Any,
+    tangents: PyTree,
+    state: PyTree,
     scale: Scale | None = None,
-) -> tuple[Any, Float[Array, " count"]]:
-    """Make tangents orthonormal at `state`, and return the logarithms of their lengths; NaN after lost states."""
+) -> tuple[PyTree, Float[Array, " count"]]:
+    """Return tangents made orthonormal at `state`, and the logarithms of their lengths; NaN where a state is not
+    finite."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
-    # after a lost state exponents are NaN
     rows = jnp.where(jnp.all(jnp.isfinite(flat)), rows, jnp.nan)
     rows, logs = gram_schmidt(rows, weights_of(state, scale))
     return jax.vmap(unravel)(rows), logs
 
 
-def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
-    """Make `count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
+def first_tangents(state: PyTree, count: int, scale: Scale | None = None) -> PyTree:
+    """Return `count` orthonormal tangents in fixed random directions; zero in components of weight zero."""
     flat, unravel = ravel_pytree(state)
     directions = fixed_directions(0, count, flat.size, weights_of(state, scale))
     return orthonormalise(jax.vmap(unravel)(directions), state, scale)[0]
@@ -177,13 +177,13 @@ def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
 
 def push_tangents(
     step: Step,
-    state: Any,
-    tangents: Any,
+    state: PyTree,
+    tangents: PyTree,
     intervals: int,
     *,
-    index: Any = 0.0,
+    index: Real = 0.0,
     scale: Scale | None = None,
-) -> tuple[Any, Any, Float[Array, "intervals count"]]:
+) -> tuple[PyTree, PyTree, Float[Array, "intervals count"]]:
     """Propagate orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
 
     **Arguments:**
@@ -191,13 +191,13 @@ def push_tangents(
     - `step`, `state`: the system and its initial state.
     - `tangents`: like the state, with a leading axis of length count.
     - `index`: index of the first interval.
-    - `scale`: gives the weights of the components at a state, like the state or broadcasting to it. A component of
-        weight zero is omitted from the norm; its tangent is propagated and divided by the norms of the rest.
+    - `scale`: function of a state that returns the weights of its components, like the state or broadcasting to it. A
+        component of weight zero does not count in norms; it is propagated and scaled with the rest of its tangent.
 
-    **Returns:** the state and the tangents at the end, and the logarithms of the growth in each interval.
+    **Returns:** the state and the tangents at the end, and the logarithms of their growth in each interval.
     """
 
-    # the state at the end, which does not depend on the tangent, is computed once for all tangents
+    # out_axes None below: the state at the end, the same for all tangents, is computed once
     def push(state, tangent, k):
         return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
 
@@ -215,21 +215,21 @@ def push_tangents(
 
 def map_spectrum(
     step: Step,
-    state: Any,
+    state: PyTree,
     intervals: int,
     *,
     count: int | None = None,
     transient: int = 0,
     align: int = 0,
     scale: Scale | None = None,
-    index: Any = 0.0,
-    periods: Any = 1.0,
-    period: Any = 1.0,
+    index: Real = 0.0,
+    periods: Real = 1.0,
+    period: Real = 1.0,
 ) -> LyapunovSpectrum:
-    """Compute the Lyapunov spectrum of a map, or of a flow that `step` integrates.
+    """Return the Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
     Compiled once for each `step`: a new lambda is compiled again, an `equinox.Module` with other values in its arrays
-    is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
+    is not. For many starts, use `jax.jit(jax.vmap(...))` over this function.
 
     **Arguments:**
 
@@ -237,10 +237,10 @@ def map_spectrum(
         or shrinks by more than about 1e12 relative to another, and so long that orthonormalising costs less than the
         steps.
     - `state`: a pytree of real numbers.
-    - `intervals`: number of intervals.
+    - `intervals`: number of intervals that count.
     - `count`: number of exponents, the largest first; default all.
     - `transient`: intervals before the tangents start; `align`: intervals after these in which the tangents align
-        with their directions. Neither are counted.
+        with their directions. Neither counts.
     - `scale`: weights of the components, see `push_tangents`.
     - `index`: index of the first interval.
     - `periods`: periods in an interval; `period`: length of a period [s].
@@ -260,7 +260,7 @@ def map_spectrum(
     index = finite("index")(index)
     periods = positive("periods")(periods)
     period = positive("period", "s")(period)
-    # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
+    # As an argument of the program, any transient runs without compiling again; reverse mode needs it as a constant.
     fixed = transient if is_traced((step, state)) else None
     settings = count, align, intervals, transient > 0, fixed
     history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
@@ -268,7 +268,7 @@ def map_spectrum(
 
 
 def _spectrum(functions, static, state, index, transient):
-    """Return the history without the intervals of alignment, and the state and tangents at the end."""
+    """Return the history after the intervals of alignment, and the state and tangents at the end."""
     step, scale = functions
     count, align, intervals, runs, fixed = static
     if runs:
@@ -281,13 +281,13 @@ def _spectrum(functions, static, state, index, transient):
     return history[align:], state, tangents
 
 
-def check_functions(step: Any, scale: Any) -> None:
+def check_functions(step: object, scale: object) -> None:
     """Raise `ValueError` unless both are callable; `scale` may be None."""
     require(callable(step), "step", "be a function", step)
     require(scale is None or callable(scale), "scale", "be a function", scale)
 
 
-def check_state(state: Any) -> Any:
+def check_state(state: PyTree) -> PyTree:
     """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(finite("state"), state)
@@ -299,20 +299,26 @@ LEAST = 1e-3
 """Exponents up to this count as zero [1/period]."""
 
 
-def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
+def is_chaotic(exponent: Numbers, stderr: Numbers) -> np.ndarray:
     """Return whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
     return np.asarray(np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST))
 
 
-def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0) -> np.ndarray:
-    """Return the word of `slipperjax.analysis.REGIMES` for each case.
+def regime(
+    exponent: float | Numbers,
+    stderr: float | Numbers,
+    kind: str | Sequence[str] | np.ndarray,
+    trusted: bool | Numbers,
+    escapes: int | Numbers = 0,
+) -> np.ndarray:
+    """Return the regime of each case, one of `slipperjax.analysis.REGIMES`.
 
     A case is unresolved where it is not trusted, where exponent and recurrence contradict each other, and where the
     exponent is neither positive nor known well enough to be called zero or negative.
 
     **Arguments:** `exponent`, `stderr`: the largest exponent and its standard error [1/period]; `kind`: of
-    `Attractors`; `trusted`: whether status and certificates are good; `escapes`: how many of several longer motions
-    became regular in the end. All have the same shape.
+    `Attractors`; `trusted`: whether status and certificates are good; `escapes`: number of longer motions that were
+    chaotic at first and regular in the end. All have the same shape.
     """
     exponent = numbers("exponent", exponent)
     stderr = numbers("stderr", stderr)
@@ -323,7 +329,6 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     periodic = kind == Regime.PERIODIC.kind_name
     # exponents near zero are known well enough to 0.01 per period
     sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01))
-    # the exponent and the recurrence say different things
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
     # chaos that some of the longer motions have left
     lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
@@ -332,8 +337,9 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     return Regime.regime_names(np.where(good, codes, Regime.UNRESOLVED))
 
 
-def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
-    """Compute Kaplan-Yorke dimensions along the last axis, in any order and unit (doi:10.1007/BFb0064319).
+def kaplan_yorke(exponents: Numbers) -> Float[np.ndarray, "*lanes"]:
+    """Return Kaplan-Yorke dimensions by exponents along the last axis, in any order and unit
+    (doi:10.1007/BFb0064319).
 
     0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
@@ -354,8 +360,8 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     return np.apply_along_axis(dimension, -1, numbers("exponents", exponents, 1))
 
 
-def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Compute the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
+def weighted_mean(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
+    """Return the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
     For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
     reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For
@@ -370,8 +376,8 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
     return np.einsum("k,...kc->...c", weights / weights.sum(), history)
 
 
-def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Compute the standard error of the mean over the axis before the last, with autocorrelation.
+def standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
+    """Return the standard error of the mean over the axis before the last, allowing for autocorrelation.
 
     Means over 100 to 199 blocks remove most of the correlation, of any length and kind (doi:10.1063/1.457480). An
     autoregression of these means, of the order that minimises Akaike's criterion, accounts for the remaining
@@ -403,20 +409,20 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
             noise = noise * (1 - last**2)
             densities.append(noise * n / (n - order - 1) / (1 - sum(weights)) ** 2)
             criteria.append(n * np.log(noise) + 2 * order)
-        # of each exponent its own order
+        # each exponent has its own best order
         best = np.argmin(np.stack(criteria), axis=0)[None]
         density = np.take_along_axis(np.stack(densities), best, axis=0)[0]
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)
 
 
-def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Compute the standard error of the mean over one motion's record, with changes that are as slow as the record.
+def one_motion_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
+    """Return the standard error of the mean of one motion's record, allowing for changes as slow as the record.
 
-    The greatest of that of `standard_error`, the scatter of the record's quarters and that of its eighths, which
-    exceed it where means of blocks have not levelled off with their length (doi:10.1063/1.457480); in quadrature with
-    the standard deviation of the straight line through the eighths: a change that takes longer than the record leaves
-    its mean as far off as that. Of records that show all of their correlation it is 1.4 to 1.7 times the scatter. No
-    record shows changes that take several times its length.
+    It combines two estimates in quadrature. One is the greatest of `standard_error` and the errors by the scatter of
+    the record's quarters and of its eighths, which are greater where correlation is longer than the blocks of the
+    first (doi:10.1063/1.457480). The other is the standard deviation of the straight line through the eighths, for
+    changes slower than the record. For records that show all of their correlation the result is 1.4 to 1.7 times the
+    true error. No record shows changes that take several times its length.
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
@@ -434,7 +440,10 @@ def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]
 
 
 def _means_of_parts(history: np.ndarray, parts: int) -> np.ndarray:
-    """Return the means of the last intervals in so many parts of equal length, shape (*lanes, parts, count)."""
+    """Return the means of the record in parts of equal length, of shape (*lanes, parts, count).
+
+    Intervals at the start that are left over do not count.
+    """
     length = history.shape[-2] // parts
     used = history[..., history.shape[-2] - parts * length :, :]
     return used.reshape(*history.shape[:-2], parts, length, history.shape[-1]).mean(axis=-2)
@@ -445,12 +454,12 @@ def _scatter(means: np.ndarray) -> np.ndarray:
     return means.std(axis=-2, ddof=1) / np.sqrt(means.shape[-2])
 
 
-def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Compute the standard error of the mean over several independent motions on one attractor.
+def pooled_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
+    """Return the standard error of the mean over several independent motions on one attractor.
 
-    The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
-    means of their halves about the mean of all, which sees correlations that are as long as a motion's record, and
-    drift: with 500 forcing periods of a chaotic slipper these can double the error of the first.
+    It is the larger of two estimates. One is `standard_error` within the motions. The other is the scatter of the
+    means of their halves about the mean of all, which contains drift and correlations as long as a motion's record:
+    for 500 forcing periods of a chaotic slipper it can be twice the first.
 
     **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
     """

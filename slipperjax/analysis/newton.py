@@ -1,21 +1,25 @@
-"""Newton's method for equations that are evaluated with their derivatives: the one loop of this room.
+"""Newton's method for equations that are evaluated with their derivatives.
 
-Motions that recur, points of curves and bifurcations are all found by `newton`, as zeros of `AbstractEquations`.
+Periodic motions, points of curves and bifurcations are all zeros of `AbstractEquations`, found by `newton`.
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
+from ..tools.types import Real, Whole
 from .floquet import solve
 
 LEAST_FALL = 0.1
-"""Share of a step by which the residual must fall for a damped step to be accepted."""
+"""Least relative fall of the residual, over the share of Newton's step that was taken, for a step to be accepted."""
+
+NullVectors = tuple[Array | np.ndarray, Array | np.ndarray] | None
+"""Left and right null vectors at a critical motion, of shape (size,); None for other equations."""
 
 
 class Linearisation(NamedTuple):
@@ -24,39 +28,43 @@ class Linearisation(NamedTuple):
     residual: Float[Array | np.ndarray, " n"]
     """Value of each equation, zero at a solution."""
     jacobian: Float[Array | np.ndarray, "n more"]
-    """Its derivative with respect to all unknowns."""
-    matrices: Any = None
-    """Jacobians of a motion's intervals, of shape (intervals, size, size)."""
-    null_vectors: Any = None
-    """Left and right ones of a critical motion, see `slipperjax.analysis.critical.CriticalMotions`."""
+    """Derivative of the residual with respect to all unknowns."""
+    matrices: Float[Array | np.ndarray, "intervals size size"] | None = None
+    """Jacobians of the successive intervals of a motion; None for equations of another kind."""
+    null_vectors: NullVectors = None
 
 
 class AbstractEquations(eqx.Module):
-    """Equations for as many unknowns, or for one more where they are a curve's."""
+    """Equations for as many unknowns; or for one unknown more, whose solutions form a curve."""
 
     @abc.abstractmethod
     def evaluate(self, z: Float[Array, " more"]) -> Linearisation:
-        """Return residual and derivative at `z`. Pure."""
+        """Return residual and Jacobian at `z`. Pure."""
 
     @abc.abstractmethod
     def weights(
         self,
         z: Float[Array, " more"],
     ) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
-        """Return factors of the residual's components, and of the unknowns in the measure of length; zero for
-        those that are left out."""
+        """Return weights of the residual's components, and of the unknowns in lengths along a curve.
+
+        Components and unknowns of weight zero do not count.
+        """
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
-        """Return a consistent point for `z`, proposed from `before`, where the residual was `residual`. Pure."""
+        """Return a consistent point for the proposal `z`, by default `z` itself. Pure.
+
+        **Arguments:** `before`: the point from which the step was made; `residual`: the residual there.
+        """
         return z
 
-    def update(self, z: Any, null_vectors: Any) -> "AbstractEquations":
-        """Return the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
+    def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "AbstractEquations":
+        """Return equivalent equations that are better conditioned near a point `z`, by default the same ones."""
         return self
 
 
 class Root(NamedTuple):
-    """A zero of equations, as far as Newton's method came."""
+    """The end of Newton's iteration; a zero of the equations where its `residual` is small."""
 
     z: Float[Array, " n"]
     linearisation: Linearisation
@@ -65,31 +73,31 @@ class Root(NamedTuple):
     """Greatest weighted component of the residual; infinite where that is not finite."""
     iterations: Int[Array, ""]
     equations: AbstractEquations
-    """As last updated."""
+    """The equations after their last update."""
 
 
 class _Carry(NamedTuple):
-    """State of the iteration."""
+    """State of the loop in `newton`."""
 
-    z: Array  # to be evaluated next; at the end that of the linearisation
-    start: Array  # where the current step begins
-    missed: Array  # residual there
-    size: Array  # of that residual
-    step: Array  # Newton's step from there
-    share: Array  # of the step, to which it was halved
-    linearisation: Linearisation  # of the last pass
-    count: Array  # of iterations, negative during updates
-    polishing: Array  # whether the step is the last one, which polishes
+    z: Array  # point to evaluate next; after the loop, the point of the linearisation
+    start: Array  # point at which the current step begins
+    missed: Array  # residual at `start`
+    size: Array  # weighted size of `missed`
+    step: Array  # Newton's step from `start`
+    share: Array  # part of the step that is tried, after halvings
+    linearisation: Linearisation  # at the point evaluated last
+    count: Array  # number of iterations; negative during the first updates
+    polishing: Array  # True in the last step, after the tolerance is met
     going: Array
-    numbers: Any  # array leaves of the equations
+    numbers: PyTree  # array leaves of the equations
 
 
 def newton(
     equations: AbstractEquations,
     z: Array,
     *,
-    tolerance: Any,
-    iterations: Any,
+    tolerance: Real,
+    iterations: Whole,
     halvings: int = 0,
     updates: int = 0,
     polish: bool = False,
@@ -99,33 +107,33 @@ def newton(
     **Arguments:**
 
     - `z`: first guess.
-    - `tolerance`: weighted residual at which the iterations end. `iterations`: they end then in any case.
-    - `halvings`: how often a step may be halved until the residual falls by a share `LEAST_FALL` of it; after that
-        it is accepted whatever it gives.
-    - `updates`: how often the equations are updated at `z` before the first step; if at all, they are updated
-        after each step, too.
-    - `polish`: whether one more step follows, which is not counted, where the tolerance is met, but not a thousandth
-        of it.
+    - `tolerance`: weighted residual at which the iteration ends. `iterations`: most iterations.
+    - `halvings`: how often a step may be halved until the residual falls enough, see `LEAST_FALL`; the last half is
+        accepted whatever it gives.
+    - `updates`: how often the equations are updated at `z` before the first step. If not 0, they are also updated
+        after each step.
+    - `polish`: whether one more step, which is not counted, follows where the residual is below `tolerance`, but
+        above a thousandth of it.
 
     **Returns:** a `Root`; look at its `residual`.
     """
-    # arrays that updates change are carried, all others are constants of the loop
+    # Updates change arrays of the equations, which the loop then carries; otherwise they are constants of it.
     numbers, fixed = eqx.partition(equations, eqx.is_array if updates else False)
-    # traced once, for the shapes of its result and for the loop
+    # jit, so that the equations are traced once: for the shapes of the result and for the loop
     evaluate = jax.jit(lambda numbers, z: eqx.combine(numbers, fixed).evaluate(z), inline=True)
 
-    # each pass evaluates one point, whatever it was proposed for, so that the program has the equations once
+    # Each pass evaluates one point: for an update, a full step or a half. So the program has the equations once.
     def advance(carry: _Carry) -> _Carry:
         current: AbstractEquations = eqx.combine(carry.numbers, fixed)
         now = evaluate(carry.numbers, carry.z)
         size = weighted_size(now.residual, current.weights(carry.z)[0])
-        updating = carry.count < 0  # passes that update the equations and keep the point
+        updating = carry.count < 0  # the first passes update the equations at the same point
         fell = size <= (1 - LEAST_FALL * carry.share) * carry.size
         accepted = fell | (carry.share <= 0.5**halvings) | carry.polishing
         ended = ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
         polishing = accepted & (size <= tolerance) & (size > 1e-3 * tolerance) & ~carry.polishing & polish
         done = carry.polishing | (accepted & ~updating & ended & ~polishing)
-        # the next step begins here, or is half as long as the last one from where that began
+        # an accepted step ends here, where the next one begins; another one is halved
         pick = lambda here, before: jnp.where(accepted, here, before)
         start = pick(carry.z, carry.start)
         missed = pick(now.residual, carry.missed)
@@ -148,7 +156,7 @@ def newton(
         )
 
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(evaluate, numbers, z))
-    # of the types that a pass gives, because the loop would be traced again otherwise
+    # arrays of the same types as a pass returns; otherwise JAX traces the loop a second time
     one = jnp.ones(())
     yes = jnp.ones((), bool)
     begin = _Carry(
@@ -169,11 +177,11 @@ def newton(
 
 
 def weighted_size(residual: Array, weights: Array) -> Array:
-    """Return the greatest weighted component, of those with weights; infinite where any is not finite."""
+    """Return the greatest weighted component; infinite where any component is not finite."""
     counted = jnp.where(weights > 0, weights * residual, 0.0)
     return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(counted)), jnp.inf)
 
 
-def without_derivatives(tree: Any) -> Any:
-    """Return a pytree whose arrays are constants to derivatives."""
+def without_derivatives(tree: PyTree) -> PyTree:
+    """Return a pytree through whose arrays no derivatives pass."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)

@@ -1,30 +1,33 @@
 """Ordinary differential equations as maps, and their Lyapunov spectra."""
 
 from collections.abc import Callable
-from typing import Any
 
 import diffrax
 import equinox as eqx
 import jax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..tools.checks import finite, positive, require, whole
+from ..tools.types import Real
 from .lyapunov import LyapunovSpectrum, map_spectrum
+
+VectorField = Callable[[Array, PyTree, PyTree], PyTree]
+"""Right-hand side of an ODE: y' at (t, y, args)."""
 
 
 class OdeStep(eqx.Module):
-    """`step` of an ODE: one `diffrax.diffeqsolve` with constant steps over each interval. See `ode_step`."""
+    """The map of an ODE over an interval, `step(state, k)`: a `diffrax.diffeqsolve` with constant steps."""
 
-    vector_field: Callable[[Any, Any, Any], Any]
+    vector_field: VectorField
     solver: diffrax.AbstractSolver
-    args: Any
+    args: PyTree
     t0: Float[Array, ""]
     duration: Float[Array, ""]
-    """Length of an interval, in the ODE's unit of time."""
+    """Length of an interval [unit of t]."""
     steps: int = eqx.field(static=True)
 
-    def __call__(self, state: Any, k: Any) -> Any:
-        # time runs from 0 to 1 in each interval, so that all have the same steps
+    def __call__(self, state: PyTree, k: Real) -> PyTree:
+        # time runs from 0 to 1 in each interval, so that the steps of all intervals are equal to the last bit
         def field(t, y, args):
             t_start, duration, args = args
             return jax.tree.map(
@@ -53,15 +56,15 @@ class OdeStep(eqx.Module):
 
 
 def ode_step(
-    vector_field: Callable[[Any, Any, Any], Any],
+    vector_field: VectorField,
     *,
-    dt: Any,
+    dt: Real,
     steps: int,
     solver: diffrax.AbstractSolver | None = None,
-    args: Any = None,
-    t0: Any = 0.0,
+    args: PyTree = None,
+    t0: Real = 0.0,
 ) -> OdeStep:
-    """Return `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
+    """Return the map of y' = vector_field(t, y, args) over an interval of `steps` steps of length `dt` from `t0` on.
 
     **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
 
@@ -81,21 +84,21 @@ def ode_step(
 
 
 def ode_spectrum(
-    vector_field: Callable[[Any, Any, Any], Any],
-    state: Any,
+    vector_field: VectorField,
+    state: PyTree,
     intervals: int,
     *,
-    dt: Any,
+    dt: Real,
     steps: int,
     solver: diffrax.AbstractSolver | None = None,
-    args: Any = None,
-    t0: Any = 0.0,
-    **options: Any,
+    args: PyTree = None,
+    t0: Real = 0.0,
+    **options: Real,
 ) -> LyapunovSpectrum:
-    """Return the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
+    """Return the Lyapunov spectrum of an ODE. Its `per_second` is per unit of t.
 
-    **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. If `period` is given, an
-    interval has `dt * steps / period` periods; by default a period is one interval.
+    **Arguments:** `state`, `intervals` and `options` as for `map_spectrum`, the others as for `ode_step`. With the
+    option `period`, an interval has `dt * steps / period` periods; by default a period is one interval.
     """
     step = ode_step(vector_field, dt=dt, steps=steps, solver=solver, args=args, t0=t0)
     period = options.pop("period", step.duration)

@@ -1,12 +1,11 @@
-"""Quantiles and means over rails or other random conditions, with standard errors by resampling.
+"""Quantiles and means over random conditions, such as rails, with standard errors by resampling.
 
-Planes of quantiles follow Koenker and Bassett 1978, doi:10.2307/1913643. Errors are those of the bootstrap, which
-draws whole conditions, with all that was run under them: differences between designs on common rails keep what the
-rails have in common.
+Planes of quantiles follow Koenker and Bassett 1978, doi:10.2307/1913643. Errors are by the bootstrap, which draws
+conditions with all runs under them: so errors of differences between designs that ran on the same rails account for
+what these runs share.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -15,7 +14,7 @@ from jaxtyping import Float
 from ..tools.checks import require, warn
 
 Fit = Callable[[Float[np.ndarray, " groups"]], Float[np.ndarray, " numbers"]]
-"""Function that makes numbers of the weights of the conditions."""
+"""Function that estimates numbers, given the weight of each condition."""
 
 
 def quantile_plane(
@@ -24,11 +23,11 @@ def quantile_plane(
     quantile: float,
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
-    """Return coefficients such that a share `quantile` of weighted values lies below `system` @ coefficients."""
+    """Return coefficients such that a share `quantile` of weighted values lies below `system @ coefficients`."""
     used = weights > 0
     x = system[used]
     w = weights[used]
-    # numbers near 1 suit the solver's tolerances
+    # the solver's tolerances are absolute, for numbers near 1
     size = max(float(np.max(np.abs(values[used]))), 1e-300)
     y = values[used] / size
     bounds = np.stack([np.zeros_like(w), w], axis=1)
@@ -60,22 +59,24 @@ def bootstrap(
     resamples: int = 100,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers).
+    """Return the numbers that `fit` estimates from all conditions, and from each resample, (resamples, numbers).
 
-    **Arguments:** `resamples`: draws with replacement; 100 give an error to 7 % of itself.
+    **Arguments:** `groups`: number of conditions; `resamples`: number of draws with replacement; 100 give a standard
+    error to 7 %.
     """
+    # how often each condition is drawn is its weight
     draws = np.random.default_rng(seed).multinomial(groups, np.full(groups, 1 / groups), size=resamples)
     return fit(np.ones(groups)), np.stack([fit(draw.astype(float)) for draw in draws])
 
 
-def check_quantile(quantile: Any, count: int) -> None:
-    """Warn where few of `count` values lie beyond a quantile.
+def check_quantile(quantile: object, count: int) -> None:
+    """Warn where few of `count` values lie beyond a quantile; None stands for the mean.
 
-    **Raises:** `ValueError` for what is neither None nor a share between 0 and 1.
+    **Raises:** `ValueError` unless it is None or a share between 0 and 1.
     """
     good = quantile is None or (isinstance(quantile, int | float) and 0 < quantile < 1)
     require(good, "quantile", "be a share between 0 and 1, or None for the mean", quantile)
-    beyond = count if quantile is None else count * min(quantile, 1 - quantile)
+    beyond = count if quantile is None else count * min(quantile, 1 - quantile)  # type: ignore[operator]
     # with fewer than four beyond, errors are too small: with one, 78 % of peak forces lay within two errors
     if beyond < 4 * (1 - 1e-9):
         warn(f"Argument `quantile` leaves {beyond:.2g} of {count} rails beyond it, too few for a true error.")

@@ -1,43 +1,44 @@
 """Periodic motions of any differentiable map by Newton's method, with the derivatives of the exact motions.
 
-The unknowns are the state at the start; the forcing fixes the period, so that no phase condition is needed.
+The unknowns are the state at the start. The forcing fixes the period, so that no phase condition is needed.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..tools.checks import number, positive, require, whole
 from ..tools.compile import as_argument, call_compiled, is_transformed
 from ..tools.one_kernel import in_one_kernel
+from ..tools.types import Real
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
-Consistent = Callable[[Any, Any, Any], Any]
-"""A consistent state from the map, a state that Newton's method proposes, and what the last iterate is mapped to."""
+Consistent = Callable[[Step, PyTree, PyTree], PyTree]
+"""Function `consistent(step, proposed, mapped)`: a consistent state for one that Newton's method proposes; `mapped`
+is the state to which the map takes the last iterate."""
 
 
 class Shot(eqx.Module):
-    """A periodic motion, as far as Newton's method came."""
+    """A periodic motion, if its `residual` is small, as Newton's method left it."""
 
-    state: Any
+    state: PyTree
     """The state at the start."""
     residual: Float[Array, ""]
-    """Greatest weighted component of the state's change over the intervals."""
+    """Greatest weighted component of the change of the state over all intervals."""
     iterations: Int[Array, ""]
     matrices: Float[Array, "intervals size size"]
-    """Jacobians of the successive intervals there, for `multipliers`."""
+    """Jacobians of the successive intervals, for `multipliers`."""
 
 
 def shoot(
     step: Step,
-    state: Any,
+    state: PyTree,
     *,
     intervals: int = 1,
     scale: Scale | None = None,
@@ -48,17 +49,17 @@ def shoot(
     """Return a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
 
     Steps are halved where the residual does not fall. The result has the derivatives of the exact motion with respect
-    to all numbers of `step`, in forward and reverse mode, whatever the iterations were.
+    to all numbers of `step`, in forward and reverse mode.
 
     **Arguments:**
 
     - `step(state, k)`: the state one interval later, differentiable, with k the number of the interval, from 0 on.
     - `state`: a pytree of floats, the first guess.
-    - `intervals`: after how many the motion recurs.
-    - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
-        component of weight zero is left out. Default all one.
-    - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; default leaves them.
-    - `tolerance`: residual at which the iteration ends. `max_iterations`: it ends then in any case.
+    - `intervals`: number of intervals after which the motion recurs.
+    - `scale`: function of a state that returns the weights of the residual's components; those of weight zero do not
+        count. By default all are one.
+    - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; by default they stay.
+    - `tolerance`: residual at which the iteration ends. `max_iterations`: most iterations.
 
     **Returns:** a `Shot`; look at its `residual`, which is NaN or large where there is no such motion nearby.
 
@@ -74,7 +75,7 @@ def shoot(
 
 
 def _shoot(functions, static, state, tolerance):
-    """Return a motion of one map, without parameters."""
+    """Return the `Shot` of `shoot`, by equations without parameters."""
     intervals, limit, differentiable = static
 
     def motions(step, scale, consistent):
@@ -90,7 +91,7 @@ def _shoot(functions, static, state, tolerance):
     matrices = root.linearisation.matrices
     exact = motions(*functions)
     if differentiable:
-        # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
+        # A Newton step of length zero: by the implicit function theorem z gets the derivatives of the exact motion.
         miss = exact.mapped(z) - z
         z = z - solve(root.linearisation.jacobian, miss - jax.lax.stop_gradient(miss))
         matrices = exact.evaluate(z).matrices
@@ -99,16 +100,16 @@ def _shoot(functions, static, state, tolerance):
 
 def minimal_period(
     step: Step,
-    state: Any,
+    state: PyTree,
     intervals: int,
     *,
     scale: Scale | None = None,
-) -> Any:
-    """Return the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
+) -> dict[int, Array]:
+    """Return how nearly a motion recurs after each divisor of `intervals`, after which it recurs. Pure.
 
     **Arguments:** as for `shoot`.
 
-    **Returns:** a dict of residuals, as in `Shot`, by divisor; the first that is small is the minimal period.
+    **Returns:** residuals, as in `Shot`, by divisor; the first divisor with a small one is the minimal period.
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
@@ -121,7 +122,7 @@ def _residuals(functions, static, state):
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)
 
-    # the state after each interval, and how far it is from the start
+    # the state after each interval, and its weighted distance from the start
     def interval(s, k):
         s = step(s, k)
         return s, weighted_size(ravel_pytree(s)[0] - flat, weights)
@@ -132,7 +133,7 @@ def _residuals(functions, static, state):
 
 
 Family = Callable[..., Step]
-"""The map for values of its parameters: `family(value, ...)(state, k)` is the state one interval later."""
+"""Function from parameter values to the map: `family(value, ...)(state, k)` is the state one interval later."""
 
 
 class PeriodicMotions(AbstractEquations):
@@ -142,32 +143,31 @@ class PeriodicMotions(AbstractEquations):
     """
 
     family: Family
-    """A pytree, such as an `equinox.Module`, whose array leaves may change without compiling anew."""
-    like: Any
-    """A state, of which the structure counts."""
-    reach: Any
+    """A pytree, such as an `equinox.Module`; new values in its array leaves need no compilation."""
+    like: PyTree
+    """A state, for its structure."""
+    reach: Real
     """Changes of the parameters that count as a length of one, of shape (parameters,)."""
     scale: Scale | None = None
     """Weights of the state's components, as for `slipperjax.analysis.shoot`."""
     intervals: int = eqx.field(static=True, default=1)
     consistent: Consistent | None = None
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
-    lengths: Any = 1.0
-    """Divisors of the state's weights in the length of a curve, infinite for components that do not count."""
+    lengths: Real = 1.0
+    """Divisors of the state's weights in lengths along a curve; infinite for components that do not count."""
 
     @property
     def size(self) -> int:
         """Number of numbers in a state."""
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
 
-    def unknowns(self, state: Any, *values: Any) -> Array:
-        """Return the unknowns from a state and values of the parameters."""
-        # components of the state first, then the parameters
+    def unknowns(self, state: PyTree, *values: Real) -> Array:
+        """Return the unknowns for a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
 
-    def state(self, z: Array) -> Any:
+    def state(self, z: Array) -> PyTree:
         """Return the state of a point."""
         return ravel_pytree(self.like)[1](jnp.asarray(z)[: self.size])
 
@@ -190,13 +190,13 @@ class PeriodicMotions(AbstractEquations):
         size = self.size
         unravel = ravel_pytree(self.like)[1]
 
-        # parameters are numbers of the state that do not change, so that all derivatives come at once
+        # The parameters join the state as components that stay, so that one Jacobian holds all derivatives.
         def step(unknowns, k):
             end = self.family(*unknowns[size:])(unravel(unknowns[:size]), k)
             return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])
 
         end, matrices = linearise(step, z, self.intervals)
-        # of P(x; values) - x
+        # the derivative of P(x; values) - x
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
         return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 

@@ -1,14 +1,15 @@
-"""Power spectral density, and its lines: their frequencies and their power.
+"""Power spectral density, and the frequency and power of its lines.
 
-A motion forced at f1 and f2 that is not chaotic has lines at m f1 + n f2 only; lines at fractions of a forcing
-frequency are sub-harmonics, which come with period doubling; a chaotic motion raises the floor between the lines.
+A regular motion forced at f1 and f2 has lines at m f1 + n f2 only. Lines at fractions of a forcing frequency are
+sub-harmonics, which come with period doubling. A chaotic motion raises the floor between the lines.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..tools.checks import instance, number, positive, require
+from ..tools.types import Numbers
 
 
 class Spectrum(NamedTuple):
@@ -24,17 +25,17 @@ class Line(NamedTuple):
     """The spectrum at one frequency."""
 
     frequency: float
-    """Refined frequency of the peak, or of the strongest bin where there is no peak [Hz]."""
+    """Frequency of the peak, refined between bins; of the strongest bin where there is no peak [Hz]."""
     power: float
-    """Mean square in the bins of the main lobe [unit^2], line or not; a sine of amplitude a has a^2 / 2."""
+    """Mean square in the bins of the main lobe [unit^2]; a sine of amplitude a has a^2 / 2."""
     prominence: float
-    """Height above the local floor [dB], with or without a line."""
+    """Height above the local floor [dB]."""
     present: bool
-    """True where there is a line, as defined by `find_line`."""
+    """True where there is a line, as defined by `find_line`; the other numbers are there without one, too."""
 
 
-def power_spectral_density(signal: Any, sampling_rate: float) -> Spectrum:
-    """Return the one-sided power spectral density of evenly spaced samples, by one periodogram of the record.
+def power_spectral_density(signal: Numbers, sampling_rate: float) -> Spectrum:
+    """Return the one-sided power spectral density of evenly spaced samples, by one periodogram of all of them.
 
     The mean is subtracted, and a Hann window w keeps weak lines visible beside strong ones. The density at f_k is
     2 |sum_j w_j x_j exp(-2 pi i j k / N)|^2 / (sampling_rate sum_j w_j^2), without the 2 at zero and at the Nyquist
@@ -61,7 +62,7 @@ def find_line(
     *,
     tolerance: float | None = None,
 ) -> Line:
-    """Return the line that a spectrum shows at one frequency, or how strong it is without one.
+    """Return the line of a spectrum at one frequency, or the strength of the spectrum there if it has none.
 
     A line is a local maximum of the density that falls by 6 dB on both sides and stands 15 dB above the local floor,
     the running median over 65 bins: each bin of white noise does so with a chance of 2^-31.6 (3e-10). Lines must
@@ -87,7 +88,7 @@ def find_line(
     require(frequency <= last, "frequency", f"be at most {last:g} Hz", shown=f"{frequency:g} Hz")
     width = float(frequencies[1])
     tolerance = width if tolerance is None else number(positive, "tolerance", tolerance)
-    # density [dB], and its height above the local floor [dB]; silence is all floor
+    # density [dB], and its height above the local floor [dB]; a spectrum of zeros is all floor
     top = density.max()
     level = 10 * np.log10(np.fmax(density, 1e-12 * top if top > 0 else 1.0))
     height = level - scipy.ndimage.median_filter(level, size=65, mode="reflect")

@@ -2,40 +2,41 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from ..tools.checks import require, whole
 
 FINER = 3, 6, 12
-"""Multiples of the steps of a motion on which its derivatives are taken: they converge an order later than values, so
-that with the default steps one in ten is wrong by a third."""
+"""Multiples of a motion's steps with which its derivatives are taken. Derivatives converge an order later than
+values: with the default steps one in ten is wrong by a third."""
 
 
 def with_step_error(
-    function: Callable[[int], Any],
+    function: Callable[[int], PyTree],
     steps: int,
     finer: Sequence[int] = FINER,
-) -> tuple[Any, Any]:
-    """Return a function of the number of steps with many of them, and its error by the difference to fewer.
+) -> tuple[PyTree, PyTree]:
+    """Return the result of a function of the number of steps with many steps, and its error from results with fewer.
 
     **Arguments:**
 
     - `function(steps)`: numbers or arrays as a pytree, such as derivatives of an orbit.
-    - `steps`: per forcing period, times each of `finer`, which rise.
+    - `steps`: steps per forcing period, which are multiplied by each of `finer`, in rising order.
 
-    **Returns:** what the function gives with the most steps, and the errors as a pytree of arrays: the last
-    difference, and at least what errors of second order leave of the one before, which may be small by chance. They
-    are meant as standard errors: nearly all true errors lie within three of them, see the pages on orbits and design.
+    **Returns:** the result with the most steps, and its errors as a pytree of arrays. The error is the last
+    difference of results, or the one before divided by the square of the ratio of steps, if that is greater: the last
+    may be small by chance. Read them as standard errors: nearly all true errors lie within three of them, see the
+    pages on orbits and design.
     """
     require(callable(function), "function", "be a function of the number of steps", function)
     steps = whole("steps", steps, 1)
     results = [function(times * steps) for times in finer]
     ratio = (finer[-1] / finer[-2]) ** 2
 
-    # of one leaf of the pytree, from its values with each number of steps
+    # the error of one leaf of the pytree, from its values with each number of steps
     def error(*values):
         *earlier, last = (np.abs(np.subtract(b, a)) for a, b in itertools.pairwise(values))
         return np.maximum(last, earlier[-1] / ratio) if earlier else last

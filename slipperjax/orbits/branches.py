@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.arclength import Node, Observation, Pace, check_within, checked_bounds, correct
 from ..analysis.continuation import Branch, End, continue_motion, extend, switch
-from ..analysis.curves import Node, Observation, Pace, check_within, checked_bounds, correct
 from ..analysis.events import MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names

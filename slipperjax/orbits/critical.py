@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array
 
+from ..analysis.arclength import Pace, check_within
 from ..analysis.critical import (
     CRITICAL_MULTIPLIERS,
     ConditionedMotions,
@@ -20,7 +21,6 @@ from ..analysis.critical import (
     continue_critical,
     critical_motion,
 )
-from ..analysis.curves import Pace, check_within
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names

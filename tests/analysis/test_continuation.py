@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
+from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.continuation import continue_motion, extend, switch
-from slipperjax.analysis.curves import Pace
 from slipperjax.analysis.floquet import multipliers
 
 from .systems import (

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
-from slipperjax.analysis.curves import Pace
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import PeriodicMotions
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
+from slipperjax.analysis.arclength import Observation, Pace
 from slipperjax.analysis.continuation import continue_motion
-from slipperjax.analysis.curves import Observation, Pace
 from slipperjax.analysis.floquet import rounding_errors
 
 from .systems import (

@@ -1,8 +1,8 @@
-"""Curves of solutions by pseudo-arclength: n equations for n + 1 numbers, followed through folds.
+"""Pseudo-arclength continuation: curves of solutions of n equations for n + 1 unknowns, followed through folds.
 
-A curve is given by `AbstractEquations`: a residual and its derivative. `Walk` predicts along the
-tangent, corrects by Newton's method in the plane across it, and adapts its step to what the correction took (Keller
-1977; Allgower and Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
+The curve is given by `AbstractEquations`. `Walk` predicts the next point along the tangent, corrects it by Newton's
+method in the plane across the tangent, and adapts its step to the number of iterations (Keller 1977; Allgower and
+Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
 """
 
 from collections.abc import Iterator
@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Complex, Float, Int
 
 from ..tools.checks import require, shown_number
 from ..tools.compile import as_argument, call_compiled
+from ..tools.types import Numbers, Real
 from .floquet import CONSERVED, is_conservative, solve
-from .newton import AbstractEquations, Linearisation, newton
+from .newton import AbstractEquations, Linearisation, NullVectors, newton
 
 LEAST_TURN = 0.9
 """Least cosine of the angle between the tangents at both ends of a step."""
@@ -26,7 +27,7 @@ CRITICAL_DISTANCE = 1e-6
 
 
 class _OnPlane(AbstractEquations):
-    """Equations of a curve, completed by the plane across it in which its point is looked for."""
+    """Equations of a curve, completed by that of a plane across it: row @ z = target."""
 
     equations: AbstractEquations
     row: Array
@@ -46,75 +47,75 @@ class _OnPlane(AbstractEquations):
 
 
 class Observation(NamedTuple):
-    """A user's view of a point, by which grazings are detected."""
+    """Properties of a point that the caller of a continuation observes; grazings are detected by them."""
 
     counts: tuple[int, ...] = ()
-    """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
-    grazing."""
+    """Numbers of events in a period, by kind, such as the touchdowns of each contact point. At a grazing one of them
+    changes."""
     margins: tuple[float, ...] = ()
-    """Distance of the orbit from such a change, for each kind: zero there, and continuous in its neighbourhood."""
+    """For each kind, a distance from such a change: zero there, and continuous near it."""
     data: Any = None
-    """Anything else to keep."""
+    """Any other data of the caller."""
 
 
 class Node(NamedTuple):
-    """A point of a curve, as far as Newton's method came, with the tangent there.
+    """A point of a curve as Newton's method left it, with the tangent there.
 
-    A branch of motions adds what follows the null vectors, see `slipperjax.analysis.events.observed`.
+    On branches of motions `slipperjax.analysis.events.observed` fills in `multipliers`, `errors` and `view`.
     """
 
     z: Float[Array | np.ndarray, " more"]
     tangent: Float[Array | np.ndarray, " more"]
     """Of weighted length one."""
     weights: Float[Array | np.ndarray, " more"]
-    """Of the unknowns in the measure of length."""
+    """Weights of the unknowns in lengths along the curve."""
     residual: Float[Array | np.ndarray, ""]
     """Greatest weighted component of the residual; infinite where that is not finite."""
     iterations: Int[Array | np.ndarray, ""]
-    matrices: Any = None
-    """As `null_vectors`, those of the `Linearisation` there."""
-    null_vectors: Any = None
-    multipliers: Any = None
-    """The largest modulus first, of shape (size,)."""
-    errors: Any = 0.0
-    """Of the multipliers by rounding, see `rounding_errors`."""
+    matrices: Float[Array | np.ndarray, "intervals size size"] | None
+    """Jacobians of the successive intervals of a motion, see `Linearisation`."""
+    null_vectors: NullVectors
+    multipliers: Complex[np.ndarray, " size"] = np.empty(0, complex)
+    """Floquet multipliers, the largest modulus first."""
+    errors: Float[np.ndarray, " size"] = np.empty(0)
+    """Rounding errors of the multipliers."""
     view: Observation = Observation()
     label: str = ""
-    """Of the event that it is, empty for others."""
+    """Label of the event at this point; empty where there is none."""
 
     @property
     def row(self) -> Float[Array | np.ndarray, " more"]:
-        """Weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
+        """Weighted tangent: `row @ (z' - z)` is the length from this point to a near point z' along the curve."""
         return self.weights**2 * self.tangent
 
     def length(self, way: np.ndarray) -> float:
-        """Return the weighted length of a difference of unknowns."""
+        """Return the weighted length of a difference between points."""
         return float(np.linalg.norm(self.weights * way))
 
     @property
     def conserved(self) -> bool:
-        """Whether the map is conservative here, so that multipliers on the unit circle are neutral."""
+        """True where the map is conservative, so that multipliers on the unit circle do not destabilise."""
         return bool(is_conservative(self.multipliers))
 
-    def margins(self, conserved: bool) -> Any:
-        """Return the distances from the unit circle within which multipliers are neutral."""
+    def margins(self, conserved: bool) -> Float[np.ndarray, " size"]:
+        """Return the distances from the unit circle within which multipliers count as on it."""
         return np.maximum(self.errors, CONSERVED * conserved)
 
     @property
     def critical(self) -> bool:
-        """Whether it is a bifurcation, at which rounding decides on which side the critical multiplier lies."""
+        """True at a bifurcation, where rounding errors decide on which side the critical multiplier lies."""
         return self.label in ("LP", "PD", "NS", "BP")
 
     @property
     def outside(self) -> int:
-        """Number of multipliers outside the unit circle, without neutral and critical ones."""
+        """Number of multipliers outside the unit circle, by more than their errors and without a critical one."""
         near = np.maximum(self.margins(self.conserved), CRITICAL_DISTANCE * self.critical)
         return int(np.sum(np.abs(self.multipliers) > 1 + near))
 
     def beyond(self, conserved: bool, sign: int = 0) -> int:
-        """Return the number of multipliers outside the unit circle, without neutral ones.
+        """Return the number of multipliers outside the unit circle, by more than their errors.
 
-        **Arguments:** `sign`: 1 or -1 for the real ones beyond that number only.
+        **Arguments:** `sign`: 1 or -1 counts only real multipliers above 1 or below -1.
         """
         mu = self.multipliers
         sizes = np.where(mu.imag == 0, sign * mu.real, 0.0) if sign else np.abs(mu)
@@ -123,18 +124,18 @@ class Node(NamedTuple):
 
 def correct(
     equations: AbstractEquations,
-    z: Any,
-    row: Any,
-    near: Any = None,
+    z: Numbers,
+    row: Numbers,
+    near: Numbers | None = None,
     *,
     tolerance: float,
     iterations: int = 8,
 ) -> Node:
-    """Return the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
+    """Find the curve's point on the plane through `z` across `row` by Newton's method; return it in NumPy arrays.
 
     **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
-    `near`: a point of the curve that `z` was predicted from, if any. `tolerance`: residual at which the iteration
-    ends; `iterations`: it ends then in any case.
+    `near`: the point of the curve from which `z` was predicted, if any. `tolerance`: residual at which the iteration
+    ends; `iterations`: most iterations.
     """
     arrays = (jnp.asarray(a) for a in (z, row, z if near is None else near))
     limits = as_argument(tolerance), jnp.asarray(np.asarray(iterations))
@@ -149,22 +150,22 @@ def _correct(
     near: Array,
     limits: tuple,
 ) -> tuple:
-    """Return the numbers of a `Node`."""
+    """Return the first fields of a `Node`, up to its null vectors."""
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
     # the guess must be consistent before the first iteration
     first = equations.project(z, near, jnp.zeros(z.size - 1))
     root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
     now = root.linearisation
-    # across the equations' gradients, with a part along `row` of one
+    # the direction in which no equation changes, by one along `row`
     tangent = solve(now.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
     weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
     return root.z, tangent, weights, root.residual, root.iterations, now.matrices, now.null_vectors
 
 
-def evaluated(equations: AbstractEquations, z: Any) -> Linearisation:
-    """Return `equations.evaluate(z)`, compiled, in arrays of NumPy."""
+def evaluated(equations: AbstractEquations, z: Numbers) -> Linearisation:
+    """Return `equations.evaluate(z)`, compiled, in NumPy arrays."""
     return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
 
 
@@ -174,7 +175,7 @@ def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Lineari
 
 @dataclass(frozen=True)
 class Pace:
-    """Lengths of steps along a curve, in its weighted length."""
+    """First, least and greatest step along a curve, as weighted lengths."""
 
     first: float = 0.02
     least: float = 1e-6
@@ -183,26 +184,25 @@ class Pace:
 
 @dataclass
 class Walk:
-    """Walk along a curve, point by point, with steps that adapt."""
+    """Walk along a curve, point by point, with adaptive steps."""
 
     equations: AbstractEquations
     last: Node
-    """Where the walk is, its tangent pointing ahead."""
+    """Last point of the walk; its tangent points ahead."""
     low: np.ndarray
-    """Bounds of all unknowns, infinite where there are none, of shape (more,)."""
+    """Lower bounds of all unknowns, of shape (more,), infinite where there are none; `high`: upper bounds."""
     high: np.ndarray
     pace: Pace
     tolerance: float
     step: float
-    """What is to be tried next."""
+    """Length of the step to try next."""
     smooth: bool = True
-    """False for equations whose derivatives are rough, so that the last chord tells more of the curve's direction
-    than the tangent."""
+    """False for equations with rough derivatives: then the last chord predicts the next point, not the tangent."""
     ended: str = ""
-    """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
+    """Reason why the walk has ended: "bound" or "no convergence"; empty before."""
 
     def __iter__(self) -> Iterator[Node]:
-        """Yield the next points until the walk has ended. The last one lies on the bound that it meets."""
+        """Yield the next points until the walk has ended; a point on a bound is the last one."""
         while not self.ended:
             before = self.last
             guess = before.z + self.step * before.tangent
@@ -212,7 +212,7 @@ class Walk:
                 if self.step < self.pace.least:
                     self.ended = "no convergence"
                 continue
-            # longer steps where Newton's method was fast, shorter ones where it was slow
+            # a fast correction shows that the curve is nearly straight, so that a longer step will do
             if point.iterations <= 3:
                 self.step = min(1.5 * self.step, self.pace.most)
             elif point.iterations >= 5:
@@ -227,7 +227,7 @@ class Walk:
                 yield within
 
     def _within(self, point: Node) -> Node | None:
-        """Return a new point, or that on the bound for one beyond it; None where the walk ends before."""
+        """Return the point, or the curve's point on the bound where it is beyond; None where there is neither."""
         beyond = (point.z < self.low) | (point.z > self.high)
         if not np.any(beyond):
             return point
@@ -242,12 +242,12 @@ class Walk:
         return None
 
     def _good(self, point: Node, guess: np.ndarray) -> bool:
-        """Return whether a corrected point is the next one of the curve, and not one of another part of it."""
+        """Return whether a corrected point is the next one of the curve, not a point of another part of it."""
         if not point.residual <= self.tolerance:
             return False
         strayed = point.length(point.z - guess)
         if self.step < 2 * self.pace.least:
-            # a curve may have corners, but no gaps
+            # at a corner no step is short enough for the other tests; but a curve has no gaps
             return strayed < 10 * self.step
         near = strayed < 0.5 * self.step
         if not self.smooth:
@@ -260,14 +260,14 @@ class Walk:
         return bool(point.row @ self.last.tangent > LEAST_TURN and near and arched)
 
     def _at_bound(self, beyond: Node) -> Node:
-        """Return the curve's point on the first bound before a point beyond; look at its `residual`."""
+        """Return the curve's point on the first bound that a step beyond it meets; look at its `residual`."""
         edges = np.clip(beyond.z, self.low, self.high)
         chord = beyond.z - self.last.z
         with np.errstate(divide="ignore", invalid="ignore"):
-            # the part of the chord after which each bound is met
+            # share of the chord at which each bound is met
             shares = np.where(edges == beyond.z, np.inf, (edges - self.last.z) / chord)
-        k = int(np.argmin(shares))  # the bound that is met first
-        # the plane of that bound
+        k = int(np.argmin(shares))
+        # correct in the plane of the bound that is met first
         row = np.zeros_like(beyond.z)
         row[k] = np.sign(chord[k])
         guess = self.last.z + shares[k] * chord
@@ -275,27 +275,28 @@ class Walk:
         return correct(self.equations, guess, row, beyond.z, tolerance=self.tolerance)
 
 
-def checked_bounds(bounds: Any, text: str = "numbers") -> tuple[float, float]:
-    """Return two numbers, the smaller first, infinite where there is no bound; raise `ValueError` otherwise."""
+def checked_bounds(bounds: object, text: str = "numbers") -> tuple[float, float]:
+    """Return two bounds as floats, which may be infinite; raise `ValueError` unless the first is the smaller one."""
     try:
-        low, high = (float(bound) for bound in bounds)
+        low, high = map(float, bounds)  # type: ignore[call-overload]
     except (TypeError, ValueError):
         low = high = np.nan
     require(low < high, "bounds", f"be two {text}, the smaller first", bounds)
     return low, high
 
 
-def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
-    """Raise `ValueError` where the value of a parameter at the start lies outside its bounds."""
+def check_within(name: str, value: Real, bounds: tuple[float, float]) -> None:
+    """Raise `ValueError` where the value of an argument lies outside the bounds."""
     low, high = (shown_number(bound) for bound in bounds)
     inside = bounds[0] <= value <= bounds[1]
     require(inside, name, f"lie within the bounds {low} and {high}", shown=shown_number(value))
 
 
 def passes(start: Node, one: Node, other: Node) -> bool:
-    """Return whether a curve comes back to its start between two points: to within a tenth of their distance."""
+    """Return whether a curve passes its start between two points, within a tenth of their distance."""
     chord = other.weights * (other.z - one.z)
     offset = other.weights * (start.z - one.z)
+    # foot of the perpendicular from the start to the chord, and its length
     share = chord @ offset / (chord @ chord)
     away = np.linalg.norm(offset - share * chord) / np.linalg.norm(chord)
     return bool(0 <= share <= 1 and away < 0.1 and start.row @ other.tangent > LEAST_TURN)
