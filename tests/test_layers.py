@@ -1,4 +1,7 @@
-"""The rooms: imports lead to the module where a name is written, downward, anywhere in a file, without cycles."""
+"""The rooms: imports lead to the module where a name is written, downward, anywhere in a file, without cycles.
+
+Imports by a text, such as those of `importlib.import_module`, count, too.
+"""
 
 import ast
 import collections
@@ -13,13 +16,15 @@ import slipperjax
 ROOT = Path(slipperjax.__file__).parent
 ROOMS = "tools; model analysis; solvers; flow; orbits plots; sweeps; studies design bench explorer; cli"
 FLOORS = [set(rooms.split()) for rooms in ROOMS.split(";")]
+BY_NAME = {"import_module", "__import__", "find_spec", "load", "attach"}
+"""Functions of importlib and of lazy loaders, whose texts name modules."""
 EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
 # JAX alone below; these read and write labelled data, pictures and files
 HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "bokeh"}
 MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "bench", "explorer", "cli")
 MAY_BE_HEAVY += (
+    "accessor",
     "tools.progress",
-    "tools.accessor",
     "model.surveys",
     "flow.datasets",
     "orbits.branches",
@@ -28,7 +33,8 @@ MAY_BE_HEAVY += (
 
 
 def floor_of(room: str) -> int:
-    return next(k for k, rooms in enumerate(FLOORS) if room in rooms)
+    # files beside the package's own __init__ stand above all rooms
+    return next((k for k, rooms in enumerate(FLOORS) if room in rooms), len(FLOORS))
 
 
 def modules(root: Path) -> dict[str, Path]:
@@ -37,24 +43,34 @@ def modules(root: Path) -> dict[str, Path]:
     return {name.removesuffix("__init__").removesuffix("."): path for name, path in named.items()}
 
 
+def absolute(folder: list[str], level: int, module: str) -> str:
+    """An own module as a dotted name after a dot, from one with `level` dots before it in a file of `folder`."""
+    return "." + ".".join([*folder[: len(folder) - level + 1], *filter(None, [module])])
+
+
 def imports(root: Path, name: str, path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
     """All imports in a file, inside functions too: (module, names), own modules as dotted names after a dot."""
     folder = name.split(".") if path.name.startswith("__init__.py") else name.split(".")[:-1]
     folder = [part for part in folder if part]
     for node in ast.walk(ast.parse(path.read_text())):
+        texts, names = [], ()
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                own = alias.name.split(".")[0] == root.name
-                yield ("." + alias.name.partition(".")[2] if own else alias.name), ()
+            texts = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
+            texts = ["." * node.level + (node.module or "")]
             names = tuple(alias.name for alias in node.names)
-            if node.level:
-                base = folder[: len(folder) - node.level + 1]
-                yield "." + ".".join([*base, *([node.module] if node.module else [])]), names
-            elif node.module and node.module.split(".")[0] == root.name:
-                yield "." + node.module.partition(".")[2], names
+        elif isinstance(node, ast.Call) and (function := ast.unparse(node.func).split(".")[-1]) in BY_NAME:
+            # lazy loaders take names of modules in their own folder
+            dot = "." if function == "attach" else ""
+            constants = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+            texts = [dot + text for text in constants if isinstance(text, str)]
+        for text in texts:
+            module = text.lstrip(".")
+            if level := len(text) - len(module):
+                yield absolute(folder, level, module), names
             else:
-                yield node.module or "", names
+                own = module.split(".")[0] == root.name
+                yield ("." + module.partition(".")[2] if own else module), names
 
 
 def faults(root: Path) -> list[str]:
@@ -72,8 +88,8 @@ def faults(root: Path) -> list[str]:
             # `from . import x` and `from .folder import x` may mean modules
             meant = {f"{module}.{n}".lstrip(".") for n in names} & set(known) or {module}
             for other in meant:
-                if not room:
-                    continue  # the package's own __init__ may import any room
+                if floor_of(room) == len(FLOORS):
+                    continue  # the package's own files may import any room
                 if not other:
                     found.append(f"{name} imports the package itself")
                 elif other.split(".")[0] == room:
@@ -119,6 +135,17 @@ def test_each_public_name_has_one_place():
         ("sweeps/sweep.py", "from ..model import Scene\n", "sweeps.sweep imports model, and not the module"),
         ("sweeps/sweep.py", "from ..model.scene import _checked\n", "imports _checked from model.scene"),
         ("sweeps/sweep.py", "from ..model.scene import Scene\n", None),
+        (
+            "model/scene.py",
+            "from importlib import import_module\nimport_module('slipperjax.sweeps.sweep')\n",
+            "sweeps",
+        ),
+        ("model/scene.py", "import importlib\nx = importlib.import_module('..flow', __package__)\n", "imports flow"),
+        ("model/scene.py", "def f():\n    return __import__('matplotlib')\n", "model.scene imports matplotlib"),
+        ("model/scene.py", "import lazy_loader\nplt = lazy_loader.load('matplotlib.pyplot')\n", "imports matplotlib"),
+        ("model/scene.py", "import lazy_loader\nlazy_loader.attach(__name__, ['motion'])\n", "cycle: "),
+        ("model/scene.py", "from .. import accessor\n", "imports accessor (floor"),
+        ("accessor.py", "def f():\n    from . import sweeps\n", None),
     ],
 )
 def test_faults_put_in_by_hand_are_found(tmp_path, file, text, words):
@@ -130,6 +157,7 @@ def test_faults_put_in_by_hand_are_found(tmp_path, file, text, words):
     (root / "model" / "__init__.py").write_text("from .scene import Scene as Scene\n")
     (root / "model" / "scene.py").write_text("")
     (root / "model" / "motion.py").write_text("from .scene import Scene\n")
+    (root / "accessor.py").write_text("")
     (root / file).write_text(text)
     found = faults(root)
     assert found == [] if words is None else any(words in fault for fault in found), found

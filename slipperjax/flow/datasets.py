@@ -31,6 +31,7 @@ from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, readable, user_path
+from ..tools.first_dataset import on_dataset
 from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractOutput, History, HistoryValues
@@ -60,8 +61,7 @@ def run_attributes(
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
     that hold what differs between cases.
     """
-    from ..tools import accessor  # noqa: F401  # which datasets then have; here, because it imports xarray
-
+    on_dataset()
     return {
         "scene": scene_to_json(scene),
         "start": json.dumps(describe(start)),
