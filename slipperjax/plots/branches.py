@@ -1,10 +1,10 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from ..analysis.events import MEANINGS
@@ -32,11 +32,11 @@ DASHED = (0, (3.0, 1.4))
 
 
 def branches(
-    ds: Any,
+    ds: object,
     quantity: str = "v_z",
     brute: xr.Dataset | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Draw branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
 
     Colours tell periods apart. An event has a marker at each value that its orbit has.
@@ -72,7 +72,7 @@ def branches(
             stable = stable_parts(one)
             # colours are explained where there are several
             of = f"period {period}, " if len(colors) > 1 else ""
-            style: dict[str, Any] = dict(color=colors[period], zorder=3, solid_capstyle="butt")
+            style = dict(color=colors[period], zorder=3, solid_capstyle="butt")
             ax.plot(*joined(x, threads, stable), lw=1.3, label=f"{of}stable", **style)
             ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, label=f"{of}unstable", **style)
             for label, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
@@ -93,21 +93,18 @@ def check_quantity(quantity: str) -> None:
     one_of("quantity", quantity, (*SECTIONS, *(f"start_{name}" for name in COORDINATES), *of_points))
 
 
-def check_brute(brute: Any, name: str, quantity: str) -> None:
-    """Check that a bifurcation diagram is over a parameter and has a section.
-
-    **Raises:** `ValueError` where not.
-    """
+def check_brute(brute: object, name: str, quantity: str) -> None:
+    """Raise `ValueError` unless a bifurcation diagram is over the parameter `name` and has the section `quantity`."""
     # simulations record sections only
     if quantity not in SECTIONS:
         raise ValueError(f"Argument `brute` must be None where `quantity` is {quantity}, which simulations lack.")
-    check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
+    brute = check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
     over = [str(d) for d in brute[quantity].dims if d != "crossing"]
     if over != [name]:
         raise ValueError(f"Argument `brute` must be swept over {name}, as the branch is, but is over {over}.")
 
 
-def multiplier_circle(ds: Any, ax: Any = None) -> Any:
+def multiplier_circle(ds: object, ax: Axes | None = None) -> Axes:
     """Draw Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
 
     Multipliers with a part above 2 lie outside of the picture.
@@ -134,7 +131,7 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     return ax
 
 
-def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> Any:
+def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None = None) -> Axes:
     """Draw curves of folds, flips, Neimark-Sacker points and grazings over two parameters.
 
     A curve is solid where all other multipliers lie inside the unit circle, so that the motion changes there that is
@@ -153,6 +150,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
 
     **Raises:** `ValueError` for another kind of dataset, or where the parameters differ.
     """
+    # black and colours that stand out on a regime map
     colors = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
     curves = _datasets(ds, "continue_event", "outside")
     over = varied_names(curves[0])
@@ -189,7 +187,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
             # a part is solid where both its ends bound a stable motion
             single = one["outside"].values == 0
             solid = single[1:] & single[:-1]
-            style: dict[str, Any] = dict(color=colors[label], zorder=4)
+            style = dict(color=colors[label], zorder=4)
             ax.plot(*joined(*places, solid), lw=1.4, label=text, **style)
             ax.plot(*joined(*places, ~solid), lw=1.1, ls=DASHED, **style)
         if any(np.any(one["outside"].values) for one in curves):
@@ -198,7 +196,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     return ax
 
 
-def _datasets(ds: Any, source: str, *names: str) -> list[xr.Dataset]:
+def _datasets(ds: object, source: str, *names: str) -> list[xr.Dataset]:
     """Return the datasets, with the variables `names`, of one result or several."""
     # one result is a list of one
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
@@ -207,7 +205,7 @@ def _datasets(ds: Any, source: str, *names: str) -> list[xr.Dataset]:
 
 
 def _parameter(points: Sequence[xr.Dataset]) -> str:
-    """Return the parameter of all branches."""
+    """Return the one parameter that all branches are over."""
     names = {varied_names(one)[0] for one in points}
     if len(names) > 1:
         raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
@@ -215,7 +213,7 @@ def _parameter(points: Sequence[xr.Dataset]) -> str:
 
 
 def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Return lines of a branch (lines, points) [display unit], NaN for none."""
+    """Return a quantity along a branch as lines (lines, points) [display unit]; NaN where a line is absent."""
     if name in SECTIONS:
         check_dataset(ds, "continue_orbit", name, f"{name}_period")
         velocity = ds[name].transpose("point", "crossing").values
@@ -274,7 +272,7 @@ def crossing_threads(
 def stable_parts(ds: xr.Dataset) -> np.ndarray:
     """Return whether a branch is stable between its points, of shape (points - 1,).
 
-    An event has multipliers on the unit circle, or those of one side of a grazing: its other neighbour decides.
+    At an event itself stability is undecided, so a part that begins or ends there has that of its other end.
     """
     stable = ds["stable"].values.astype(bool)
     event = ds["label"].values.astype(str) != ""
@@ -284,9 +282,10 @@ def stable_parts(ds: xr.Dataset) -> np.ndarray:
 
 
 def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return one curve of the chosen `parts` (points - 1,) of lines (lines, points), with NaN after each.
+    """Return x and y of one polyline that draws some parts of several lines, with NaN where it is interrupted.
 
-    **Arguments:** `x`: (points,).
+    **Arguments:** `x`: (points,); `threads`: the lines' y (lines, points); `parts`: which parts between neighbouring
+    points are drawn (points - 1,).
     """
     finite = np.isfinite(threads)
     # a part needs both its ends
@@ -300,11 +299,11 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
     return np.stack([xs, gap], axis=-1)[keep], np.stack([threads, gap], axis=-1)[keep]
 
 
-def _marker(label: str, color: str) -> dict[str, Any]:
+def _marker(label: str, color: str) -> dict[str, object]:
     """Return the style of an event's marker."""
-    # filled markers have a white edge, which parts them from lines
     marker = EVENT_MARKERS[label]
-    style: dict[str, Any] = dict(ls="", marker=marker, zorder=4)
-    if marker in "|x":  # lines without an area
+    style: dict[str, object] = dict(ls="", marker=marker, zorder=4)
+    # filled markers have a white edge, which parts them from lines; these two have no area
+    if marker in "|x":
         return style | dict(ms=5.5, mew=0.9, mec=color)
     return style | dict(ms=4.4, mew=0.6, mec="white", mfc=color)

@@ -1,11 +1,13 @@
 """Designs: objective in each case, trials, progress, sensitivities, margins to events, and the objective nearby."""
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 
 from ..flow.datasets import varied_names
 from ..model.parameters import PARAMETERS
@@ -31,7 +33,7 @@ from .style import (
     with_unit,
 )
 
-OPTIMUM: dict[str, Any] = dict(
+OPTIMUM: dict[str, object] = dict(
     ls="",
     marker="*",
     ms=10,
@@ -44,7 +46,9 @@ OPTIMUM: dict[str, Any] = dict(
 """Marker of the best design."""
 
 
-def design_overview(ds: Any, surroundings: xr.Dataset | None = None, *, margins: xr.Dataset | None = None) -> Any:
+def design_overview(
+    ds: object, surroundings: xr.Dataset | None = None, *, margins: xr.Dataset | None = None
+) -> np.ndarray:
     """Draw a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design. The panels are
@@ -68,11 +72,12 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, *, margins:
     **Raises:** `ValueError` for another kind of dataset.
     """
     ds = _design(ds)
-    draws: list[Any] = [_draw_cases, _draw_trials, _draw_progress, _draw_slopes]
+    draws: list[Callable[..., object]] = [_draw_cases, _draw_trials, _draw_progress, _draw_slopes]
     if surroundings is not None:
         draws.append(partial(_draw_map, surroundings=surroundings))
     if margins is not None:
         draws.append(partial(design_margins, margins=margins))
+    # the letters of panels by their number; E alone is as wide as the page
     rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[len(draws)]
     size = (7.2, 5.8 if len(draws) == 4 else 8.7)
     with styled():
@@ -84,14 +89,14 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, *, margins:
     return axes
 
 
-def _design(ds: Any) -> xr.Dataset:
+def _design(ds: object) -> xr.Dataset:
     """Return the dataset of a design, or of a result that has one, with NaN where an objective is infinite."""
     ds = check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
     names = ["objective", "trial_objective", "trial_smooth"]
     return ds.assign({name: ds[name].where(np.isfinite(ds[name])) for name in names})
 
 
-def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
+def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
     blue = COLORS["blue"]
     x, label = _over_cases(ds)
     order = np.argsort(x)
@@ -109,7 +114,7 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
         # markers by kind of motion
         for kind, marker, at in (("periodic", "o", periodic), ("irregular", "D", ~periodic)):
             if np.isfinite(y[at]).any():
-                style: dict[str, Any] = dict(
+                style = dict(
                     ms=4.5,
                     mew=0.5,
                     mec="white",
@@ -133,14 +138,14 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
     legend_above(ax)
 
 
-def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
+def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
     variables = _variables(ds)[:2]
     total = shown(ds, "trial_smooth")
     places = [one.shown(ds["trial_design"].sel(variable=one.name).values) for one in variables]
     # with one variable the objective is drawn upwards
     x, y = [*places, total][:2]
     taken = ds["trial_taken"].values.astype(bool)
-    first: dict[str, Any] = dict(
+    first = dict(
         ms=6.5,
         mfc="none",
         mec="black",
@@ -164,10 +169,10 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
 
 def _finish_plane(
     ds: xr.Dataset,
-    ax: Any,
+    ax: Axes,
     variables: list[Quantity],
     total: np.ndarray,
-    drawn: Any,
+    drawn: ScalarMappable | None,
 ) -> None:
     """Mark the best design, and label a plane of two variables, or of one with the objective upwards."""
     place = [one.shown(ds["design"].sel(variable=one.name).item()) for one in variables]
@@ -184,10 +189,10 @@ def _finish_plane(
     legend_above(ax)
 
 
-def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray) -> Any:
+def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> ScalarMappable:
     """Draw trials coloured by what is minimised, grey without a motion, as triangles where they violate a constraint.
 
-    **Returns:** what a colour bar needs.
+    **Returns:** the dots, for a colour bar.
     """
     total = shown(ds, "trial_smooth")
     colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
@@ -196,7 +201,7 @@ def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray) -> An
     dots = None
     # each kind of trial has its own marker and entry
     for label, marker, at in (("constraint violated", "v", ~kept), ("trial", "o", kept)):
-        style: dict[str, Any] = dict(
+        style = dict(
             marker=marker,
             cmap=colors,
             norm=norm,
@@ -209,11 +214,11 @@ def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray) -> An
 
 
 def _kept(ds: xr.Dataset) -> np.ndarray:
-    """Return whether each trial keeps the constraints, but for rounding."""
+    """Return whether each trial meets the constraints, up to rounding."""
     return ds["trial_violation"].values <= 1e-6
 
 
-def _draw_progress(ds: xr.Dataset, ax: Any) -> None:
+def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
     total = shown(ds, "trial_smooth")
     x = ds["trial_simulated"].values
     # trials that break a constraint are no progress
@@ -226,7 +231,7 @@ def _draw_progress(ds: xr.Dataset, ax: Any) -> None:
     legend_above(ax)
 
 
-def _draw_slopes(ds: xr.Dataset, ax: Any) -> None:
+def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
     x, label = _over_cases(ds)
     order = np.argsort(x)
     # relative: percent by percent
@@ -243,7 +248,7 @@ def _draw_slopes(ds: xr.Dataset, ax: Any) -> None:
     legend_above(ax)
 
 
-def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
+def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw bars of how far parameters may change, either way, before the orbit of a case meets an event.
 
     A marker at the end of a bar is the event, with the parameter's value there; a bar without one ends where the
@@ -273,7 +278,7 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
             # a row for each parameter, with the cases' bars beneath each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
-            bar: dict[str, Any] = dict(lw=3.5, alpha=0.35, solid_capstyle="butt")
+            bar = dict(lw=3.5, alpha=0.35, solid_capstyle="butt")
             ax.plot([0, change], [row] * 2, color=color, label=text, **bar)
             # the side without an event has a bar alone
             if label:
@@ -285,13 +290,14 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
         ax.axvline(0, lw=0.5, color="black", zorder=1)
         ticks = [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters.values()]
         ax.set_yticks(range(len(names)), ticks)
+        # percent, with space for the values beside the bars
         farthest = 135 * max(float(np.nanmax(np.abs(margins["relative"].values), initial=0.0)), 1e-9)
         ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(names) - 0.5, -0.5))
         legend_above(ax)
     return ax
 
 
-def _draw_map(ds: xr.Dataset, ax: Any, surroundings: xr.Dataset) -> None:
+def _draw_map(ds: xr.Dataset, ax: Axes, surroundings: xr.Dataset) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
     grid = check_dataset(
         surroundings,
@@ -339,12 +345,12 @@ def _smooth_label(ds: xr.Dataset) -> str:
 
 
 def _variables(ds: xr.Dataset) -> list[Quantity]:
-    """Return the quantities of the parameters that were chosen."""
+    """Return the quantities of the design variables."""
     return [_parameter(ds, name) for name in ds["variable"].values.tolist()]
 
 
 def _parameter(ds: xr.Dataset, name: str) -> Quantity:
-    """Return the quantity of a parameter that was chosen or varied."""
+    """Return the quantity of a design variable, or of a parameter that differs between cases."""
     if name in ds or name in PARAMETERS:
         return quantity_of(name, ds)
     return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
@@ -360,7 +366,7 @@ def _stated(q: Quantity, value: float) -> str:
 
 
 def _reduction(ds: xr.Dataset, before: str) -> str:
-    """Return how several cases become one number, after a text; nothing for one case."""
+    """Return a text such as "worst of 5 cases" after `before`; nothing for one case."""
     return f"{before}{ds.attrs['robust']} of {ds.sizes['case']} cases" if ds.sizes["case"] > 1 else ""
 
 

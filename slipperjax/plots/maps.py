@@ -1,14 +1,15 @@
 """Results over one or two parameters: sections, exponents, regimes, attractors, any quantity of a sweep or store."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, FuncNorm, ListedColormap, Normalize
 
-from ..analysis.kinds import Regime, lasting
+from ..analysis.kinds import REGIMES, Regime, lasting
 from ..analysis.lyapunov import LEAST, SURE
 from ..flow.status import Status
 from ..model.quantities import SECTIONS
@@ -17,7 +18,6 @@ from .style import (
     FLAGGED_LABEL,
     MOTION_COLORS,
     NOT_RUN_LABEL,
-    REGIME_COLORS,
     axis_label,
     check_dataset,
     color_bar,
@@ -41,7 +41,7 @@ DIRECTION_COLORS = {"up": COLORS["orange"], "down": COLORS["green"]}
 EXPONENT_LABEL = "largest exponent [1/period]"
 
 
-def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> Any:
+def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: object) -> Axes:
     """Draw one bifurcation diagram: a section's velocities over the swept parameter, in display units.
 
     Cases with a status other than 0 have no dots, but a grey cross at the bottom.
@@ -65,7 +65,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
     return ax
 
 
-def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> Any:
+def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarray:
     """Draw the bifurcation diagrams of all five sections on one page, as Figs. 5, 8 and 10 of the paper.
 
     **Arguments:**
@@ -81,8 +81,7 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> Any:
         check_dataset(followed, "follow", "direction", argument="followed")
         ways = {way: followed.sel(direction=way) for way in followed["direction"].values}
     with styled():
-        options: dict[str, Any] = dict(figsize=(7.2, 5.5), sharex=True, layout="constrained")
-        figure, panels = plt.subplot_mosaic("a.;bc;de", **options)
+        figure, panels = plt.subplot_mosaic("a.;bc;de", figsize=(7.2, 5.5), sharex=True, layout="constrained")
         axes = np.array(list(panels.values()))
         name_case(figure, ds, full=True)
         # followed motions beneath, those from one start above
@@ -99,7 +98,7 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> Any:
     return axes
 
 
-def _draw_dots(ds: xr.Dataset, section: str, ax: Any, **style: Any) -> None:
+def _draw_dots(ds: xr.Dataset, section: str, ax: Axes, **style: object) -> None:
     """Draw the dots of one section, and crosses for cases that are left out."""
     (over,) = swept(ds[section], "crossing")
     values = ds[section].transpose(over, "crossing").values
@@ -144,18 +143,18 @@ def map_over(
     ds: xr.Dataset,
     over: Sequence[str],
     values: np.ndarray,
-    ax: Any,
-    colors: Any,
-    norm: Callable[[Any], Normalize] | None = None,
+    ax: Axes,
+    colors: Sequence[str] | str,
+    norm: Callable[[np.ma.MaskedArray], Normalize] | None = None,
     bad_color: str = COLORS["grey"],
-) -> Any:
+) -> ScalarMappable:
     """Draw values over two parameters as colours of cells; return what a colour bar needs.
 
     Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
     store does not have yet, are white.
 
     **Arguments:** `over`: dimensions of `values`, the first drawn upwards; `colors`: a list, of which `values` are
-    indices, or the name of a colour map; `norm`: makes its scale from the values that are drawn.
+    indices, or the name of a colour map; `norm`: of a colour map, returns its scale for the values that are drawn.
     """
     y, x = (shown(ds, name) for name in over)
     missing = status_of(ds, *over) == Status.NOT_RUN
@@ -182,7 +181,7 @@ def map_over(
     return drawn
 
 
-def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
+def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the largest Lyapunov exponent [1/period] over two parameters: red above zero, blue below, white at zero.
 
     Each colour ends at the largest exponent of its sign and goes as the square root, so that exponents slightly below
@@ -213,7 +212,8 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
 
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
-    """Return colours that are white at zero only: each sign has its own half of them, by the square root."""
+    """Return a colour scale with zero in its middle, where each sign fills its half by the square root."""
+    # exponents below `LEAST` are no different from zero, and must not fill a half
     top = max(float(values.max()), LEAST) if values.count() else 1.0
     bottom = max(float(-values.min()), LEAST) if values.count() else 1.0
     # the two halves have scales of their own
@@ -223,7 +223,7 @@ def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
     return FuncNorm((forward, backward), vmin=-bottom, vmax=top)
 
 
-def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
+def attractor_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the kind of motion over two parameters: periods 1 to 4, others, quasi-periodic, chaotic or unresolved.
 
     Of a dataset of `lyapunov_sweep` they are chaotic, regular and unresolved as in `regime_map`.
@@ -255,14 +255,14 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
 
 def categories(ds: xr.Dataset, words: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
-    """Return the index of each word among the kinds of motion that occur, NaN for others, and colours by name."""
-    present = {name: color for name, color in (MOTION_COLORS | REGIME_COLORS).items() if name in words}
+    """Return the index of each word among the kinds of motion that occur (NaN for other words), and their colours."""
+    present = {name: color for name, color in MOTION_COLORS.items() if name in words}
     index = np.select([words == name for name in present], list(range(len(present))), np.nan)
     life = ds.get("least_mean_life", np.nan)
     return index, {lasting(name, life): color for name, color in present.items()}
 
 
-def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
+def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw which attractor each start leads to, with a legend of the attractors and their shares.
 
     **Arguments:** `ds`: of `slipperjax.sweeps.groups`, over two numbers, the first drawn to the right; `ax`: the Axes
@@ -293,7 +293,7 @@ def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
     return ax
 
 
-def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> Any:
+def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = None) -> Axes:
     """Draw a quantity over one parameter as dots, or over two as colours, in its display unit.
 
     Of a quantity with several values in each case, such as one for each contact point, the largest is drawn. Cases
@@ -333,7 +333,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
     return ax
 
 
-def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
+def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the largest Lyapunov exponent [1/period] over one parameter, with three standard errors, by regime.
 
     Cases with a status other than 0 count as unresolved; where they have no finite exponent, a cross at the bottom
@@ -357,7 +357,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
         ax.axhline(0, lw=0.5, color="black")
         ax.plot(x, np.where(flagged(ds, over), np.nan, y), lw=0.5, color=COLORS["grey"], zorder=1)
         # a colour and a marker for each regime
-        for (name, color), marker in zip(REGIME_COLORS.items(), "oDs^v", strict=True):
+        for name, marker in zip(REGIMES, "oDs^v", strict=True):
             at = (regimes == name) & ~absent
             if at.any():
                 bars = dict(
@@ -365,7 +365,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
                     ms=3.5,
                     mew=0,
                     elinewidth=0.8,
-                    color=color,
+                    color=MOTION_COLORS[name],
                     label=lasting(name, life),
                 )
                 ax.errorbar(x[at], y[at], SURE * error[at], **bars)

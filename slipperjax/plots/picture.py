@@ -1,9 +1,10 @@
 """The picture that fits a result."""
 
 from collections.abc import Callable
-from typing import Any
 
+import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 
 from ..model.quantities import SECTIONS
 from .branches import branches
@@ -13,7 +14,7 @@ from .runs import run_overview
 from .style import as_dataset
 from .trajectories import overview
 
-PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
+PICTURES: tuple[tuple[set[str], int | None, Callable[..., Axes | np.ndarray]], ...] = (
     ({"distance", "seconds", "stretch"}, 0, run_overview),
     ({"trial_design"}, None, design_overview),
     ({"event_point", "stable"}, None, branches),
@@ -27,7 +28,7 @@ PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
 """Names that a result has, over how many parameters (None for any number), and its picture; the first that fits."""
 
 
-def plot(result: Any, **options: Any) -> Any:
+def plot(result: object, **options: object) -> Axes | np.ndarray:
     """Draw the picture that fits a result.
 
     The page of a trajectory, a run or a design; a branch; the bifurcation diagrams, exponents or map of a sweep. Of a

@@ -1,7 +1,5 @@
 """Pictures of rails: their displacement and spectrum, and a run's forces below them."""
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
@@ -13,7 +11,7 @@ from .style import COLORS, axis_label, check_dataset, legend_above, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
-def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
+def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
 
     The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
@@ -45,6 +43,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
         for line in upper.lines:
             spectrum = power_spectral_density(line.get_ydata(), places / extent)
             seen = slice(1, places // 4)  # finer waves are the drawing's
+            # zeros, which a logarithmic axis lacks, are lifted
             density = spectrum.density[seen] + 1e-300
             lower.loglog(spectrum.frequency[seen], density, lw=0.6, color=line.get_color())
             top = max(top, float(density.max()))
@@ -55,13 +54,8 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> Any:
             longest = max(2 * float(scene.value("clearance")) / slope, slipper)
             lower.axvspan(1 / longest, 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
             middle = 1 / np.sqrt(longest * slipper)
-            style: dict[str, Any] = dict(
-                transform=lower.get_xaxis_transform(),
-                ha="center",
-                va="top",
-                fontsize=7,
-            )
-            lower.text(middle, 0.95, "band of\nthe slipper", **style)
+            across = lower.get_xaxis_transform()  # heights as shares of the axes
+            lower.text(middle, 0.95, "band of\nthe slipper", transform=across, ha="center", va="top", fontsize=7)
         lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(1e-10 * top, 5 * top))
         if ds is not None:
             # forces over the same distance

@@ -1,10 +1,9 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 
 from ..flow.datasets import load_scene
 from ..model.parameters import quantity
@@ -33,7 +32,7 @@ RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
 
 
-def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
+def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> np.ndarray:
     """Draw a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
 
     What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
@@ -64,7 +63,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
         "impact_rate": _draw_impacts,
         "band_a_z": _draw_bands,
     }
-    draws: list[Any] = [draw for name, draw in panels.items() if name in ds]
+    draws = [draw for name, draw in panels.items() if name in ds]
     rows = len(draws) + (scene is not None)
     with styled():
         size = (7.2, 1.5 * rows + 0.5)
@@ -96,13 +95,13 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> Any:
 
 
 def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
-    """Return the distances between windows or stretches [m], and those of both ends."""
+    """Return the edges [m] of the windows or stretches of a run, which are coordinates `along` it."""
     ends = ds[along].values
     return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
 
 
 def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
-    """Return a part of a run, as by `ds.isel`, with the stretches alone that it lies in."""
+    """Return a run with only those stretches that its windows lie in, which `ds.isel(distance=...)` does not drop."""
     if "stretch" not in ds.dims:
         return ds
     begin, end = edges_of(ds, "distance")[[0, -1]]
@@ -112,11 +111,11 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _speed_name(ds: xr.Dataset) -> str:
-    """Return the name of the speed along a run, which is another one where the speed was varied."""
+    """Return the name of the speed along a run: another one where "speed" is the parameter that was varied."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
 
 
-def draw_irregularity(ax: Any, scene: Scene, places: np.ndarray) -> None:
+def draw_irregularity(ax: Axes, scene: Scene, places: np.ndarray) -> None:
     """Draw the displacements of the rail [mm] at `places` [m]."""
     here = scene.track.irregularity(places + 0 * scene.wavelength)
     # both directions on one scale
@@ -127,7 +126,7 @@ def draw_irregularity(ax: Any, scene: Scene, places: np.ndarray) -> None:
     legend_above(ax)
 
 
-def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
+def _draw_speed(ax: Axes, ds: xr.Dataset) -> None:
     edges = edges_of(ds, "distance")
     speed = ds[_speed_name(ds)].values
     # speeds are those in the middles of windows
@@ -151,7 +150,7 @@ def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
     legend_above(ax, [*ax.lines, *beside.lines])
 
 
-def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
+def _draw_forces(ax: Axes, ds: xr.Dataset) -> None:
     force = quantity("peak_force")
     _draw_steps(
         ax,
@@ -178,7 +177,7 @@ def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
 
 
 def peak_of(ds: xr.Dataset) -> xr.Dataset:
-    """Return what a run's dataset holds of the window and the point with the highest contact force.
+    """Return the dataset of a run at the window and the contact point of its highest contact force.
 
     The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
     """
@@ -189,7 +188,8 @@ def peak_of(ds: xr.Dataset) -> xr.Dataset:
     return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
 
 
-def _draw_impacts(ax: Any, ds: xr.Dataset) -> None:
+def _draw_impacts(ax: Axes, ds: xr.Dataset) -> None:
+    # of all points at an end together
     for end, color in zip(ds["end"].values, ("blue", "red"), strict=True):
         rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
         _draw_steps(ax, ds, "stretch", rate, str(end), COLORS[color])
@@ -198,7 +198,7 @@ def _draw_impacts(ax: Any, ds: xr.Dataset) -> None:
     legend_above(ax)
 
 
-def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
+def _draw_bands(ax: Axes, ds: xr.Dataset) -> None:
     values = ds["band_a_z"].transpose("band", "stretch").values
     known = np.flatnonzero(np.isfinite(values).any(axis=1))
     ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
@@ -224,21 +224,26 @@ def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
 
 
 def _draw_steps(
-    ax: Any,
+    ax: Axes,
     ds: xr.Dataset,
     along: str,
     heights: np.ndarray,
     label: str,
     color: str,
 ) -> None:
-    """Draw a number of each window or stretch."""
+    """Draw one value for each window or stretch as steps."""
+    # windows are many, and their steps thin
     width = 0.5 if along == "distance" else 0.9
     ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
 
 
 def passing(
-    runs: Any, branch: Any = None, brute: xr.Dataset | None = None, quantity: str = "peak_force", ax: Any = None
-) -> Any:
+    runs: object,
+    branch: object = None,
+    brute: xr.Dataset | None = None,
+    quantity: str = "peak_force",
+    ax: Axes | None = None,
+) -> Axes:
     """Draw how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
 
     Dots are coloured by the way the speed goes, up or down, and named with its rate; further runs are lighter.
@@ -257,9 +262,9 @@ def passing(
 
     **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
     """
-    runs = list(runs) if isinstance(runs, list | tuple) else [runs]
+    several = list(runs) if isinstance(runs, list | tuple) else [runs]
+    runs = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in several]
     for one in runs:
-        check_dataset(one, RUN_SOURCE, quantity, argument="runs")
         # the highest of all points is drawn
         dims = set(one[quantity].dims) - {"end", "point"}
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
@@ -269,7 +274,7 @@ def passing(
         source = "continue_orbit over the speed"
         branch = check_dataset(branch, source, quantity, "speed", "stable", argument="branch")
     with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
-        style: dict[str, Any] = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
+        style = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
             check_dataset(
                 brute,
@@ -286,13 +291,14 @@ def passing(
         for k, one in enumerate(runs):
             speed = one[_speed_name(one)].values
             values = highest(one, quantity, "distance")
+            # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
             # windows at a constant speed belong to neither way
             for way, sign, color in (("up", 1, "red"), ("down", -1, "blue")):
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
                 if there.any():
                     label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-                    shade: dict[str, Any] = dict(color=COLORS[color], alpha=1 - 0.7 * k / len(runs))
+                    shade = dict(color=COLORS[color], alpha=1 - 0.7 * k / len(runs))
                     ax.plot(speed[there], values[there], label=label, **shade, **style)
         # stable parts solid, unstable ones dashed
         if branch is not None:

@@ -1,14 +1,22 @@
 """The cross section, and the slipper around the rail head in motion, with forces as arrows and their history."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.quiver import Quiver
 
 from ..flow.datasets import load_scene
+from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
@@ -17,15 +25,18 @@ from ..tools.checks import finite, known, number, positive, require, whole
 from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, styled
 from .trajectories import TRAJECTORY_SOURCE, contact_forces
 
+if TYPE_CHECKING:
+    import matplotlib.animation
+
 RAIL_STYLE = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "lw": 0.8, "zorder": 1}
 SLIPPER_STYLE = {"facecolor": "#12355b66", "edgecolor": "#12355b", "lw": 0.9, "zorder": 2}
-ARROWS: dict[str, Any] = dict(
+ARROWS: dict[str, object] = dict(
     angles="xy", scale_units="xy", scale=1.0, width=0.006, minlength=0.0, headwidth=4.0, headlength=4.5, zorder=5
 )
 """Arrows whose length is in units of the axes; none where it is zero."""
 
 
-def section(scene: Scene, ax: Any = None) -> Any:
+def section(scene: Scene, ax: Axes | None = None) -> Axes:
     """Draw the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
     Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
@@ -46,7 +57,7 @@ def section(scene: Scene, ax: Any = None) -> Any:
         np.zeros(len(shape.names)),
         magnify,
     )
-    reach = 1e3 * wall(shape)
+    reach = 1e3 * wall(shape)  # of the normals, from m to mm
     own = ax is None
     with drawing(ax, None, 3.5, 2.35) as ax:
         if own:
@@ -57,8 +68,8 @@ def section(scene: Scene, ax: Any = None) -> Any:
     return ax
 
 
-def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
-    """Return the magnification for a mean play of 8 % of the section's height, and no gap above a quarter of it.
+def default_magnification(shape: Section, gaps: float | np.ndarray = 0.0) -> float:
+    """Return the magnification that draws the mean play as 8 % of the section's height, and no gap above 25 % of it.
 
     **Arguments:** `gaps`: those to be drawn [m]. **Returns:** two digits, 1 or more.
     """
@@ -69,6 +80,7 @@ def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
 
 def height(shape: Section) -> float:
     """Return the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
+    # a single face has no height of its own
     width, tall = np.ptp(np.asarray(shape.points), axis=0)
     return float(max(tall, 0.3 * width))
 
@@ -132,12 +144,12 @@ def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
 
 
 def _draw_slipper(
-    ax: Any,
+    ax: Axes,
     shape: Section,
     points: Float[np.ndarray, "points 2"],
     arrows: Float[np.ndarray, "points 2"],
-    labels: Any,
-) -> tuple[Any, Any, Any]:
+    labels: Sequence[str],
+) -> tuple[Polygon, PathCollection, Quiver]:
     """Draw the rail head with its web and labels inside it, and the slipper around it.
 
     **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm].
@@ -165,7 +177,7 @@ def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[n
     return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
 
-def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
+def frame(ax: Axes, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
     """Set axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
     low = 1e3 * points.min(axis=(0, 1)) - margin
     high = 1e3 * points.max(axis=(0, 1)) + margin
@@ -181,14 +193,14 @@ def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> No
 
 
 def animate(
-    run: Any,
+    run: Trajectory | xr.Dataset,
     scene: Scene | None = None,
     *,
     magnify: float | None = None,
     last: float | None = 2.0,
     every: int = 1,
     fps: float = 20.0,
-) -> Any:
+) -> "matplotlib.animation.FuncAnimation":
     """Animate the slipper's front and rear section around the rail head, with the play magnified.
 
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
@@ -231,13 +243,13 @@ def animate(
 
 
 def instant(
-    run: Any,
+    run: Trajectory | xr.Dataset,
     scene: Scene | None = None,
     *,
     at: float | None = None,
     magnify: float | None = None,
     last: float | None = 2.0,
-) -> Any:
+) -> Figure:
     """Draw one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
 
     **Arguments:** as for `animate`. **Returns:** the figure.
@@ -268,7 +280,11 @@ class Frames(NamedTuple):
 
 
 def frames_of(
-    run: Any, scene: Scene | None = None, *, magnify: float | None = None, last: float | None = 2.0
+    run: Trajectory | xr.Dataset,
+    scene: Scene | None = None,
+    *,
+    magnify: float | None = None,
+    last: float | None = 2.0,
 ) -> Frames:
     """Return what `animate` draws, with the same arguments and errors."""
     ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
@@ -291,6 +307,7 @@ def frames_of(
     if magnify is None:
         magnify = default_magnification(scene.section, gap)
     points = drawn_points(scene.section, gap, offset, number(positive, "magnify", magnify))
+    # arrows in mm per newton: half the height, which is in m
     newton = 500 * height(scene.section) / max(float(force.max()), 1e-9)
     arrows = newton * force[..., None] * np.asarray(scene.section.normals)
     return Frames(ds, scene.section, ds["period"].values, points, force, magnify, arrows)
@@ -303,8 +320,9 @@ class _Picture:
         self.frames = frames
         shape = frames.shape
         with styled():
-            size: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
-            self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **size)
+            self.figure, axes = plt.subplot_mosaic(
+                "FR;HH", height_ratios=(2.4, 1), figsize=(7.2, 4.3), layout="constrained"
+            )
             self.ends = []
             for k, end in enumerate(("front", "rear")):
                 ax = axes[end[0].upper()]
@@ -330,7 +348,7 @@ class _Picture:
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 
-    def show(self, k: int) -> list[Any]:
+    def show(self, k: int) -> list[Artist]:
         """Draw the instant with index `k`; return the artists that changed."""
         frames = self.frames
         # the artists stay, and get new places

@@ -10,7 +10,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
@@ -47,21 +50,17 @@ MOTION_COLORS = {
     "period 3": "#ffea81",
     "period 4": "#4055c8",
     "other periods": "#001951",
-    "quasi-periodic": "#009b68",
-    "regular": "#aff1b5",
+    "quasi-periodic": "#aff1b5",
+    "regular": "#009b68",
     "chaotic": "#af2b19",
     "transient chaos": "#ff7d20",
     "unresolved": "#aca0bf",
     FLAGGED_LABEL: "#453131",
 }
-"""Colours of motions. Each two differ by 25 in CIELAB or more, also for readers without red or green."""
-
-REGIME_COLORS = {
-    "periodic": MOTION_COLORS["period 2"],
-    "regular": MOTION_COLORS["quasi-periodic"],
-    **{name: MOTION_COLORS[name] for name in ("chaotic", "unresolved", "transient chaos")},
-}
-"""Colours of the kinds in `REGIMES` of analysis/kinds.py, in the order of legends."""
+# no picture has both this and single periods
+MOTION_COLORS["periodic"] = MOTION_COLORS["period 2"]
+"""Colours of motions, of whatever name. Each two that one picture may have differ by 25 in CIELAB or more, also for
+readers without red or green."""
 
 POINT_COLORS = (
     *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
@@ -90,20 +89,19 @@ def line_color(number: int) -> str:
 
 
 def typeset(unit: str) -> str:
-    """Return a unit of a dataset, as in m/s^2, with its exponents raised."""
+    """Return a unit such as m/s^2 with its exponents raised, as matplotlib writes them."""
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
 
 
 def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
-    """Return a text and a unit after it; a pure number has none."""
-    # pure numbers have no unit
+    """Return a text and a unit after it, where that is not 1."""
     if unit == "1":
         return text
     return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
 
 
 def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
-    """Return the quantity of a variable or coordinate; of one outside the registry by its attributes in `ds`."""
+    """Return the quantity of a variable or coordinate: of the registry, or else by its attributes in `ds`."""
     try:
         return quantity(name)
     # a path, or a number that a user records
@@ -138,27 +136,29 @@ def name_label(q: Quantity) -> str:
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Return the values of a variable or coordinate in its display unit, as its axis label names it."""
+    """Return the values of a variable or coordinate in its display unit, which its axis label names."""
     return quantity_of(name, ds).shown(ds[name].values)
 
 
 def highest(ds: xr.Dataset, name: str, *dims: str) -> np.ndarray:
-    """Return a variable in its display unit over `dims`, the highest along all other dimensions."""
+    """Return a variable over `dims` in its display unit, with its maximum along all other dimensions."""
     values = ds[name].astype(float)
     # xarray leaves NaN out, and infinities are no numbers to draw
     values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
     return quantity_of(name, ds).shown(values.values)
 
 
-def as_dataset(result: Any) -> Any:
+def as_dataset(result: object) -> object:
     """Return the dataset of a trajectory, a design or a branch, and anything else as it is."""
     return result.to_xarray() if hasattr(result, "to_xarray") else getattr(result, "points", result)
 
 
-def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
+def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
     """Return `ds`, or the dataset of a result that has one.
 
-    **Raises:** `ValueError` where it has not the variables `names`; `source` says what makes one.
+    **Arguments:** `source`: what makes such datasets, for the error; `names`: variables that it must have.
+
+    **Raises:** `ValueError` for anything else.
     """
     ds = as_dataset(ds)
     if not isinstance(ds, xr.Dataset):
@@ -176,8 +176,8 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr
 
 @contextmanager
 def drawing(
-    ax: Any, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
-) -> Iterator[Any]:
+    ax: Axes | None, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
+) -> Iterator[Axes]:
     """Yield `ax`, or in `STYLE` the Axes of a new figure [inches] with the fixed parameters of `ds` as its title."""
     if ax is not None:
         yield instance("ax", ax, Axes, "Axes of matplotlib")
@@ -189,10 +189,10 @@ def drawing(
         yield ax
 
 
-def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
+def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
     """Draw a legend above the axes, in as many columns as its longest entry allows; none without entries.
 
-    Small dots are larger there.
+    Dots are larger there than in the axes, so that their colours are seen.
 
     **Arguments:** `handles`: its entries; default what has a label in the axes, each label once.
     """
@@ -222,40 +222,41 @@ def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
     plt.setp(dots, markersize=5)
 
 
-def legend_patch(ax: Any, label: str, **style: Any) -> None:
-    """Add an area to the legend of the axes, which is drawn nowhere else."""
+def legend_patch(ax: Axes, label: str, **style: object) -> None:
+    """Add a patch to the legend of the axes, and to nothing else: it is a polygon without corners."""
     ax.fill([], [], label=label, **style)
 
 
 def is_wide(values: np.ndarray) -> bool:
-    """Return whether values are drawn on a logarithmic scale: positive, the greatest eight times the least."""
+    """Return whether values need a logarithmic scale: all positive, the largest more than 8 times the smallest."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > 8 * np.min(finite))
 
 
 def color_norm(values: np.ndarray) -> Normalize:
-    """Return the scale of colours over finite values, logarithmic where they are wide."""
+    """Return the colour scale of the finite values, logarithmic where they need it."""
     finite = np.ma.masked_invalid(values).compressed()
+    # the limits of the scale are those of what can be drawn
     norm = LogNorm() if is_wide(finite) else Normalize()
     norm.autoscale(finite)
     return norm
 
 
-def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
-    """Draw a colour bar, into Axes `cax` where they are given."""
+def color_bar(ax: Axes, mappable: ScalarMappable, label: str, cax: Axes | None = None) -> None:
+    """Draw a colour bar beside the axes, or into the Axes `cax`."""
     bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
     if isinstance(mappable.norm, LogNorm):
         set_log_ticks(bar.ax.yaxis)
 
 
-def fit_scale(ax: Any, values: np.ndarray) -> None:
-    """Make the vertical axis logarithmic where values are wide."""
+def fit_scale(ax: Axes, values: np.ndarray) -> None:
+    """Make the vertical axis logarithmic where values need it."""
     if is_wide(values):
         ax.set_yscale("log")
         set_log_ticks(ax.yaxis)
 
 
-def set_log_ticks(axis: Any) -> None:
+def set_log_ticks(axis: Axis) -> None:
     """Put plain numbers at 1, 2, 5, 10, ... of a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
@@ -285,14 +286,14 @@ def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
     return status_of(ds, *dims) != Status.FINITE
 
 
-def mark_cases(ax: Any, x: np.ndarray, label: str, color: str = COLORS["grey"]) -> None:
+def mark_cases(ax: Axes, x: np.ndarray, label: str, color: str = COLORS["grey"]) -> None:
     """Draw crosses near the bottom of the axes at `x` [display unit]."""
     if len(x):
         y = np.full(len(x), 0.04)  # of the height of the axes
         ax.plot(x, y, "x", ms=3, mew=0.7, color=color, label=label, transform=ax.get_xaxis_transform())
 
 
-def png(figure: Any, dpi: int) -> bytes:
+def png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
     instance("figure", figure, Figure, "a figure of matplotlib")
     number(positive, "dpi", dpi)
@@ -336,14 +337,14 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     return "\n".join(", ".join(line) for line in lines if line)
 
 
-def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
-    """Write the case above a figure."""
+def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:
+    """Write the fixed parameters of a dataset above a figure."""
     text = case_title(ds, full=full)
     if text:
         figure.suptitle(text, fontsize=7)
 
 
-def name_status(figure: Any, code: int) -> None:
+def name_status(figure: Figure, code: int) -> None:
     """Write a status other than 0 above a figure, in red below its title."""
     if code != Status.FINITE:
         lines = [figure.get_suptitle(), textwrap.fill(f"status: {Status(code)}", 90)]
@@ -351,8 +352,9 @@ def name_status(figure: Any, code: int) -> None:
 
 
 def _number(ds: xr.Dataset, q: Quantity) -> float | None:
-    """Return a parameter's one value [SI unit]; None where it has several, or none."""
+    """Return the value of a parameter [SI unit]; None where the dataset has several, or none."""
     if q.name in ds.coords:
         return ds[q.name].item() if ds[q.name].size == 1 else None
+    # attributes are named with their unit, as in "speed [m/s]"
     value = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]")
     return float(value) if np.size(value) == 1 and value is not None else None

@@ -1,14 +1,17 @@
 """Pictures of one trajectory: histories, contact forces, phase portraits and spectra."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 
+from ..flow.simulate import Trajectory
 from ..flow.status import Status
 from ..model.parameters import quantity
 from ..tools.checks import number, positive, real, require, whole
+from ..tools.types import Numbers
 from .style import (
     COLORS,
     POINT_COLORS,
@@ -28,7 +31,7 @@ TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
 """Kind of the datasets drawn here, for errors."""
 
 
-def history(ds: Any, name: str, ax: Any = None) -> Any:
+def history(ds: Trajectory | xr.Dataset, name: str, ax: Axes | None = None) -> Axes:
     """Draw one output over time.
 
     **Arguments:**
@@ -48,18 +51,18 @@ def history(ds: Any, name: str, ax: Any = None) -> Any:
 
 
 def contact_forces(
-    ds: Any,
-    ax: Any = None,
+    ds: Trajectory | xr.Dataset,
+    ax: Axes | None = None,
     *,
     most: int = 4,
     last: float | None = 4.0,
-) -> Any:
+) -> Axes:
     """Draw the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
-    The legend gives the highest force of each in all of `ds`, over every integration step where `ds` has that, and
-    its instant; a dot marks it where it lies in what is drawn. In a part of a run, as by `ds.isel`, without the
-    run's peak, it is the highest of the saved states, which may miss more. A peak whose instant `ds` lacks is named
-    as that of the whole run.
+    The legend has the peak force of each point and its time; a dot marks the peak where it lies in what is drawn. It
+    is the peak over every integration step where `ds` has `peak_force`. A part of a run, as by `ds.isel(time=...)`,
+    that excludes the run's peak has that of its saved states instead, which may be lower. Where `ds` lacks the time
+    of a peak, the legend says "in the whole run".
 
     **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: forcing periods at the end of the
     run that are drawn, None for all.
@@ -97,7 +100,7 @@ class PointForce(NamedTuple):
     peak: float
     instant: float
     """Time of the peak [forcing periods], NaN without contact or where the dataset lacks it."""
-    style: dict[str, Any]
+    style: dict[str, object]
     """Colour and dashes in all pictures."""
 
 
@@ -132,7 +135,7 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     return lines
 
 
-def overview(ds: Any) -> Any:
+def overview(ds: Trajectory | xr.Dataset) -> np.ndarray:
     """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
@@ -163,7 +166,7 @@ def overview(ds: Any) -> Any:
     return panels
 
 
-def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> Any:
+def phase_portrait(ds: Trajectory | xr.Dataset, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
     """Draw the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
@@ -191,13 +194,13 @@ def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> A
 
 
 def spectrum(
-    frequency: Any,
-    density: Any,
-    ax: Any = None,
+    frequency: Numbers,
+    density: Numbers,
+    ax: Axes | None = None,
     *,
     unit: str = "",
     highest: float | None = None,
-) -> Any:
+) -> Axes:
     """Draw a power spectral density over frequency, with a logarithmic scale.
 
     **Arguments:**

@@ -20,7 +20,7 @@ def drawn(monkeypatch):
     """Replaces each picture by its name; gives what was asked of them."""
     asked = []
     named = [(names, count, draw.__name__) for names, count, draw in picture.PICTURES]
-    note = lambda name: lambda ds, **options: asked.append((name, options))
+    note = lambda name: lambda ds, **options: np.array(asked.append((name, options)))
     monkeypatch.setattr(picture, "PICTURES", tuple((names, count, note(name)) for names, count, name in named))
     monkeypatch.setattr(picture, "quantity_map", note("quantity_map"))
     return asked

@@ -10,8 +10,9 @@ from matplotlib.colors import to_hex
 
 import slipperjax as sj
 from slipperjax import plots
+from slipperjax.analysis.kinds import REGIMES
 from slipperjax.model.quantities import COORDINATES, SECTIONS
-from slipperjax.plots.style import COLORS, POINT_COLORS, REGIME_COLORS, axis_label, case_title, png, quantity_of
+from slipperjax.plots.style import COLORS, MOTION_COLORS, POINT_COLORS, axis_label, case_title, png, quantity_of
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -133,9 +134,9 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     assert legend(ax) == ["periodic", "regular", "chaotic", "unresolved"]
     lines = [line for line in ax.lines if line.get_marker() in "oDs^v"]
     assert len({line.get_marker() for line in lines}) == 4
-    for (name, color), line in zip(REGIME_COLORS.items(), lines, strict=False):
+    for name, line in zip(REGIMES, lines, strict=False):
         at = np.flatnonzero(np.array(REGIME_NAMES) == name)
-        assert to_hex(line.get_color()) == color
+        assert to_hex(line.get_color()) == MOTION_COLORS[name]
         assert drawn(line) == pytest.approx(np.stack([at + 1, EXPONENTS[at]], axis=1))
     chaotic = ax.containers[2].lines[2][0].get_segments()
     assert chaotic[0][:, 1] == pytest.approx([0.3 - 0.03, 0.3 + 0.03])
