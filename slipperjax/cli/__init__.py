@@ -11,23 +11,24 @@ from .interrupts import Signals, ignore_signals, leave
 from .options import INTERRUPTED, WRONG, app as app
 
 
-def _one_line(message, category, filename, lineno, file=None, line=None) -> None:
-    """Show a warning as the command line shows errors."""
+def _one_line(message, *_) -> None:
+    """Print a warning in one line, as errors are printed."""
     print("warning: " + " ".join(str(message).split()), file=sys.stderr)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0, 1 where nothing finite came out, 2 with one line that says what is wrong, or after an
-    interrupt 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
+    """Run a command and exit: with 0, with 1 where no result is finite, with 2 and a line on what is wrong,
+    or after an interrupt with 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
 
     **Arguments:** `arguments`: of the command line; default those of the process, which an interrupt then ends
     without waiting for its threads.
     """
     warnings.showwarning = _one_line
     if arguments is None:
-        # modules are no garbage, and a command makes little: a short run takes a fifth less time
+        # keep the garbage collector from modules, and call it less often: a short run takes a fifth less time
         gc.freeze()
         gc.set_threshold(50_000)
+    # an interrupt may raise here, or set its code while the command ends by itself
     with Signals() as signals:
         try:
             code = _called(sys.argv[1:] if arguments is None else arguments, signals)
@@ -38,16 +39,18 @@ def main(arguments: list[str] | None = None) -> None:
                 ignore_signals()
                 code = signals.code
             print("interrupted", file=sys.stderr)
+            # threads of XLA may still run, and cannot be stopped
             if arguments is None:
                 leave(code)
     if arguments is None:
-        gc.freeze()  # nor is what is left at the end
+        gc.freeze()  # the process ends, and nothing need be collected
     sys.exit(code)
 
 
 def _called(arguments: list[str], signals: Signals) -> int:
-    """Return the exit code of a command; print what is wrong with it."""
+    """Run a command and return its exit code; print its error in one line."""
     try:
+        # click returns the code, instead of ending the process
         code = app(args=arguments or ["--help"], prog_name="slipperjax", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except click.exceptions.Abort:

@@ -1,7 +1,8 @@
 """The command that chooses parameters by an objective."""
 
+from collections.abc import Collection
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,6 +25,13 @@ from .options import (
     takes_case,
 )
 
+if TYPE_CHECKING:
+    import numpy
+    import xarray
+
+    from ..design.objectives import Objective
+    from ..design.optimise import Design
+
 TRIAL_PATIENCE = 20.0
 """Seconds that an interrupted command waits for the trial that is being judged."""
 AROUND = {1: 11, 2: 5, 3: 3}
@@ -42,7 +50,7 @@ OBJECTIVE_UNITS = {
     "grazing_distance": "mm",
     "exponent": "1/period",
 }
-"""Objectives with their display units, for help texts, which do not wait for imports."""
+"""Objectives with their display units: a copy, so that help need not wait for the import of design."""
 OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 SPEED = Measure(PARAMETERS["speed"])
 
@@ -51,43 +59,53 @@ SPEED = Measure(PARAMETERS["speed"])
 @option(
     "--minimise",
     OBJECTIVE,
-    f"The objective: {', '.join(f'{name} [{unit}]' for name, unit in OBJECTIVE_UNITS.items())}.",
+    f"Objective to minimise: {', '.join(f'{name} [{unit}]' for name, unit in OBJECTIVE_UNITS.items())}.",
     metavar="NAME",
     required=True,
 )
-@bounds("--vary", "A parameter that is chosen, and its bounds; repeat for several.", multiple=True, required=True)
+@bounds("--vary", "Design variable with its lower and upper bound; repeat for several.", multiple=True, required=True)
 @option(
     "--speeds",
     (SPEED, SPEED, COUNT),
-    "Speeds that the design must serve: first and last [m/s], and how many; default the case's.",
+    "Speeds that the design must serve: first and last [m/s], and their number; default: the scene's alone.",
     metavar="FIRST LAST COUNT",
 )
-@option("--robust", click.Choice(["worst", "mean"]), "Minimise the worst speed or the mean.", default="worst")
+@option(
+    "--robust",
+    click.Choice(["worst", "mean"]),
+    "Minimise the objective at its worst speed, or its mean.",
+    default="worst",
+)
 @option(
     "--constraint",
     (OBJECTIVE, float, float),
-    "An objective's lowest and highest value at every speed, in the units of --minimise; -inf or inf for none; "
-    "repeat for several.",
+    "Lowest and highest allowed value of an objective at every speed, in the units of --minimise; -inf or inf: no "
+    "limit; repeat for several.",
     metavar="NAME LOW HIGH",
     multiple=True,
 )
 @option(
     "--starts",
     COUNT,
-    "Number of starting designs: the case's, if within the bounds, and good ones that lie apart.",
+    "Number of starting designs: the scene's own, if within the bounds, then good ones far from each other.",
     default=5,
 )
-@option("--max-trials", COUNT, "Most trials of each start.", default=60)
-@option("--transient", FROM_ZERO, "Forcing periods to pass before an orbit is looked for.", default=200)
-@option("--seed", FROM_ZERO, "Random seed of the starts.", default=0)
+@option("--max-trials", COUNT, "Maximum number of designs tried from each start.", default=60)
+@option("--transient", FROM_ZERO, "Forcing periods simulated before a periodic orbit is searched.", default=200)
+@option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=0)
 @option("--check/--no-check", None, "Simulate a grid of designs around the best one.", default=True)
-@option("--margins/--no-margins", None, "Look for the nearest folds, flips and grazings.", default=True)
+@option(
+    "--margins/--no-margins",
+    None,
+    "Find the nearest folds, flips and grazings.",
+    default=True,
+)
 @result("design")
 @takes_case
-def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options: Any) -> int:
-    """Find parameters within bounds that keep an objective lowest over a range of speeds.
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options) -> int:
+    """Find the parameters within bounds that minimise an objective over a range of speeds.
 
-    The other parameters are those of the case.
+    All other parameters keep the values of the scene.
     """
     from ..design.objectives import OBJECTIVES
     from ..design.optimise import optimise_design
@@ -97,8 +115,9 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     for name, low, high in vary:
         require(name not in variables, "--vary", "name each parameter once", name)
         variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
+    # one case alone, the scene, without speeds
     over = {} if speeds is None else {"speed": _speeds(*speeds, variables=variables)}
-    limits: dict[Any, tuple[float, ...]] = {}
+    limits: dict[Objective, tuple[float, ...]] = {}
     # limits of each objective in its display unit
     for name, *ends in constraint:
         objective = OBJECTIVES[name]
@@ -108,7 +127,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     files = Outputs(out, ".nc", ".png")
     of_case = case.text([*variables, *over])
 
-    def keep(best: Any) -> str:
+    def keep(best: "Design") -> str:
         print(f"{report(best)}\n{of_case}")
         return files.write(best.to_xarray(), partial=True)
 
@@ -116,7 +135,9 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     # an interrupted search keeps its best design
     with keeping(keep):
         best = on_thread(call, TRIAL_PATIENCE)
+    # before the checks, which take a while
     print(f"{report(best)}\n{of_case}", flush=True)
+    # checks of a design that is not the best one would mislead
     done = best.status == "converged"
     around = on_thread(partial(_around, best), TRIAL_PATIENCE) if check and done else None
     events = on_thread(partial(_margins, best), TRIAL_PATIENCE) if margins and done else None
@@ -124,8 +145,8 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     return LOST if best.status == "no motion" else 0
 
 
-def _around(best: Any) -> Any:
-    """Return the objective around a design by simulation alone."""
+def _around(best: "Design") -> "xarray.Dataset | None":
+    """Return the objective on a grid of designs around the best one, by simulation alone; None where too many."""
     from ..design.checks import surroundings
 
     # the number of designs grows with the power of the variables
@@ -139,10 +160,11 @@ def _around(best: Any) -> Any:
     return ds
 
 
-def _margins(best: Any) -> Any:
-    """Return the nearest events of the cases that tell most; they are printed."""
+def _margins(best: "Design") -> "xarray.Dataset | None":
+    """Return and print how far parameters may change before an event; None where no orbit can be followed."""
     from ..design.checks import event_margins
 
+    # only orbits have a period
     if not any(best.cases["period"].values > 0):
         print("no case is on an orbit that could be followed to events")
         return None
@@ -152,6 +174,7 @@ def _margins(best: Any) -> Any:
         print(f"nearest events were not found: {error}")
         return None
     print("nearest events:")
+    # a line for each parameter, way and case
     for row in range(ds.sizes["margin"]):
         at = ds.isel(margin=row)
         quantity = parameter(str(at["parameter"].item()), best.problem.scene)
@@ -167,20 +190,21 @@ def _margins(best: Any) -> Any:
     return ds
 
 
-def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
-    """Return the speeds of --speeds."""
+def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> "numpy.ndarray":
+    """Return the speeds of --speeds [m/s]."""
     import numpy as np
 
     alone = not given("speed") and "speed" not in variables
     require(alone, "--speeds", "not be given with --speed or --vary speed", shown="given")
+    # one speed alone has two equal ends
     good = 0 < low <= high < np.inf and (count > 1) == (low < high)
     need = "be the lowest and the highest speed, above zero, and their number"
     require(good, "--speeds", need, shown=f"{low:g} to {high:g} m/s and {count}")
     return np.linspace(low, high, count)
 
 
-def report(best: Any) -> str:
-    """Return a design in words: what was found, how sure, and a line for each case."""
+def report(best: "Design") -> str:
+    """Return a design in words: what was found, its uncertainty, and a line for each case."""
     import pandas as pd
 
     from ..plots.style import shown
@@ -188,6 +212,7 @@ def report(best: Any) -> str:
     q = best.problem.objective.quantity
     cases = best.cases
     lines = [repr(best)]
+    # averages over chaotic motions have one, orbits none
     if best.stderr > 0:
         lines.append(f"standard error {q.shown(best.stderr):.2g} {q.display_unit}")
     if best.several:

@@ -1,33 +1,34 @@
 """The command that shows results in the browser."""
 
 import time
-from typing import Any
+from pathlib import Path
 
 import click
 
 from ..tools.files import listed
 from .options import CASE, FILE, FROM_ZERO, Case, app, flag, given, option, takes_case
-from .sweep import axis, make_grid
+from .sweep import Axis, axis, make_grid
 
 
 @app.command()
 @axis(
     "--over",
-    "Parameter from left to right of a map that is computed: first and last value, and how many.",
+    "Horizontal axis of a map to compute: parameter, first value, last value, number of values.",
 )
-@axis("--by", "Parameter upwards, likewise; without it a bifurcation diagram is computed.")
-@option("--port", FROM_ZERO, "Port of the loopback address; 0 for one that is free.", default=0)
-@flag("--no-browser", "Print the address, and open no browser.")
+@axis("--by", "Vertical axis, likewise; without it a bifurcation diagram is computed.")
+@option("--port", FROM_ZERO, "Port at which this machine serves the page; 0: any that is free.", default=0)
+@flag("--no-browser", "Print the address without opening a browser.")
 @takes_case
 @click.argument("source", metavar="[STORE|FILE|SCENE]", type=FILE, required=False)
-def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source: Any) -> int:
+def explore(case: Case, over: Axis | None, by: Axis | None, port: int, no_browser: bool, source: Path | None) -> int:
     """Look at a map in the browser: click a point to see how that slipper moves, drag a box to compute it finer.
 
-    STORE, FILE: a store or a netCDF file of sweep, bifurcation, lyapunov or run. SCENE: a TOML file, whose map is
-    computed. Options that change the case go with --scene in place of it.
+    STORE or FILE: a store or a netCDF file that sweep, bifurcation, lyapunov or run wrote. SCENE: a TOML file, of
+    which a map is computed. To change a scene by options such as --mass, give it by --scene instead.
     """
     from ..explorer.launch import explore as serve
 
+    # a result has its own scene, which options cannot change
     if source is not None and (of_case := given(*CASE)):
         raise ValueError(f"Argument {source} must not be given with {listed(of_case)}, which change --scene.")
     if without_effect := given("solver", "steps_per_period"):
@@ -37,10 +38,11 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
     try:
         page = serve(case.scene if source is None else source, grid, start=case.start, port=port)
-    except ImportError as error:
+    except ImportError as error:  # which says how to install Bokeh
         raise ValueError(str(error)) from None
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
         page.open_browser()
+    # the server has a thread of its own; this one waits for Ctrl-C
     while True:
         time.sleep(1.0)

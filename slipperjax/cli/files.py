@@ -5,55 +5,63 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..flow.status import Interrupted
-from ..tools.files import listed, write_each
+from ..model.scene import Scene
+from ..tools.files import Content, listed, write_each
+from ..tools.types import Numbers
 
-Draw = Callable[[Any], Any]
-"""Makes a picture of a dataset."""
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import numpy
+    import xarray
+
+Draw = Callable[["xarray.Dataset"], "matplotlib.axes.Axes | numpy.ndarray"]
+"""Draws a dataset; returns Axes, or an array of them."""
 
 PARTIAL = "_partial"
-"""Added to the name of a result that an interrupt cut short: a name without it is that of a whole one."""
+"""Added to the names of files with the part of a result that was finished before an interrupt."""
 
 
 def make_folder(folder: Path, out: Path) -> None:
-    """Make the folder to write into, before anything long is begun.
+    """Make the folder of `out`; raise `ValueError` where it cannot be made or written to.
 
-    **Raises:** `ValueError` where it cannot be made or written to.
+    Commands call this first, so that no long computation ends without a place for its result.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # permissions alone do not tell whether a disk takes a file
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
-def fitting(ds: Any, **options: Any) -> Any:
-    """Draw the picture that fits a dataset."""
-    # imported when it draws: help and errors need not wait for it
+def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | numpy.ndarray":
+    """Draw the picture that fits a dataset; import matplotlib only now, so that help and errors need not wait."""
     from ..plots.picture import plot
 
     return plot(ds, **options)
 
 
-def _picture(ds: Any, draw: Draw) -> bytes:
-    """Draw a dataset by `draw`, as the content of a PNG file."""
+def _picture(ds: "xarray.Dataset", draw: Draw) -> bytes:
+    """Return the content of a PNG file of a dataset, drawn by `draw`."""
     import matplotlib
     import numpy as np
 
-    matplotlib.use("Agg")
+    matplotlib.use("Agg")  # which needs no screen
     from ..plots.style import png
 
-    return png(np.ravel(draw(ds))[0].figure, 300)
+    # all Axes of a picture are in one figure
+    return png(np.asarray(draw(ds)).flat[0].figure, 300)
 
 
 class Outputs:
     """The files of a command: OUT with endings."""
 
     def __init__(self, out: Path, *endings: str):
-        """Make the folder, and say which files will be replaced, before anything long is begun.
+        """Make the folder, and print which files will be replaced.
 
         **Raises:** `ValueError` where they cannot be written.
         """
@@ -67,20 +75,21 @@ class Outputs:
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
+        # on standard error, so that output stays what scripts read
         old = [str(path) for path in paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
     def write(
-        self, ds: Any, draw: Draw | None = fitting, *, partial: bool = False, picture: Path | None = None
+        self, ds: "xarray.Dataset", draw: Draw | None = fitting, *, partial: bool = False, picture: Path | None = None
     ) -> str:
-        """Write a dataset as OUT.nc where that is one of the files, and its picture as OUT.png; says so.
+        """Write a dataset to OUT.nc, if it is one of the files, and its picture to OUT.png; return what was written.
 
-        **Arguments:** `draw`: None for no picture; `partial`: whether an interrupt left it, which makes it
-        OUT_partial; `picture`: another name than OUT for the picture.
+        **Arguments:** `draw`: None for no picture; `partial`: whether it is what an interrupt left, which is
+        written to OUT_partial; `picture`: name of the picture instead of OUT.
         """
         out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
-        contents: dict[Path, Any] = {}
+        contents: dict[Path, Callable[[], Content]] = {}
         if ".nc" in self.endings:
             # made in memory: HDF5 loses the whole process where a disk is full
             contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
@@ -91,21 +100,22 @@ class Outputs:
 
 @contextmanager
 def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
-    """Around what can be interrupted: keeps what was finished until then, and says so.
+    """Keep what an interrupted computation inside has finished, and print how much it is and where it is kept.
 
-    **Arguments:** `keep`: keeps a result, and says where it is.
+    **Arguments:** `keep`: stores a partial result, and returns where it is, in words.
     """
     try:
         yield
     except Interrupted as stop:
         count = f"{stop.finished or 'no'}{'' if stop.of is None else f' of {stop.of}'} {stop.unit} were finished"
+        # some computations have nothing of use before their end
         kept = "nothing is written" if stop.result is None else keep(stop.result)
         print(f"{count}: {kept}", file=sys.stderr)
         raise
 
 
-def step_error(scene: Any, changes: Any) -> str:
-    """Say by how much half the step changes forcing periods: the most of some, in multiples of `accuracy_scales`."""
+def step_error(scene: Scene, changes: Numbers) -> str:
+    """Return in words the largest of the changes of a forcing period by half the step, in `accuracy_scales`."""
     import numpy as np
 
     from ..model.kinematics import share_of_scale

@@ -6,7 +6,8 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, TypeVar
+from types import FrameType
+from typing import TypeVar
 
 from ..flow.status import ASKED, Interrupted
 
@@ -21,10 +22,11 @@ class Signals:
 
     def __init__(self):
         self.code: int | None = None
-        """Exit code of the last signal, 128 and its number, as shells give it; None without one."""
-        self._before: dict[int, Any] = {}
+        """Exit code after the last signal: 128 and its number, as in shells; None without a signal."""
+        self._before: dict[int, Callable[..., object] | int | None] = {}
 
     def __enter__(self) -> "Signals":
+        # Python lets no other thread set handlers
         if threading.current_thread() is threading.main_thread():
             for number in ENDING:
                 # what the caller ignores, as nohup does, stays ignored
@@ -34,32 +36,32 @@ class Signals:
             sys.unraisablehook = self._unraisable
         return self
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, *_: object) -> None:
         # the caller's handlers again
         for number, handler in self._before.items():
             signal.signal(number, handler)
         if self._before:
             sys.unraisablehook = self._hook
-        ASKED.clear()
+        ASKED.clear()  # for later commands of this process
 
-    def _interrupt(self, number: int, frame: Any) -> None:
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
         self.code = 128 + number
         ASKED.set()  # in case the exception is lost
         raise KeyboardInterrupt
 
-    def _unraisable(self, event: Any) -> None:
-        """Deliver an interrupt once more that fell into a callback, such as JAX has in the garbage collector."""
+    def _unraisable(self, event: "sys.UnraisableHookArgs") -> None:
+        """Raise an interrupt again that Python swallowed in a callback, such as JAX's in the garbage collector."""
         if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
             # from another thread and later, for here nothing can be raised either
             again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
-            again.daemon = True
+            again.daemon = True  # it must not keep the process alive
             again.start()
         else:
             self._hook(event)
 
 
 def ignore_signals() -> None:
-    """From here on the process ends in its own time, which is short."""
+    """Ignore further signals while the process ends, which is soon."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
 
@@ -76,18 +78,19 @@ def leave(code: int) -> None:
 
 
 def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
-    """Call on another thread, so that the main one answers signals while XLA compiles or computes.
+    """Return what `call` returns on another thread, so that the main one answers signals while XLA compiles or runs.
 
-    **Arguments:** `patience`: seconds to wait after a signal for a call that ends then by itself, with what it found.
+    **Arguments:** `patience`: seconds to wait after a signal for a call that then returns a partial result.
     """
     pool = ThreadPoolExecutor(1)
     try:
         future = pool.submit(call)
         try:
             return future.result()
-        except Interrupted:
+        except Interrupted:  # raised by the call itself, with what it has finished
             raise
         except KeyboardInterrupt:
+            # most calls end within half a second: nothing is printed then
             if patience and not wait([future], 0.5).done:
                 print(f"waiting at most {patience:g} s for what is being computed", file=sys.stderr)
                 wait([future], patience)
@@ -95,4 +98,4 @@ def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
                 return future.result()
             raise
     finally:
-        pool.shutdown(wait=False)
+        pool.shutdown(wait=False)  # a call that goes on keeps nobody waiting

@@ -1,15 +1,18 @@
 """The commands that look at one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
+from ..model.parameters import Parameter
+from ..model.scene import Scene
 from ..tools.checks import require
 from .files import Outputs, keeping, step_error
-from .interrupts import on_thread
+from .interrupts import Result, on_thread
 from .options import (
     CASE,
     COUNT,
@@ -27,10 +30,19 @@ from .options import (
     takes_case,
 )
 
+if TYPE_CHECKING:
+    import xarray
+
+    from ..flow.simulate import Probe
+    from ..orbits.branches import OrbitBranch
+    from ..orbits.periodic import PeriodicOrbit
+
+Bounds = tuple[str, float | str, float | str]
+"""Parameter, lower and upper bound in its display unit or as texts with a unit."""
 SWITCHED = ("PD", "BP")
-"""Labels of events at which other branches leave."""
+"""Labels of the events at which other branches leave: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
-"""Options that stand in the file of --from."""
+"""Options that the file of --from has already decided."""
 BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the point that is being computed."""
 
@@ -56,6 +68,7 @@ def simulate(
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
+    # forces and errors of a lost motion mean nothing
     parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(trajectory.peak.force) > 0:
@@ -66,23 +79,26 @@ def simulate(
     return LOST if status == Status.NOT_FINITE else 0
 
 
-def _error(scene: Any, probe: Any) -> str:
-    """Say by how much half the step changes a result."""
+def _error(scene: Scene, probe: "Probe") -> str:
+    """Return in words how much half the step changes the motion and its highest force."""
     import numpy as np
 
     peaks = np.asarray(probe.peak_error)
+    # NaN where there was no contact
     of_force = peaks[np.isfinite(peaks)]
     force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
     return step_error(scene, probe.error) + force
 
 
 @app.command()
-@option("--period", COUNT, "Forcing periods after which the motion recurs.", default=1)
-@option("--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default 60, and 240 if need be.")
+@option("--period", COUNT, "Forcing periods after which the motion repeats.", default=1)
+@option(
+    "--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default: 60, then 240 if it fails."
+)
 @result("orbit")
 @takes_case
 def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
-    """Find a periodic motion, stable or not, with its Floquet multipliers and contact signature."""
+    """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
 
     files = Outputs(out, ".nc", ".png")
@@ -91,6 +107,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     if _is_lost(motion):
         return LOST
     print(files.write(motion.to_xarray()))
+    # real multipliers are written without an imaginary part
     leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
     print(
         f"{case.text()}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
@@ -100,8 +117,8 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     return 0
 
 
-def _is_lost(motion: Any) -> bool:
-    """Return whether Newton's method found no orbit, which is said."""
+def _is_lost(motion: "PeriodicOrbit") -> bool:
+    """Return whether Newton's method found no orbit, and print why."""
     from ..flow.status import Status
 
     status = Status(int(motion.status))
@@ -111,34 +128,35 @@ def _is_lost(motion: Any) -> bool:
 
 
 @app.command("continue")
-@bounds("--over", "Parameter, lower and upper bound, which hold the case's value.")
+@bounds("--over", "Parameter, lower and upper bound of the branch; the scene's value must lie within.")
 @click.option(
     "--from",
     "source",
     type=FILE,
-    help="A branch's netCDF file to follow further: where it was interrupted, ended for --points, or met a bound of "
-    "which --over names another.",
+    help="netCDF file of a branch to extend: one that was interrupted, ended after --points, or reached a bound that "
+    "--over now moves.",
 )
-@option("--period", COUNT, "Forcing periods after which the motion recurs.", default=1)
+@option("--period", COUNT, "Forcing periods after which the motion repeats.", default=1)
 @option("--transient", FROM_ZERO, "Forcing periods simulated before the first motion.", default=60)
-@option("--points", COUNT, "Most points of each way.", default=400)
+@option("--points", COUNT, "Maximum number of points in each direction.", default=400)
 @option(
     "--switch",
     click.Choice(SWITCHED),
-    "Follow the branches that leave at all these events, too, as OUT_PD1.nc and so on; repeat for both.",
+    "Also follow the branches that leave at every flip (PD) or branch point (BP), into OUT_PD1.nc and so on; repeat "
+    "for both.",
     multiple=True,
 )
-@option("--brute", FILE, "A netCDF file of slipperjax bifurcation, to draw the branches over.")
+@option("--brute", FILE, "netCDF file of slipperjax bifurcation, drawn beneath the branches.")
 @option(
     "--quantity",
     str,
-    "What is drawn: v_y, v_z, w_x, w_y, w_z, start_y, slowest_touchdown or grazing_gap.",
+    "Quantity to draw: v_y, v_z, w_x, w_y, w_z, start_y, slowest_touchdown or grazing_gap.",
     default="v_z",
 )
 @result("branch")
 @takes_case
 def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
-    """Follow a periodic motion through a parameter, stable or not, and name folds, flips and grazings."""
+    """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..flow.datasets import dataset_of
     from ..plots.branches import branches, check_brute, check_quantity
 
@@ -154,18 +172,21 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     beneath = None if brute is None else dataset_of(brute)
     if beneath is not None:
         check_brute(beneath, parameter.name, quantity)
-    drawn: list[Any] = []
+    # each picture has the branches before it, too
+    drawn: list[xarray.Dataset] = []
     draw = lambda ds: branches([*drawn, ds], quantity, beneath)
 
-    def followed(call: Any, files: Outputs) -> Any:
-        """Return the branch that a call gives; of an interrupted one its points are written first."""
+    def followed(call: Callable[[], Result], files: Outputs) -> Result:
+        """Return the branch of a call; where that is interrupted, write the points so far."""
         with keeping(lambda branch: files.write(branch.points, draw, partial=True)):
             return on_thread(call, BRANCH_PATIENCE)
 
     files = Outputs(out, ".nc", ".png")
     branch = followed(call, files)
+    # no first orbit was found, and why is printed
     if branch is None:
         return LOST
+    # an extended branch has its scene in the file, not in the options
     varied = [parameter.name]
     text = case.text(varied) if source is None else Case(branch.scene).text(varied, f"from {source}")
     print(f"{branch.summary()}\n{text}")
@@ -177,7 +198,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
             beside = Outputs(Path(f"{out}_{name}"), ".nc")
-            # an event without another branch ends nothing
+            # no branch leaves at some events, and the others are followed all the same
             try:
                 other = followed(partial(branch.switched, event, **options), beside)
             except ValueError as error:
@@ -189,10 +210,12 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     return 0
 
 
-def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: int, options: dict) -> Any:
-    """Return the parameter of --over, and a function that follows the motion on which the case settles.
+def _from_case(
+    case: Case, over: Bounds, period: int, transient: int, options: dict[str, object]
+) -> "tuple[Parameter, Callable[[], OrbitBranch | None]]":
+    """Return the parameter of --over, and a function that follows the orbit on which the case settles.
 
-    The function gives None where the case settles on no orbit.
+    The function returns None where the case settles on no orbit.
     """
     from ..orbits.branches import continue_orbit, steps_of_branch
     from ..orbits.periodic import periodic_orbit
@@ -203,7 +226,7 @@ def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: i
     need = f"hold the case's {quantity.name}, {text(value)}"
     require(low <= value <= high, "--over", need, shown=f"{text(low)} to {text(high)}")
 
-    def call() -> Any:
+    def call():
         # the first orbit has the steps of the branch, and shares its programs
         steps = steps_of_branch(case.scene, quantity, (low, high), case.steps_per_period)
         with_steps = case.options | dict(steps_per_period=steps)
@@ -215,10 +238,13 @@ def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: i
     return quantity, call
 
 
-def _further(source: Path, over: tuple[str, Any, Any] | None, options: dict[str, Any]) -> Any:
-    """Return the parameter of a file's branch, and what follows it further, over other bounds where given."""
+def _further(
+    source: Path, over: Bounds | None, options: dict[str, object]
+) -> "tuple[Parameter, Callable[[], OrbitBranch]]":
+    """Return the parameter of the branch in a file, and a function that extends it, to other bounds where given."""
     from ..orbits.branches import load_branch
 
+    # the first of them is named
     for name in given(*WITHOUT_FROM):
         raise ValueError(f"Option {name} must not be given with --from, whose file says it.")
     try:

@@ -6,15 +6,19 @@ Commands import what they need when they are called: help is quick.
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
+import diffrax
 
 from ..model.dang2024 import paper_scene
-from ..model.parameters import PARAMETERS, STARTS, parameter
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.parameters import PARAMETERS, STARTS, Parameter, parameter
 from ..model.quantities import Quantity
+from ..model.scene import Scene
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
@@ -27,20 +31,28 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
-def option(name: str, type: Any, text: str, **more: Any) -> Callable[..., Any]:
-    """Return an option of a command; `text` is its help."""
+Command = Callable[..., object]
+"""The function of a command."""
+Adds = Callable[[Command], Command]
+"""A decorator that adds an option to a command."""
+Type = click.ParamType | type | None
+
+
+def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) -> Adds:
+    """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
     return click.option(name, type=type, help=text, **more)
 
 
-def flag(name: str, text: str) -> Callable[..., Any]:
+def flag(name: str, text: str) -> Adds:
     """Return an option without a value."""
     return click.option(name, is_flag=True, help=text)
 
 
 class Group(click.Group):
-    """A group of commands, which an interrupt ends without a word of click's."""
+    """A group of commands that ends silently at an interrupt, where click would print."""
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> object:
+        # click would print a line, and exit with 1
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -51,6 +63,7 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
     if wanted:
         from ..flow.datasets import versions
 
+        # the package first, and in brackets what it computes with
         of = dict(versions())
         print(f"slipperjax {of.pop('slipperjax')} ({', '.join(f'{name} {version}' for name, version in of.items())})")
         ctx.exit()
@@ -60,7 +73,7 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
 @option(
     "--cache/--no-cache",
     None,
-    "Keep compiled programs in the user's cache folder, or in that of SLIPPERJAX_CACHE.",
+    "Keep compiled programs for later commands, in the folder SLIPPERJAX_CACHE or else the user's cache folder.",
     default=True,
 )
 @option(
@@ -79,9 +92,9 @@ def app(cache: bool) -> None:
 
 
 class FilePath(click.Path):
-    """A path, which begins in the user's home after ~ also where the shell leaves it, as in --out=~/run."""
+    """A path; ~ is the user's home, also in texts that a shell does not expand, such as --out=~/run."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> object:
         return super().convert(user_path(value), param, ctx)
 
 
@@ -89,7 +102,7 @@ FILE = FilePath(path_type=Path)
 
 
 class Whole(click.IntRange):
-    """Whole numbers from a least one on."""
+    """Whole numbers from a minimum, called "integer" in help."""
 
     name = "integer"
 
@@ -101,7 +114,8 @@ FROM_ZERO = Whole(0)
 class Measure(click.ParamType):
     """A number in a display unit, or a text with any unit of that kind, such as "1/16 in".
 
-    Without a quantity texts are left as they are: `shown_value` reads them as values of the parameter beside them.
+    Without a quantity texts stay texts: the parameter is named by another value of the same option, and `shown_value`
+    converts them when both are known.
     """
 
     name = "float"
@@ -109,7 +123,7 @@ class Measure(click.ParamType):
     def __init__(self, quantity: Quantity | None = None):
         self.quantity = quantity
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+    def convert(self, value: float | str, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
         # numbers are in the display unit
         try:
             return float(value)
@@ -132,19 +146,19 @@ def shown_value(quantity: Quantity, value: float | str) -> float:
     return quantity.shown(parsed(quantity.name, value, quantity.unit))
 
 
-def parameters_of(names: dict[str, Any]) -> str:
-    """Help on values of parameters: their names with display units."""
-    units = ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
-    return f"Parameters: {units}; and paths in SI units such as section.play.2. Other units as in '1/16 in'."
+def parameters_of(quantities: Mapping[str, Quantity]) -> str:
+    """Return help on what parameters there are and in which units their values are."""
+    units = ", ".join(f"{name} [{q.display_unit}]" for name, q in quantities.items())
+    return f"Parameters: {units}; or a path such as section.play.2 [SI unit]. Other units: '1/16 in'."
 
 
-def bounds(name: str, text: str, **more: Any) -> Callable[..., Any]:
-    """Return an option that bounds a parameter."""
+def bounds(name: str, text: str, **more: object) -> Adds:
+    """Return an option that takes a parameter and its bounds."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
-def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
-    """Return the option --out, without an ending that the command adds itself."""
+def out(default: str | None, text: str, *endings: str) -> Adds:
+    """Return the option --out, a path without ending; one of `endings` is dropped, because the command adds it."""
 
     def without(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
         return path.with_suffix("") if path is not None and path.suffix.lower() in endings else path
@@ -152,17 +166,18 @@ def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
     return option("--out", FILE, text, default=default, callback=without)
 
 
-def result(default: str) -> Callable[..., Any]:
+def result(default: str) -> Adds:
     """Return the option --out of commands that write a dataset and a picture."""
-    return out(default, "Where to write: makes OUT.nc and OUT.png.", ".nc", ".png")
+    return out(default, "Write OUT.nc and OUT.png.", ".nc", ".png")
 
 
-_PAPER = inspect.signature(paper_scene).parameters
+_PAPER = inspect.signature(paper_scene).parameters  # whose defaults are stated in help
 
 
-def _of_case(name: str) -> Callable[..., Any]:
+def _of_case(name: str) -> Adds:
     """Return the option that overrides a parameter of the scene."""
     q = PARAMETERS[name]
+    # the default scene is the paper's
     shown = "the scene's"
     if name in _PAPER:
         shown = f"{q.shown(_PAPER[name].default):g}, or the scene file's"
@@ -173,13 +188,14 @@ def _of_case(name: str) -> Callable[..., Any]:
 begin = option(
     "--begin",
     Measure(Quantity("begin", "m", "place of the rail")),
-    "Place of the rail where it begins [m]; default where the rail does.",
+    "Distance along the rail at which the motion begins [m]; default: the beginning of the rail.",
     show_default=False,
+    # inf and NaN are numbers, too
     callback=lambda ctx, _, value: None if value is None else number(finite, "begin", value, "m"),
 )
 """The option of commands that travel along the rail."""
-CASE: dict[str, Callable[..., Any]] = {
-    "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
+CASE: dict[str, Adds] = {
+    "scene": option("--scene", FILE, "TOML file of a scene, or netCDF file of a result with that scene."),
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
     "wavelength": option(
         "--wavelength",
@@ -189,51 +205,53 @@ CASE: dict[str, Callable[..., Any]] = {
         default=None,
         show_default="8, or the scene file's",
     ),
-    "rail": option("--rail", FILE, "A survey of the rail, CSV or netCDF-4, in place of the scene's track."),
+    "rail": option("--rail", FILE, "Measured rail, a CSV or netCDF-4 file, in place of the scene's."),
     "memory": option(
         "--memory",
         click.Choice(["event", "smooth"]),
-        "How contacts remember their touchdown.",
+        "How contacts keep their velocity at touchdown: latched at the event, or by a smooth equation.",
         show_default="event, or the scene file's",
     ),
     "set": option(
         "--set",
         str,
-        "Any other number of the scene, as in 'section.play.2=0.4 mm'; without a unit in SI.",
+        "Any other number of the scene, such as 'section.play.2=0.4 mm', in SI units if it has none; repeat for "
+        "several.",
         multiple=True,
     ),
     "solver": option(
         "--solver",
         str,
-        "ImpulseRK4, RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.",
+        "Integration method: ImpulseRK4, RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or the name of a solver of diffrax.",
         show_default="ImpulseRK4, or RK4 with the smooth memory",
     ),
     "steps_per_period": option(
-        "--steps-per-period", COUNT, "Integration steps per forcing period; default from the scene."
+        "--steps-per-period", COUNT, "Integration steps per forcing period; default: as the scene needs."
     ),
 }
-"""Options that describe the case, which override what the scene's file says, and its steps."""
+"""Options that choose a scene, change it, and say how it is integrated, by the names of their values."""
 
 
 class Case(NamedTuple):
-    """A case as options describe it."""
+    """A scene, its start and how it is integrated, as options describe them."""
 
-    scene: Any
-    start: Any = None
-    """A motion, or None for Table 2's."""
-    solver: Any = None
+    scene: Scene
+    start: Motion | State | None = None
+    """None for the start of Table 2."""
+    solver: diffrax.AbstractSolver | None = None
     steps_per_period: int | None = None
-    """None for the scene's own."""
+    """None for as many as the scene needs."""
 
     @property
-    def options(self) -> dict[str, Any]:
-        """All but the scene, as the package's functions take it."""
+    def options(self) -> dict[str, object]:
+        """All but the scene, as arguments of the package's functions."""
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
     def text(self, varied: Iterable[str] = (), start: str = "") -> str:
-        """Return speed, clearance and length without what is varied, and the origin of the start, for summaries."""
+        """Return the case in words: speed, clearance and length, unless varied, and where it starts."""
         from ..flow.datasets import scene_attributes
 
+        # values that depend on a varied parameter are absent there
         known = scene_attributes(self.scene, list(varied))
         words = []
         for name in ("speed", "clearance", "length"):
@@ -243,31 +261,35 @@ class Case(NamedTuple):
                 words.append(f"{name} {q.shown(value):g} {q.display_unit}")
         if not start:
             start = "from Table 2's start" if self.start is None else "from the scene file's start"
+            # a varied coordinate of the start replaces that one
             but = [name for name in varied if name in STARTS]
             start += f" but for {listed(but)}" if but else ""
         return ", ".join([*words, start])
 
 
-def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the options of `CASE` besides its own, which gets what they describe as `case`.
+def takes_case(command: Command) -> Command:
+    """Return a command that also has the options of `CASE`, and whose function gets a `Case` as its argument `case`.
 
-    One that has a parameter `scene` of its own gets no option of that name.
+    A command with an option or argument `scene` of its own keeps that one.
     """
+    # the place where click keeps what the decorators below this one have added
     own = {one.name for one in getattr(command, "__click_params__", [])}
 
     @functools.wraps(command)
-    def call(**given: Any) -> Any:
+    def call(**given: object) -> object:
         case = make_case(**{name: given.pop(name) for name in CASE})
         return command(case=case, **given)
 
     # decorators apply from the last, so that help lists the first one first
+    made: Command = call
     for name, add in reversed(CASE.items()):
-        call = call if name in own else add(call)
-    return call
+        made = made if name in own else add(made)
+    return made
 
 
 def given(*names: str) -> list[str]:
-    """Return a command's options that stand on its command line, as they are written there."""
+    """Return those of a command's options that the user gave, as they are written on the command line."""
+    # values may also be defaults
     source = click.get_current_context().get_parameter_source
     return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
 
@@ -285,11 +307,12 @@ def make_case(
 ) -> Case:
     """Return the case that options describe.
 
-    **Arguments:** those of `CASE`; `wavelength`: [m]; `values`: parameters by name, in display units, None for those
-    of the scene.
+    **Arguments:** the options of `CASE`; `wavelength`: [m]; `values`: parameters by name in display units, None where
+    the scene's value stays.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
+    # here, because help needs none of them
     from ..flow.datasets import load_scene, load_start
     from ..model.contact import EventLatch, SmoothSwitch
     from ..model.surveys import load_rail
@@ -299,12 +322,14 @@ def make_case(
 
     made = paper_scene() if scene is None else load_scene(scene)
     start = None if scene is None else load_start(scene)
-    parts: dict[str, Any] = {}
+    # parts of the scene first, because parameters are written into them
+    parts: dict[str, object] = {}
     if memory is not None:
         parts["memory"] = SmoothSwitch() if memory == "smooth" else EventLatch()
     if rail is not None:
         parts["track"] = load_rail(rail)
     if wavelength:
+        # other rails have no wavelengths of their own
         track = parts.get("track", made.track)
         if not isinstance(track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {track!r}.")
@@ -326,10 +351,12 @@ def make_case(
     return Case(made, start, resolve_solver(made, solver), steps_per_period)
 
 
-def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tuple[Any, tuple[float, float]]:
-    """Return a parameter, and bounds of its values [SI unit].
+def make_bounds(
+    option: str, scene: Scene, name: str, low: float | str, high: float | str
+) -> tuple[Parameter, tuple[float, float]]:
+    """Return a parameter and its bounds [SI unit].
 
-    **Arguments:** `low`, `high`: as for `shown_value`.
+    **Arguments:** `option`: for errors; `low`, `high`: in the display unit, or texts with a unit.
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
@@ -342,4 +369,4 @@ def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tupl
     bounds = quantity.check(quantity.from_shown(np.array([low, high])))
     shown = f"{low:g} to {high:g} {quantity.display_unit}"
     require(low < high, option, "have two bounds, the smaller first", shown=shown)
-    return quantity, tuple(bounds.tolist())
+    return quantity, (float(bounds[0]), float(bounds[1]))

@@ -1,12 +1,18 @@
-"""The command that runs a scene over a length of rail, and says in words what a test would ask."""
+"""The command that runs a scene over a length of rail, and reports what a track test would measure."""
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from ..model.scene import Scene
 from ..tools.units import STANDARD_GRAVITY
 from .files import Outputs, keeping, step_error
 from .options import FILE, LOST, Case, app, begin, given, result, takes_case
+
+if TYPE_CHECKING:
+    import numpy
+    import xarray
 
 
 @app.command()
@@ -14,16 +20,17 @@ from .options import FILE, LOST, Case, app, begin, given, result, takes_case
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=FILE)
-def run(case: Case, begin: float | None, out: Any) -> int:
-    """Run the scene of FILE over a length of rail, as its table [run] says, at a speed that may change.
+def run(case: Case, begin: float | None, out: Path) -> int:
+    """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says.
 
-    FILE: a TOML file with a table [run], as in length = "5 km".
+    FILE: a TOML file with a table [run], which has a length, such as length = "5 km".
     """
     from ..flow.datasets import load_run
     from ..flow.status import Status
     from ..sweeps.runs import run as over_rail
 
     table = load_run(click.get_current_context().params["scene"])
+    # options that the user gave override the file
     of_file = {name: value for name, value in table.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out, ".nc", ".png")
@@ -34,8 +41,8 @@ def run(case: Case, begin: float | None, out: Any) -> int:
     return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
 
 
-def report(ds: Any, scene: Any) -> str:
-    """Return a run in words, a line for each answer; what is not known is left out."""
+def report(ds: "xarray.Dataset", scene: Scene) -> str:
+    """Return a run in words, a line for each result that it has."""
     from ..flow.status import Status
     from ..model.quantities import ACCELERATIONS
     from ..plots.runs import edges_of
@@ -54,6 +61,7 @@ def report(ds: Any, scene: Any) -> str:
         lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")
         most = [f"{name} {_with_g(float(ds[f'peak_{name}'].max()), q.unit)}" for name, q in ACCELERATIONS.items()]
         lines.append(f"greatest accelerations: {', '.join(most)}")
+        # recorded only where the scene has friction
         if "friction_work" in ds:
             lines.append(f"friction work {float(ds['friction_work'].sum()) / 1e3:.4g} kJ")
         percentile = ds["peak_force_percentile"].sel(percentile=99).values / 1e3
@@ -64,38 +72,41 @@ def report(ds: Any, scene: Any) -> str:
     return "\n".join([*lines, f"status: {status}"])
 
 
-def _peak(ds: Any, scene: Any) -> list[str]:
-    """Return the highest contact force and where it was, if there was any, as a line."""
+def _peak(ds: "xarray.Dataset", scene: Scene) -> list[str]:
+    """Return the highest contact force and where it was as one line, or none without contact."""
     from ..plots.runs import peak_of
 
     at = peak_of(ds)
     peak = float(at["peak_force"])
+    # NaN, too, is no peak
     if not peak > 0:
         return []
     speed = float(at["speed"])
     place = f"{at['name'].item()} ({at['end'].item()}), {float(at['peak_distance']):.6g} m and {speed:.4g} m/s"
+    # how much harder than at rest; without gravity and load nothing to compare with
     static = static_load(scene, speed)
     times = f": {peak / static:.3g} times the static load of {static / 1e3:.4g} kN" if static > 0 else ""
     return [f"highest contact force {peak / 1e3:.4g} kN at {place}{times}"]
 
 
-def _worst(words: str, values: Any, unit: str, edges: Any) -> str:
-    """Return the greatest of a value of each stretch, and where it was."""
+def _worst(words: str, values: "numpy.ndarray", unit: str, edges: "numpy.ndarray") -> str:
+    """Return in words the largest of the stretches' values, and that stretch."""
     k = int(values.argmax())
     return f"worst {words}: {_with_g(values[k], unit)} from {edges[k]:.6g} to {edges[k + 1]:.6g} m"
 
 
 def _with_g(value: float, unit: str) -> str:
-    """Return a value with its unit, a linear acceleration in multiples of standard gravity, too."""
+    """Return a value with its unit; an acceleration also in g."""
     return f"{value:.4g} {unit}" + (f" ({value / STANDARD_GRAVITY:.3g} g)" if unit == "m/s^2" else "")
 
 
-def static_load(scene: Any, speed: float) -> float:
-    """Return the resultant across the rail of weight and load at a speed [N]."""
+def static_load(scene: Scene, speed: float) -> float:
+    """Return the resultant of weight and applied load across the rail at a speed [N]."""
     import numpy as np
 
     from ..model.dynamics import driven_mass
 
+    # gravity pulls downward, a load in any direction
     y = z = 0.0
     if scene.load is not None:
         force, _ = scene.load.wrench(speed)

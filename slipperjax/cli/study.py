@@ -1,7 +1,7 @@
 """The commands that repeat the paper's study, and those that time the package."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -9,16 +9,19 @@ from ..tools.files import listed, write_each
 from .files import PARTIAL, Outputs, make_folder
 from .options import COUNT, app, flag, option, out
 
+Texts = tuple[str, ...]
+"""Values of an option that may be repeated."""
+
 
 @app.command()
 @click.argument("figures", nargs=-1)
-@flag("--quick", "Coarser grids and shorter transients.")
-@option("--transient", COUNT, "Forcing periods before recording; default 600, with --quick 300.")
+@flag("--quick", "Use coarser grids and shorter transients.")
+@option("--transient", COUNT, "Forcing periods simulated before recording; default: 600, with --quick 300.")
 @out("reproduced", "Folder to write into.")
-def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out: Path) -> None:
-    """Run the paper's study: its figures, and a report that answers its claims one by one.
+def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> None:
+    """Repeat the paper's study: draw its figures, and report which of its claims hold.
 
-    FIGURES: 4 to 13; default all of them.
+    FIGURES: numbers from 4 to 13; default: all.
     """
     import matplotlib
 
@@ -39,6 +42,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
         seconds[done.name] = done.seconds
         partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
         print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
+    # only the whole study compares other readings of the paper
     table = readings(progress=True) if not figures and not quick else []
     report, _ = write_report(out, answers, seconds, table)
     _delete(partial)
@@ -46,21 +50,33 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
 
-def _delete(partial: Any) -> None:
-    """Delete files whose content has its name now."""
+def _delete(partial: Iterable[Path]) -> None:
+    """Delete the files of partial results, once the whole ones are written."""
     for path in partial:
         path.unlink(missing_ok=True)
 
 
 @app.command()
-@flag("--quick", "Two scenes, four methods, one batch: minutes less.")
-@option("--scene", str, "A scene by name; repeat for several; default all.", multiple=True)
-@option("--method", str, "A method by name; repeat for several; default all.", multiple=True)
-@option("--batch", COUNT, "Trajectories at once; repeat for several; default 241 and 1.", multiple=True)
-@option("--repeats", COUNT, "Timed runs of each point; default 5, with --quick 2.")
-@out("bench", "Where to write: makes OUT.md and OUT.png.", ".md", ".png")
-def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None, out: Path) -> None:
-    """Draw error against cost for every solver."""
+@flag("--quick", "Time two scenes, four methods and one batch only, which saves minutes.")
+@option("--scene", str, "Name of a scene; repeat for several; default: all.", multiple=True)
+@option("--method", str, "Name of a method; repeat for several; default: all.", multiple=True)
+@option(
+    "--batch",
+    COUNT,
+    "Number of trajectories at once; repeat for several; default: 241 and 1.",
+    multiple=True,
+)
+@option("--repeats", COUNT, "Number of times that each point is timed; default: 5, with --quick 2.")
+@out("bench", "Write OUT.md and OUT.png.", ".md", ".png")
+def bench(
+    quick: bool,
+    scene: tuple[str, ...],
+    method: tuple[str, ...],
+    batch: tuple[int, ...],
+    repeats: int | None,
+    out: Path,
+) -> None:
+    """Measure and draw error against cost of every solver."""
     import matplotlib
 
     from ..bench.measure import bench as run
@@ -89,21 +105,24 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
 @option(
     "--batch",
     COUNT,
-    "Trajectories at once; repeat for several; default 100 to 1000000.",
+    "Number of trajectories computed at once; repeat for several; default: 100 to 1000000.",
     multiple=True,
 )
-@option("--engine", str, "RK4, Rodas4 or Lyapunov; repeat for several; default all.", multiple=True)
-@out("throughput", "Makes OUT.md.", ".md")
-def throughput(batch: Any, engine: Any, out: Path) -> None:
-    """Time trajectory-periods per second over the batch, on a GPU where JAX has one, else on the CPU's cores.
+@option("--engine", str, "What is timed: RK4, Rodas4 or Lyapunov; repeat for several; default: all.", multiple=True)
+@out("throughput", "Write OUT.md.", ".md")
+def throughput(batch: tuple[int, ...], engine: Texts, out: Path) -> None:
+    """Measure how many forcing periods are simulated per second, over the number of trajectories at once.
 
-    With JAX_PLATFORMS=cpu in the environment, on the cores beside a GPU.
+    A GPU is used where JAX has one, else the cores of the CPU; they always are with JAX_PLATFORMS=cpu in the
+    environment.
     """
     from ..bench.rates import rows, throughput as run
 
     Outputs(out, ".md")
+    # without them the functions have their own
     given = {name: values for name, values in (("batches", batch), ("engines", engine)) if values}
     rates = []
+    # a row as soon as it is measured
     for rate in run(**given):
         rates.append(rate)
         print(rows([rate])[-1], flush=True)

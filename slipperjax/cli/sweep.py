@@ -3,15 +3,16 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ..analysis.attractor import MIN_TEST
 from ..model.parameters import PARAMETERS, STARTS, parameter
+from ..model.scene import Scene
 from ..tools.cache import compile_cache
 from ..tools.checks import require
 from .files import Draw, Outputs, fitting, keeping, make_folder
@@ -22,6 +23,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     VALUE,
+    Adds,
     Case,
     app,
     begin,
@@ -34,14 +36,20 @@ from .options import (
     takes_case,
 )
 
+if TYPE_CHECKING:
+    import numpy
+    import xarray
+
+    from ..sweeps.store import Store
+
 Axis = tuple[str, float | str, float | str, int]
 """Parameter, first and last value in its display unit or as texts with a unit, number of values."""
 PERIODS = {"exponents": 500, "orbits": 1, "motion": MIN_TEST}
-"""Forcing periods by default, where they are not 10."""
+"""Default of --periods by the record; 10 for all others."""
 
 
-def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
-    """Return an option that spans values of a parameter."""
+def axis(name: str, text: str, **more: object) -> Adds:
+    """Return an option that takes a parameter and the values that it is varied over."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
 
@@ -51,10 +59,10 @@ over = axis(
     required=True,
 )
 log = option(
-    "--log", str, "A parameter of --over or --by with logarithmic spacing; repeat for several.", multiple=True
+    "--log", str, "Space this parameter of --over or --by logarithmically; repeat for several.", multiple=True
 )
-transient = option("--transient", FROM_ZERO, "Forcing periods to pass before anything is recorded.", default=300)
-show = option("--show", str, "Draw this variable; default what suits the record.")
+transient = option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=300)
+show = option("--show", str, "Variable to draw; default: what suits the record.")
 
 
 @app.command()
@@ -65,7 +73,7 @@ show = option("--show", str, "Draw this variable; default what suits the record.
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **options: Any) -> int:
+def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
@@ -75,18 +83,18 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **optio
 
 @app.command()
 @over
-@axis("--by", "A second parameter likewise: makes a regime map.")
+@axis("--by", "Second parameter, like --over: draws a regime map.")
 @log
-@option("--count", COUNT, "Number of exponents, the largest first.", default=1)
+@option("--count", COUNT, "Number of exponents to compute, the largest first.", default=1)
 @transient
-@option("--periods", COUNT, "Forcing periods to average over.", default=500)
+@option("--periods", COUNT, "Forcing periods over which exponents are averaged.", default=500)
 @begin
-@option("--certify/--no-certify", None, "Check every case by other means.", default=True)
-@option("--orbits/--no-orbits", None, "Take the exponents of periodic cases from their orbits.", default=True)
+@option("--certify/--no-certify", None, "Check every exponent by independent estimates.", default=True)
+@option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Path, **options: Any) -> int:
-    """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
+def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Path, **options) -> int:
+    """Compute the largest Lyapunov exponent over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
     grid = make_grid(case.scene, over, *([by] if by else []), log=log)
@@ -95,52 +103,53 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 
 @app.command()
 @over
-@axis("--by", "A further parameter, like --over; repeat for more: every combination is a case.", multiple=True)
+@axis("--by", "Further parameter, like --over; every combination is a case; repeat for more.", multiple=True)
 @log
 @option(
     "--sample",
     COUNT,
-    "Instead of every combination, so many points spread over the box that --over and --by span (Sobol).",
+    "Number of points of a Sobol sample of the box that --over and --by span, in place of every combination.",
 )
 @option(
     "--record",
     str,
-    "What to keep of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, peak_force, "
-    "rms; repeat for several. Default: sections.",
+    "What to record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
+    "peak_force, rms; repeat for several. Default: sections.",
     multiple=True,
 )
 @transient
 @option(
     "--periods",
     COUNT,
-    "Forcing periods to record or measure; of orbits, their period. Default 10, motion 200, exponents 500, orbits 1.",
+    "Forcing periods to record; of orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
 )
 @begin
-@option("--store", FILE, "A zarr store to write, NAME.zarr; the same command goes on where the last one ended.")
-@option("--tile", COUNT, "Cases that are computed and written as one.")
+@option("--store", FILE, "Zarr store to write, such as map.zarr; the same command resumes where the last one ended.")
+@option("--tile", COUNT, "Number of cases that are computed and written together.")
 @flag("--fresh", "Delete what the store holds, and start over.")
-@option("--share", str, "Compute the I-th of N shares of the store, as a job array does.", metavar="I/N")
-@option("--processes", COUNT, "Processes that share the work; default threads.")
-@option("--cluster", str, "Address of a dask scheduler, as tcp://host:8786.")
-@flag("--explain", "Say what it will take, and stop.")
+@option("--share", str, "Compute only share I of N of the store, for the jobs of an array.", metavar="I/N")
+@option("--processes", COUNT, "Number of processes that share the work; default: threads of one process.")
+@option("--cluster", str, "Address of a dask scheduler, such as tcp://host:8786.")
+@flag("--explain", "Print the time, memory and disk space that it will take, and stop.")
 @show
-@out(None, "Where to write: OUT.png, and without a store OUT.nc; default sweep, or the store's name.", ".nc", ".png")
+@out(None, "Write OUT.png, and without a store OUT.nc; default: sweep, or the store's name.", ".nc", ".png")
 @takes_case
 def sweep(
     case: Case, over: Axis, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
 ):
-    """Run every combination of some parameters, or a sample, into a file or a store from which it resumes."""
+    """Simulate every combination of parameters, or a sample, into a file, or into a store from which it resumes."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.orbits import NearestOrbit
     from ..sweeps.sweep import sweep as run
 
+    # the first record with a default of its own decides on the periods
     names = record or ("sections",)
     periods = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
-    records: Any = names[0] if len(names) == 1 else list(names)
+    # one record is given by itself, as in scripts
+    records = names[0] if len(names) == 1 else list(names)
     if records == "orbits":
         records = NearestOrbit(periods)
-    options: dict[str, Any] = dict(transient=transient, periods=periods, record=records, begin=begin)
-    options["product"] = sample is None
+    options = dict(transient=transient, periods=periods, record=records, begin=begin, product=sample is None)
     grid = make_grid(case.scene, over, *by, log=log, sample=sample)
     target = _target(store, **storing)
     if explain:
@@ -157,8 +166,10 @@ def sweep(
         return _swept(run, case, grid, files, show, **options)
 
 
-def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, Any]:
-    """Return values in SI units by parameter name; those named by `log` in equal ratios.
+def make_grid(
+    scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None
+) -> "dict[str, numpy.ndarray]":
+    """Return values in SI units by parameter name, logarithmically spaced for the names in `log`.
 
     **Arguments:** `axes`: of `--over` and of each `--by`; `sample`: number of points spread over the box that they
     span, in place of every combination.
@@ -173,6 +184,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = (), sample: int | No
     grid = {}
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
+        # coordinates of the start are no parameters of the scene
         quantity = STARTS.get(name) or parameter(name, scene)
         low = shown_value(quantity, first)
         high = shown_value(quantity, last)
@@ -193,26 +205,30 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = (), sample: int | No
     return sample_box(box, sample, log=log, scene=scene)
 
 
-def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
-    """Return the store that options describe."""
+def _target(
+    store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: int | str | None
+) -> "Store | None":
+    """Return the store that options describe; None without --store."""
     from ..sweeps.store import Store
 
     if store is None:
         for name, value in dict(tile=tile, fresh=fresh, share=share, **engines).items():
             require(not value, f"--{name}", "come with --store", value)
         return None
+    # processes of this machine, or those of a cluster
     alone = None in engines.values()
     require(alone, "--cluster", "not be given with --processes", engines["cluster"])
     make_folder(store.parent, store)
-    numbers: Any = None
+    numbers = None
     if share is not None:
+        # whatever else the text has leaves fewer numbers than two
         numbers = tuple(int(part) for part in share.split("/") if part.isdigit())
         require(len(numbers) == 2, "--share", "be I/N, as 3/16", share)
     return Store(store, tile=tile, fresh=fresh, share=numbers)
 
 
-def _executor(count: int | None, address: str | None) -> Any:
-    """Return a context with the executor of tiles, or with None for threads of this process."""
+def _executor(count: int | None, address: str | None) -> AbstractContextManager:
+    """Return a context that yields the executor of tiles, or None for threads of this process."""
     from ..sweeps.store import processes
 
     if address is None:
@@ -226,28 +242,29 @@ def _executor(count: int | None, address: str | None) -> Any:
     except OSError as error:
         need = "be the address of a dask scheduler"
         raise ValueError(f"Option --cluster must {need}, but {address}: {error}") from None
-    client.run(compile_cache)
+    client.run(compile_cache)  # its workers keep programs, too
     return client
 
 
 def _swept(
-    function: Callable[..., Any],
+    function: "Callable[..., xarray.Dataset]",
     case: Case,
-    grid: Any,
+    grid: "dict[str, numpy.ndarray]",
     files: Outputs | None,
     show: str | None = None,
-    **options: Any,
+    **options,
 ) -> int:
-    """Run a sweep, write and draw it, print what came out, and return the exit code.
+    """Run a sweep, write and draw it, print a summary, and return the exit code; keep what an interrupt leaves.
 
-    Of one that is interrupted the finished cases are kept. A share of a store has no `files`.
+    **Arguments:** `files`: None for a share of a store, which is not drawn; `options`: of `function`.
     """
     from ..flow.status import Status
     from ..sweeps.store import store_status
 
     store = options.get("store")
 
-    def keep(ds: Any) -> str:
+    def keep(ds: "xarray.Dataset") -> str:
+        # a store has written what is finished
         if store is not None:
             return f"kept in {store.path}; the same command goes on"
         assert files is not None
@@ -263,11 +280,12 @@ def _swept(
         return 0
     _write(ds, files, show)
     print(f"{case.text(grid)}; {summary(ds, seconds)}")
+    # one finite case makes a result
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
 
 
-def _draw(ds: Any, show: str | None) -> Draw | None:
-    """Return what draws a sweep, or a variable of it; None for more parameters than a picture has."""
+def _draw(ds: "xarray.Dataset", show: str | None) -> Draw | None:
+    """Return the function that draws a sweep, or its variable `show`; None for more than two parameters."""
     from ..plots.maps import quantity_map
 
     if ds["status"].ndim > 2:
@@ -275,32 +293,37 @@ def _draw(ds: Any, show: str | None) -> Draw | None:
     return fitting if show is None else partial(quantity_map, name=show)
 
 
-def _write(ds: Any, files: Outputs, show: str | None) -> None:
+def _write(ds: "xarray.Dataset", files: Outputs, show: str | None) -> None:
     """Write the files of a sweep."""
     draw = _draw(ds, show)
     if draw is None:
         print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")
+    # a store without a picture has nothing more to write
     if draw is not None or ".nc" in files.endings:
         print(files.write(ds, draw))
 
 
-def summary(ds: Any, seconds: float) -> str:
-    """Return a sweep in one line: cases, periods, steps, time, regimes, and how many cases have which status."""
+def summary(ds: "xarray.Dataset", seconds: float) -> str:
+    """Return a sweep in one line: numbers of cases, periods and steps, time, regimes and statuses."""
     import numpy as np
 
     from ..analysis.kinds import REGIMES, lasting
     from ..flow.status import Status
 
     periods = f"{ds.attrs['settled']} + {ds.attrs['measured']} periods, " if "measured" in ds.attrs else ""
+    # one number, or the least and the greatest
     steps = " to ".join(map(str, np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])))
     parts = [f"{ds['status'].size} cases, {periods}{steps} steps per period: {seconds:.1f} s with compiling"]
+    # the error of a lost case says nothing
     finite = ds["status"] != Status.NOT_FINITE
     if "probe_error" in ds and bool(finite.any()):
         most = float(ds["probe_error"].where(finite).max())
         parts.append(f"half the step changes a period by {most:.1e} scales at most")
+    # chaos is named with how long it lasts at least
     if "regime" in ds:
         life = ds.get("least_mean_life", np.nan)
         parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
+    # how many cases have which status, without those that are fine
     wrong = ds["status"].values[ds["status"].values != Status.FINITE]
     codes, counts = np.unique(wrong, return_counts=True)
     meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
@@ -310,7 +333,7 @@ def summary(ds: Any, seconds: float) -> str:
 
 @app.group(no_args_is_help=False)
 def store() -> None:
-    """Look after stores that `sweep` made."""
+    """Inspect, check and draw stores that `sweep` wrote."""
 
 
 path = click.argument("path", type=FILE)
@@ -319,7 +342,7 @@ path = click.argument("path", type=FILE)
 @store.command()
 @path
 def status(path: Path) -> None:
-    """Say how far the store PATH is; it may still be growing."""
+    """Print how much of the store PATH is finished; it may still be growing."""
     from ..sweeps.store import store_status
 
     print(store_status(path))
@@ -328,9 +351,9 @@ def status(path: Path) -> None:
 @store.command()
 @path
 def check(path: Path) -> int:
-    """Read all of the store PATH; damaged tiles become absent, so that the next run computes them.
+    """Read all of the store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
 
-    Exit code 1 where there were any.
+    The exit code is 1 where there were any.
     """
     from ..sweeps.store import check_store, store_status
 
@@ -342,7 +365,7 @@ def check(path: Path) -> int:
 @store.command()
 @path
 @show
-@out(None, "The picture is OUT.png; default the store's name.", ".png")
+@out(None, "Write OUT.png; default: the store's name.", ".png")
 def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.store import open_store, store_status

@@ -33,8 +33,8 @@ def bowl(monkeypatch):
 def test_the_help_names_every_objective_with_its_unit(capsys):
     assert {name: one.quantity.display_unit for name, one in OBJECTIVES.items()} == OBJECTIVE_UNITS
     text = " ".join(call(["design", "--help"], capsys)[0].split())
-    assert "The objective: peak_force [kN], rms_a_y [m/s^2]" in text
-    assert "A parameter that is chosen, and its bounds; repeat for several. Parameters: speed [m/s]" in text
+    assert "Objective to minimise: peak_force [kN], rms_a_y [m/s^2]" in text
+    assert "Design variable with its lower and upper bound; repeat for several. Parameters: speed [m/s]" in text
 
 
 def test_wrong_input_is_one_line(tmp_path, capsys):
