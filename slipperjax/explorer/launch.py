@@ -1,4 +1,4 @@
-"""The server of a page: on the loopback address, in a thread of this process, for those who know its address."""
+"""The server of a page: a thread of this process, at the loopback address, for whoever knows the secret in it."""
 
 import asyncio
 import dataclasses
@@ -9,11 +9,15 @@ import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..tools.checks import require
-from .session import Session
+from ..tools.types import Numbers
+from .session import Session, Source, Start
 from .worker import Worker
+
+if TYPE_CHECKING:
+    from bokeh.document import Document
 
 ADDRESS = "127.0.0.1"
 
@@ -36,6 +40,7 @@ class Explorer:
 
         good = isinstance(port, int) and not isinstance(port, bool) and 0 <= port < 1 << 16
         require(good, "port", "be a whole number of 0 to 65535", port)
+        # made here, so that a port in use is an error of the call
         try:
             listener = socket.create_server((ADDRESS, port))
         except OSError as error:
@@ -47,13 +52,14 @@ class Explorer:
         self._opened = threading.Event()
         self._workers: list[Worker] = []
         # sockets are opened from pages of these hosts only, and computations end soon after their window was closed
-        options: dict[str, Any] = dict(
+        options = dict(
             extra_websocket_origins=[f"{host}:{self.port}" for host in (ADDRESS, "localhost")],
             unused_session_lifetime_milliseconds=2000,
             check_unused_sessions_milliseconds=1000,
         )
         started = threading.Event()
 
+        # all in one thread, because loops of asyncio and tornado belong to the thread that made them
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
             self._loop = IOLoop.current()
@@ -90,7 +96,7 @@ class Explorer:
             webbrowser.open(Path(file.name).as_uri())
             self._opened.wait(30.0)
 
-    def _open(self, doc: Any) -> None:
+    def _open(self, doc: "Document") -> None:
         """Fill the document of a new window."""
         from .page import Page
 
@@ -111,6 +117,7 @@ class Explorer:
             await self._http.close_all_connections()
             self._loop.stop()
 
+        # loops take calls of other threads in this way only
         if self._thread.is_alive():
             self._loop.add_callback(end)
             self._thread.join(30.0)
@@ -123,7 +130,11 @@ class Explorer:
 
 
 def explore(
-    source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None, port: int = 0
+    source: Source | None = None,
+    grid: Mapping[str, Numbers] | None = None,
+    *,
+    start: Start = None,
+    port: int = 0,
 ) -> Explorer:
     """Serve a page on which clicking a point of a map shows how that slipper moves.
 

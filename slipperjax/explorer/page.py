@@ -8,9 +8,10 @@ from concurrent.futures import Future, wait
 from typing import Any
 
 import numpy as np
+from bokeh.document import Document
 from bokeh.events import DocumentReady, DoubleTap, SelectionGeometry, Tap
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColorBar, CustomJS, Div, LinearColorMapper, Range1d, Select, Slider
+from bokeh.models import Button, ColorBar, Column, CustomJS, Div, LinearColorMapper, Range1d, Row, Select, Slider
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
@@ -24,16 +25,18 @@ from .worker import Worker
 
 WIDTH = 545
 """Width of the left side [pixels]."""
+Piece = Shown | tuple[View, float]
+"""What the worker delivers: a case, or a map so far and its share."""
 HELP = "Click a point: that case. Drag a box: computed finer."
 
 
 class Page:
-    """One window."""
+    """The page in one window of a browser, with the session and the worker of that window."""
 
-    def __init__(self, doc: Any, session: Session):
+    def __init__(self, doc: Document, session: Session):
         self.doc = doc
         self.session = session
-        self.quiet = False  # whether widgets are set by the page and not by a hand
+        self.quiet = False  # whether widgets are set by the page, which must not be taken for the user
         self.worker = Worker(("case", "map"), self._deliver, self._ended)
         self.panels = Panels(lambda: self.panels.show(self.session.shown))
         sides = row(self._left(), self.panels.root, spacing=12)
@@ -44,7 +47,7 @@ class Page:
             doc.add_periodic_callback(self._refresh, 2000)
         self._show_view()
 
-    def _begin(self, event: Any) -> None:
+    def _begin(self, event: DocumentReady) -> None:
         """Compute what is shown first, when the page is there: tracing would delay it."""
         self._look(self.session.case)
         if not self.session.view.ds:
@@ -52,7 +55,7 @@ class Page:
 
     # --- what computes ----------------------------------------------------------------------------------------------
 
-    def _deliver(self, piece: Any, wanted: Callable[[], bool]) -> None:
+    def _deliver(self, piece: Piece, wanted: Callable[[], bool]) -> None:
         """Hand a piece from the worker's thread to the page, and wait until it is there, or ten seconds."""
         # Bokeh changes documents in the thread of its loop only
         there: Future = Future()
@@ -67,19 +70,20 @@ class Page:
         if wait([there], 10.0).done:
             there.result()
 
-    def _take(self, piece: Any) -> None:
+    def _take(self, piece: Piece) -> None:
         """Show a case, or a part of the map."""
         if isinstance(piece, Shown):
             self.session.shown = piece
             self.panels.show(piece)
             self._write_texts()
             return
+        # the view that is shown, with more of its cases
         self.session.views[-1], share = piece
         self._say(f"computing the map: {share:.0%}")
         self._show_view()
 
     def _ended(self, error: Exception | None) -> None:
-        # nothing is left to do, or what went wrong
+        # an error is shown, and help where nothing is left to do
         if error is not None:
             text = " ".join(str(error).split()) or type(error).__name__
             self.doc.add_next_tick_callback(lambda: self._say(text, COLORS["red"]))
@@ -87,14 +91,16 @@ class Page:
             self.doc.add_next_tick_callback(lambda: self._say(HELP))
 
     def _say(self, text: str, color: str = "black") -> None:
-        """Write the line of what happens."""
+        """Write the status line."""
         self.line.text = f'<span style="color:{color}">{html.escape(text)}</span>'
 
     def _compute(self, view: View) -> None:
+        """Have the worker compute a map."""
         self._say("computing; the first time its program is compiled, which takes a while")
         self.worker.submit("map", self.session.compute(view))
 
     def _look(self, case: Case) -> None:
+        """Have the worker compute a case, and mark it now."""
         self.session.case = case
         self._set_sliders(case)
         self._mark()
@@ -106,7 +112,7 @@ class Page:
 
     # --- what there is ----------------------------------------------------------------------------------------------
 
-    def _header(self) -> Any:
+    def _header(self) -> Row:
         labels = ("Back", "Stop", "Copy as Python", "Save scene")
         self.back, stop, copy, save = (Button(label=text, width=108) for text in labels)
         self.back.on_click(self._leave_box)
@@ -118,18 +124,18 @@ class Page:
         self.line = Div(text=HELP, width=WIDTH, name="line")
         return row(self.back, stop, copy, save, self.line)
 
-    def _left(self) -> Any:
+    def _left(self) -> Column:
         self.choice = Select(title="Shown", options=[], width=190)
         self.choice.on_change("value", self._chosen)
         self.legend = Div(width=WIDTH)
-        tools: Any = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
+        tools = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
         ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
         self.map: Any = figure(width=WIDTH, height=440, name="map", **tools, **ranges)
         self.map.grid.visible = False
         # a double tap is two quick clicks
         for event, heard in ((Tap, self._tapped), (DoubleTap, self._tapped), (SelectionGeometry, self._boxed)):
             self.map.on_event(event, heard)
-        self.mapper: Any = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
+        self.mapper = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
         self.pixels = source("image", "x", "y", "dw", "dh")
         self.map.image("image", "x", "y", "dw", "dh", color_mapper=self.mapper, source=self.pixels)
         self.bar = ColorBar(color_mapper=self.mapper, width=12, visible=False)
@@ -194,6 +200,7 @@ class Page:
         y, x = (q.shown(view.axis(name)) for q, name in zip(quantities, view.names, strict=True))
         up, across = map(pictures.label, quantities)
         self._set_axes(across, up, x, y)
+        # no map until a part of it is there
         self.pixels.data = {name: [] for name in self.pixels.data}
         if not view.ds:
             return
@@ -227,20 +234,23 @@ class Page:
         places = zip(view.names, self.session.place(), strict=True)
         shown = [float(view.quantity(name).shown(place)) for name, place in places]
         self.place.data = {"x": shown if len(shown) == 1 else []}
+        # empty lists draw nothing
         self.cross.data = {"x": shown[1:], "y": shown[: len(shown) - 1]}
 
     def _si(self, x: float, y: float) -> list[float]:
         """Return a place of the map along the names of the view [SI units]."""
         view = self.session.view
+        # a diagram has its one parameter along x
         places = (y, x)[-len(view.names) :]
         return [float(view.quantity(name).from_shown(p)) for name, p in zip(view.names, places, strict=True)]
 
-    def _tapped(self, event: Any) -> None:
+    def _tapped(self, event: Tap | DoubleTap) -> None:
         index = self.session.nearest(*self._si(event.x, event.y))
         self._look(self.session.case_at(index))
 
-    def _boxed(self, event: Any) -> None:
-        ends = event.geometry
+    def _boxed(self, event: SelectionGeometry) -> None:
+        ends: Any = event.geometry  # by the name of each side
+        # while it is drawn, a box comes many times
         if not event.final or ends.get("type") != "rect":
             return
         # the same windows, nearer

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, CustomJS, Div, Select, Slider, Toggle
+from bokeh.models import ColumnDataSource, CustomJS, Div, Row, Select, Slider, Toggle
 from bokeh.plotting import figure
 
 from ..flow.status import Status
@@ -21,7 +21,7 @@ from .session import SETTLED, SLIDERS, Shown
 
 _PARTS = (Path(__file__).parent / "page.js").read_text().split("//// ")[1:]
 CODE = {part.partition("\n")[0].partition(":")[0]: part.partition("\n")[2] for part in _PARTS}
-"""Bodies of callbacks by name."""
+"""Scripts of the browser by name: the parts of page.js, each after a line of its name."""
 
 
 def source(*columns: str) -> ColumnDataSource:
@@ -29,7 +29,7 @@ def source(*columns: str) -> ColumnDataSource:
     return ColumnDataSource(data={name: [] for name in columns})
 
 
-def panel(title: str, across: str = "", up: str = "", **options: Any) -> Any:
+def panel(title: str, across: str = "", up: str = "", **options: object) -> figure:
     """Return a small figure."""
     options = dict(width=346, height=212, tools="wheel_zoom,pan,reset", toolbar_location=None) | options
     f: Any = figure(title=title, x_axis_label=across, y_axis_label=up, **options)
@@ -70,11 +70,11 @@ class Panels:
             f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
         self.root = column(row(self.title, self.motion), *self._slipper(), row(self.time, self.phase), self.forces)
 
-    def _slipper(self) -> list[Any]:
+    def _slipper(self) -> list[Row]:
         """Return the panels of both ends, with the slider of instants. The browser alone plays them."""
         self.frames = source()
         self.ends = {}
-        args: dict[str, Any] = {}
+        args: dict[str, object] = {}
         figures = []
         # the same glyphs at both ends, whose data the browser sets by instant
         for end in ("front", "rear"):
@@ -110,7 +110,7 @@ class Panels:
         coordinate = SECTIONS[velocity]
         across = quantity(coordinate)
         up = quantity(velocity)
-        window = shown.case.window
+        window = shown.case.window  # None for a steady motion
         self.title.text = _words(shown)
         last = phase = shown.ds
         # a steady motion is drawn over its last periods, a run over all
@@ -129,6 +129,7 @@ class Panels:
         time = last["period"].values * shown.unit
         self.curve.data = {"x": time, "y": across.shown(last[coordinate].values)}
         self.orbit.data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
+        # peaks of the whole run may lie before what is drawn
         lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6)
         # points that touch
         lines = [line for line in lines if line.peak > 0]
@@ -145,6 +146,7 @@ class Panels:
 
     def _show_slipper(self, shown: Shown) -> None:
         steady = shown.case.window is None
+        # a browser draws some hundred instants with ease
         ds = shown.ds if steady else shown.ds.thin(time=-(-shown.ds.sizes["time"] // 640))
         try:
             drawn = frames_of(ds, shown.run.scene, last=2.0 if steady else None)
@@ -164,6 +166,7 @@ class Panels:
                 "name": [f"{name}{k}" for name in drawn.shape.names],
             }
         self.frames.data = slipper_columns(drawn, shown.unit)
+        # begin with the highest force
         self.instant.end = len(drawn.period) - 1
         self.instant.value = int(np.argmax(drawn.force.max(axis=(1, 2))))
         longest = f"lines are forces, the longest {float(drawn.force.max()) / 1e3:.3g} kN"

@@ -1,6 +1,6 @@
 """Maps, diagrams and the slipper of a case, as plain arrays in display units that a page draws."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -60,12 +60,13 @@ def picture_of(view: View, choice: str) -> Picture:
         numbers = np.where(flagged(ds, *dims), np.nan, highest(ds, choice, *dims))
         return Picture(numbers, {}, label(quantity_of(choice, ds)))
     words = motions_of(ds, *dims) if choice == "motion" else regimes_of(ds, *dims)
+    # cases that are not computed yet have no colour
     words = np.where(ds["status"].transpose(*dims) == Status.NOT_RUN, "", words)
     return Picture(*categories(ds, words), choice)
 
 
-def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
-    """Return an image of even pixels, each with the value that is nearest on the two axes."""
+def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, list[float | np.ndarray]]:
+    """Return a glyph of Bokeh: pixels of equal size, each with the value of the nearest case on the two axes."""
     places = {}
     half = {}
     # pixels reach half a step beyond both ends of an axis, or a half around its one value
@@ -103,6 +104,7 @@ def dots(view: View, choice: str) -> dict[str, np.ndarray]:
 
 def along(view: View, choice: str) -> dict[str, np.ndarray]:
     """Return a number of each window of a run, the highest of all points, over distance [m]."""
+    # steps need a value at both ends of each window
     y = highest(view.ds, choice, "distance")
     return {"x": edges_of(view.ds, "distance"), "y": np.append(y[:1], y)}
 

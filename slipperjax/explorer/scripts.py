@@ -1,12 +1,12 @@
 """The script that computes the numbers which a page shows."""
 
-from typing import Any
-
 import diffrax
 import jax
 import numpy as np
 
 from ..model.dang2024 import paper_scene
+from ..model.dynamics import State
+from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from .session import PERIODS, SLIDERS, Session, sweep_options
@@ -55,10 +55,9 @@ def _state_at(session: Session, distance: float) -> list[str]:
     return [f"start = sj.run(scene, length={begin - kept!r}, start={start}{more})"]
 
 
-def _arguments(**values: Any) -> str:
-    """Return those arguments of a call that are not None, each after a comma."""
+def _arguments(**values: object) -> str:
+    """Return arguments of a call, each after a comma, without those that are None, the default."""
     text = ""
-    # None is the default
     for name, value in values.items():
         if isinstance(value, diffrax.AbstractSolver):  # by its name, without settings of its own
             value = type(value).__name__
@@ -69,6 +68,7 @@ def _arguments(**values: Any) -> str:
 
 def _axis(values: np.ndarray) -> str:
     ends = float(values[0]), float(values[-1])
+    # as short as it can be without another bit
     if np.array_equal(values, np.linspace(*ends, len(values))):
         return f"np.linspace({ends[0]!r}, {ends[1]!r}, {len(values)})"
     return f"np.array({values.tolist()})"
@@ -86,10 +86,11 @@ def scene_text(scene: Scene) -> str:
     return f"sj.model.scene_from_json({content!r})"
 
 
-def start_text(start: Any) -> str:
+def start_text(start: Motion | State) -> str:
     """Return a motion or state as an expression, exact to the last bit."""
-    if hasattr(start, "motion"):
+    if isinstance(start, State):
         memory = "None" if start.memory is None else f"jnp.array({np.asarray(start.memory).tolist()})"
         return f"sj.State({start_text(start.motion)}, {memory})"
+    # floats in full digits; coordinates that are zero are left out
     numbers = jax.tree.map(float, vars(start))
     return f"sj.{type(start).__name__}({', '.join(f'{k}={v!r}' for k, v in numbers.items() if v)})"

@@ -5,8 +5,9 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import diffrax
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -16,6 +17,8 @@ from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_s
 from ..flow.simulate import Trajectory, simulate
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
+from ..model.dynamics import State
+from ..model.kinematics import Motion
 from ..model.parameters import parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
@@ -27,7 +30,12 @@ from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
 from ..tools.checks import require
 from ..tools.files import user_path
+from ..tools.types import Numbers
 
+Source = xr.Dataset | Scene | Path | str
+"""What a page is opened with: a result, a scene, or a file or store of one."""
+Start = Motion | State | None
+"""Where motions start; None for the start of Table 2."""
 PERIODS = 320
 """Forcing periods of a case that is looked at."""
 SETTLED = 200
@@ -41,7 +49,7 @@ SLIDERS = {
     "restitution": (0.1, 1.0),
 }
 """Parameters with a slider, and its ends [SI units]."""
-COMPUTED: dict[int, dict[str, Any]] = {
+COMPUTED: dict[int, dict[str, object]] = {
     1: {"record": "sections", "transient": 200, "periods": 10},
     2: {"record": ["motion", "peak_force"], "transient": 100, "periods": 200},
 }
@@ -53,7 +61,7 @@ class View:
     """A map, a diagram or a run, which the left side of a page shows."""
 
     scene: Scene
-    start: Any = None
+    start: Start = None
     ds: xr.Dataset = field(default_factory=xr.Dataset)
     """Its cases so far; empty before there are any."""
     grid: dict[str, np.ndarray] = field(default_factory=dict)
@@ -94,17 +102,17 @@ class Case:
     """One case that is looked at."""
 
     scene: Scene
-    start: Any = None
-    """A motion or state; None is Table 2's."""
+    start: Start = None
+    """None for the start of Table 2."""
     steps: int | None = None
     """Integration steps per forcing period, where they are not the default."""
-    solver: Any = None
+    solver: diffrax.AbstractSolver | None = None
     window: tuple[float, float] | None = None
-    """Where of a run it is [m]; None for a steady motion."""
+    """Both ends of a window of a run [m]; None for a steady motion."""
 
     @property
-    def options(self) -> dict[str, Any]:
-        """Arguments of its functions besides the scene."""
+    def options(self) -> dict[str, object]:
+        """Arguments of `simulate` besides the scene."""
         return {"steps_per_period": self.steps, "solver": self.solver}
 
     @property
@@ -142,7 +150,9 @@ class Session:
     shown: Shown | None = None
 
     @classmethod
-    def of(cls, source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None) -> "Session":
+    def of(
+        cls, source: Source | None = None, grid: Mapping[str, Numbers] | None = None, *, start: Start = None
+    ) -> "Session":
         """Return a session whose view is of a scene, a dataset, a file or a store.
 
         **Raises:** `ValueError` where it is none of these, or `grid` is wrong; `OSError` for what cannot be read.
@@ -216,7 +226,7 @@ class Session:
         return View(view.scene, view.start, grid=grid)
 
     def compute(self, view: View) -> Iterator[tuple[View, float]]:
-        """Yield what there is of a view after each 80 cases, and its share."""
+        """Yield the view with the cases computed so far, and their share of all, after each 80 cases."""
         cases = _cases(view)
         # cases with the same steps together, which run as one batch
         order = np.argsort(-cases.default_steps(), kind="stable")
@@ -236,6 +246,7 @@ class Session:
         if not view.growing:
             return False
         ds = _opened(view.source)
+        # cases change their status when they are computed
         if np.array_equal(ds["status"].values, view.ds["status"].values):
             return False
         self.views[-1] = dataclasses.replace(view, ds=ds)
@@ -249,14 +260,14 @@ class Session:
         return self.view.ds
 
     @property
-    def run_options(self) -> dict[str, Any]:
-        """Its window, records and solver."""
+    def run_options(self) -> dict[str, object]:
+        """Arguments with which the run was made: window, records and solver."""
         call = load_call(self.run)
         options = {name: call[name] for name in ("record", "solver") if call.get(name) is not None}
         return {"window": float(self.run.attrs["window [m]"]), **options}
 
     def way(self, distance: float) -> tuple[float, float]:
-        """Return the last place up to a distance where the run kept its state, and the beginning of a window [m]."""
+        """Return the last place up to a distance where the run stored its state, and the window's beginning [m]."""
         edges = edges_of(self.run, "distance")
         limit = max(distance, edges[0]) + 1e-6
         # where the run begins, and the ends of its stretches
@@ -265,17 +276,18 @@ class Session:
         begin = edges[edges <= limit].max()
         return float(kept), float(begin)
 
-    def state_at(self, distance: float) -> Any:
-        """Return a run with its state where the window at a distance [m] begins, or the start there."""
+    def state_at(self, distance: float) -> xr.Dataset | Start:
+        """Return the start of a simulation from where the window at a distance [m] begins: a run up to there, or its
+        own start."""
         kept, begin = self.way(distance)
         start = self.run if kept in self.run["stretch"] else load_start(self.run)
-        # the state is there; else the run goes on up to the window
+        # the run stored its state there; else the run goes on up to the window
         if begin == kept:
             return start
         return run_along(self.view.scene, length=begin - kept, begin=kept, start=start, **self.run_options)
 
     def passage(self, case: Case) -> tuple[Scene, int, float]:
-        """Return the scene in a window, and whole forcing periods with it near their end, from a place on [m]."""
+        """Return what to simulate to see a window at the end: scene, forcing periods, and where they begin [m]."""
         assert case.window is not None
         low, high = case.window
         scene = case.scene
@@ -302,7 +314,7 @@ class Session:
         view = self.view
         if view.is_run:
             low, high = map(float, edges_of(view.ds, "distance")[index["distance"] :][:2])
-            # steps are counted by stretch
+            # integration steps of the stretch that the window lies in, for a forcing period
             stretch = np.searchsorted(self.run["stretch"], (low + high) / 2)
             counts = self.run["steps_per_window"].values
             per_metre = counts[min(stretch, len(counts) - 1)] / self.run.attrs["window [m]"]
@@ -326,7 +338,7 @@ class Session:
         return [float(parameter(name, case.scene).of(case.scene)) for name in self.view.names]
 
     def look(self, case: Case) -> Iterator[Shown]:
-        """Compute the motion of a case."""
+        """Yield the motion of a case when it is computed."""
         if case.window is not None:
             scene, periods, begin = self.passage(case)
             options = case.options | {"start": self.state_at(begin), "begin": begin, "saves_per_period": case.steps}
@@ -336,6 +348,7 @@ class Session:
         run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=case.saves, **case.options)
         every = len(run.period) // PERIODS  # saves per period
         ds = run.to_xarray().isel(time=slice(-SETTLED * every - 1, None))
+        # a motion that was lost has no kind
         kind, period = "unresolved", 0
         if int(run.status) == Status.FINITE:
             strobe = np.stack([ds[name].values[::every] for name in COORDINATES], axis=-1)
@@ -344,7 +357,7 @@ class Session:
         yield Shown(case, run, ds, kind, period)
 
 
-def sweep_options(view: View) -> dict[str, Any]:
+def sweep_options(view: View) -> dict[str, object]:
     """Return arguments of `slipperjax.sweep` for a view."""
     options = COMPUTED[len(view.names)]
     return options if view.start is None else options | {"start": view.start}
@@ -358,7 +371,7 @@ def _wavelength(scene: Scene) -> float:
     return float(np.max(np.asarray(scene.wavelength)))
 
 
-def _opened(path: Any) -> xr.Dataset:
+def _opened(path: Path) -> xr.Dataset:
     """Return a store or a file as a dataset, with statuses in memory."""
     ds = open_store(path) if path.is_dir() else dataset_of(path)
     return ds.assign(status=ds["status"].load()) if "status" in ds else ds
@@ -386,6 +399,7 @@ def _on_grid(pieces: list[xr.Dataset], places: np.ndarray, cases: Cases) -> xr.D
     # the number of crossings differs between pieces
     numbered = [ds.assign_coords(crossing=np.arange(ds.sizes.get("crossing", 0))) for ds in pieces]
     together = xr.concat(numbered, "case", join="outer").drop_vars([*cases.dims, "crossing"])
+    # values of what is not computed yet; NaN for numbers
     missing = {"status": int(Status.NOT_RUN), "kind": "", "period": 0, "steps_per_period": 0}
     fill = {name: missing.get(str(name), np.nan) for name in together}
     whole = together.assign_coords(case=places).reindex(case=np.arange(cases.count), fill_value=fill)

@@ -2,28 +2,27 @@
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 
 class Worker:
-    """A thread that takes jobs by name; a later one of a name takes the place of the one before."""
+    """A thread that runs jobs; a new job replaces the one of the same name before it."""
 
     def __init__(
         self,
         names: Sequence[str],
-        deliver: Callable[[Any, Callable[[], bool]], None],
+        deliver: Callable[[object, Callable[[], bool]], None],
         ended: Callable[[Exception | None], None],
     ):
         """**Arguments:**
 
         - `names`: of the kinds of jobs, the most urgent first.
-        - `deliver`: called by the thread with each piece of a job, and whether that is still wanted.
+        - `deliver`: called by the thread with each piece of a job, and a function that tells if it is still wanted.
         - `ended`: called by the thread when a job has ended, with its error, unless it was stopped or replaced.
         """
         self._names = names
         self._deliver = deliver
         self._ended = ended
-        self._jobs: dict[str, Iterator[Any]] = {}
+        self._jobs: dict[str, Iterator[object]] = {}
         self._changed = threading.Condition()
         self._closed = False
         threading.Thread(target=self._run, daemon=True).start()
@@ -32,7 +31,7 @@ class Worker:
         """Return whether a job runs or waits."""
         return bool(self._jobs)
 
-    def submit(self, name: str, job: Iterator[Any]) -> None:
+    def submit(self, name: str, job: Iterator[object]) -> None:
         """Run the pieces that an iterator computes, in place of the job before."""
         with self._changed:
             self._jobs[name] = job
@@ -51,6 +50,7 @@ class Worker:
             self._changed.notify()
 
     def _run(self) -> None:
+        # one piece at a time, so that a more urgent job waits for a piece at most
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._jobs or self._closed)
@@ -61,7 +61,7 @@ class Worker:
                 job = self._jobs[name]
             self._advance(name, job)
 
-    def _advance(self, name: str, job: Iterator[Any]) -> None:
+    def _advance(self, name: str, job: Iterator[object]) -> None:
         """Compute and deliver the next piece of a job, or end it."""
         error = None
         wanted = lambda: self._jobs.get(name) is job
