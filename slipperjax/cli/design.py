@@ -220,12 +220,9 @@ def report(best: "Design") -> str:
     # a row for each case, a column for each quantity
     table = {}
     for name in best.problem.over:
-        values = shown(cases, name)
-        table[f"{name} [{PARAMETERS[name].display_unit}]"] = [f"{v:.6g}" for v in values]
-    errors = q.shown(cases["objective_stderr"].values)
-    texts = []
-    for value, error in zip(q.shown(cases["objective"].values), errors, strict=True):
-        texts.append(f"{value:.5g}" + (f" +- {error:.2g}" if error > 0 else ""))
+        table[f"{name} [{PARAMETERS[name].display_unit}]"] = [f"{v:.6g}" for v in shown(cases, name)]
+    pairs = q.shown(cases[["objective", "objective_stderr"]].to_array().values).T
+    texts = [f"{value:.5g}" + (f" +- {error:.2g}" if error > 0 else "") for value, error in pairs]
     table[f"{q.name} [{q.display_unit}]"] = texts
     table["regime"] = cases["regime"].values
     lines.append(pd.DataFrame(table).to_string(index=False))

@@ -35,7 +35,7 @@ def explore(case: Case, over: Axis | None, by: Axis | None, port: int, no_browse
         raise ValueError(f"Option {without_effect[0]} must not be given: the page takes the scene's own.")
     if by is not None and over is None:
         raise ValueError("Option --by needs --over.")
-    grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
+    grid = None if over is None else make_grid(case.scene, *filter(None, (by, over)))
     try:
         page = serve(case.scene if source is None else source, grid, start=case.start, port=port)
     except ImportError as error:  # which says how to install Bokeh

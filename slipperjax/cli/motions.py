@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import click
 
 from ..model.parameters import Parameter
-from ..model.scene import Scene
 from ..tools.checks import require
 from .files import Outputs, keeping, step_error
 from .interrupts import Result, on_thread
@@ -33,7 +32,6 @@ from .options import (
 if TYPE_CHECKING:
     import xarray
 
-    from ..flow.simulate import Probe
     from ..orbits.branches import OrbitBranch
     from ..orbits.periodic import PeriodicOrbit
 
@@ -58,13 +56,16 @@ def simulate(
     case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Path
 ) -> int:
     """Simulate one case and write its trajectory."""
+    import numpy as np
+
     from ..flow.simulate import simulate as run
     from ..flow.status import Status
 
     scene = case.scene
     files = Outputs(out, ".nc", ".png")
-    options = dict(saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
-    trajectory = on_thread(lambda: run(scene, periods, **options))
+    trajectory = on_thread(
+        lambda: run(scene, periods, saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
+    )
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
@@ -74,20 +75,12 @@ def simulate(
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
         if trajectory.probe is not None:
-            parts.append(_error(scene, trajectory.probe))
+            peaks = np.asarray(trajectory.probe.peak_error)
+            peaks = peaks[np.isfinite(peaks)]  # NaN where there was no contact
+            force = f" and its highest force by {peaks.max():.1e} of it" if len(peaks) else ""
+            parts.append(step_error(scene, trajectory.probe.error) + force)
     print("; ".join([*parts, f"status: {status}"]))
     return LOST if status == Status.NOT_FINITE else 0
-
-
-def _error(scene: Scene, probe: "Probe") -> str:
-    """Return in words how much half the step changes the motion and its highest force."""
-    import numpy as np
-
-    peaks = np.asarray(probe.peak_error)
-    # NaN where there was no contact
-    of_force = peaks[np.isfinite(peaks)]
-    force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
-    return step_error(scene, probe.error) + force
 
 
 @app.command()

@@ -97,7 +97,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     """Compute the largest Lyapunov exponent over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
-    grid = make_grid(case.scene, over, *([by] if by else []), log=log)
+    grid = make_grid(case.scene, *filter(None, (over, by)), log=log)
     return _swept(lyapunov_sweep, case, grid, Outputs(out, ".nc", ".png"), **options)
 
 

@@ -52,18 +52,19 @@ class Explorer:
         self._opened = threading.Event()
         self._workers: list[Worker] = []
         # sockets are opened from pages of these hosts only, and computations end soon after their window was closed
-        options = dict(
-            extra_websocket_origins=[f"{host}:{self.port}" for host in (ADDRESS, "localhost")],
-            unused_session_lifetime_milliseconds=2000,
-            check_unused_sessions_milliseconds=1000,
-        )
         started = threading.Event()
 
         # all in one thread, because loops of asyncio and tornado belong to the thread that made them
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
             self._loop = IOLoop.current()
-            pages = BokehTornado({"/": self._open}, prefix=self._secret, **options)
+            pages = BokehTornado(
+                {"/": self._open},
+                prefix=self._secret,
+                extra_websocket_origins=[f"{host}:{self.port}" for host in (ADDRESS, "localhost")],
+                unused_session_lifetime_milliseconds=2000,
+                check_unused_sessions_milliseconds=1000,
+            )
             self._http = HTTPServer(pages)
             self._http.add_socket(listener)
             self._server = BaseServer(self._loop, pages, self._http)

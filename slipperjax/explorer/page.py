@@ -128,9 +128,15 @@ class Page:
         self.choice = Select(title="Shown", options=[], width=190)
         self.choice.on_change("value", self._chosen)
         self.legend = Div(width=WIDTH)
-        tools = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
-        ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
-        self.map: Any = figure(width=WIDTH, height=440, name="map", **tools, **ranges)
+        self.map: Any = figure(
+            width=WIDTH,
+            height=440,
+            name="map",
+            tools="box_select,wheel_zoom,pan,reset,save",
+            active_drag="box_select",
+            x_range=Range1d(0, 1),
+            y_range=Range1d(0, 1),
+        )
         self.map.grid.visible = False
         # a double tap is two quick clicks
         for event, heard in ((Tap, self._tapped), (DoubleTap, self._tapped), (SelectionGeometry, self._boxed)):
@@ -154,8 +160,16 @@ class Page:
         # each slider computes its case while it moves
         for name, ends in SLIDERS.items():
             low, high = map(PARAMETERS[name].shown, ends)
-            options = dict(start=low, end=high, value=low, step=(high - low) / 480, format="0.[000]", name=name)
-            self.sliders[name] = Slider(title=pictures.label(PARAMETERS[name]), width=WIDTH - 16, **options)
+            self.sliders[name] = Slider(
+                title=pictures.label(PARAMETERS[name]),
+                width=WIDTH - 16,
+                start=low,
+                end=high,
+                value=low,
+                step=(high - low) / 480,
+                format="0.[000]",
+                name=name,
+            )
             self.sliders[name].on_change("value", functools.partial(self._slid, name))
         self.controls = column(*self.sliders.values(), visible=not self.session.view.is_run)
         return column(self.choice, self.legend, self.map, self.controls)

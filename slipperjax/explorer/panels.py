@@ -59,8 +59,9 @@ class Panels:
         self.phase.line("x", "y", source=self.orbit, color=blue, line_width=0.5)
         self.phase.scatter("x", "y", source=self.strobe, color=COLORS["red"], size=5)
         self.lines = source("xs", "ys", "name", "color", "dash")
-        style = dict(color="color", line_dash="dash", line_width=1.5, legend_field="name")
-        self.forces.multi_line("xs", "ys", source=self.lines, **style)
+        self.forces.multi_line(
+            "xs", "ys", source=self.lines, color="color", line_dash="dash", line_width=1.5, legend_field="name"
+        )
         self.forces.add_layout(self.forces.legend[0], "right")
         self.cursor = source("x")
         self.window = source("x")
@@ -86,8 +87,15 @@ class Panels:
             f.patch("x", "y", source=slipper, color=COLORS["blue"], fill_alpha=0.4)
             f.segment("x", "y", "tip_x", "tip_y", source=dots, color="color", line_width=4)
             f.scatter("x", "y", source=dots, size=8, line_color="color", fill_color="color", fill_alpha="alpha")
-            text = dict(text_font_size="10px", text_align="center", text_baseline="middle")
-            f.text("at_x", "at_y", "name", source=dots, **text)
+            f.text(
+                "at_x",
+                "at_y",
+                "name",
+                source=dots,
+                text_font_size="10px",
+                text_align="center",
+                text_baseline="middle",
+            )
             args |= {end: slipper, f"{end}_dots": dots}
             self.ends[end] = rail, dots
             figures.append(f)

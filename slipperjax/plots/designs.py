@@ -114,21 +114,12 @@ def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
         # markers by kind of motion
         for kind, marker, at in (("periodic", "o", periodic), ("irregular", "D", ~periodic)):
             if np.isfinite(y[at]).any():
-                style = dict(
-                    ms=4.5,
-                    mew=0.5,
-                    mec="white",
-                    color=color,
-                    zorder=4,
-                    label=kind,
-                )
-                ax.plot(x[at], y[at], marker, **style)
+                ax.plot(x[at], y[at], marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4, label=kind)
     error = q.shown(ds["objective_stderr"].values)
     # orbits have no standard error
     unsure = error > 0
     if unsure.any():
-        style = dict(fmt="none", lw=0.8, capsize=2, color=blue)
-        ax.errorbar(x[unsure], best[unsure], error[unsure], **style)
+        ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
     # of one case the total is the case
     if len(x) > 1:
         total = q.shown(ds.attrs["objective"])
@@ -145,19 +136,11 @@ def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
     # with one variable the objective is drawn upwards
     x, y = [*places, total][:2]
     taken = ds["trial_taken"].values.astype(bool)
-    first = dict(
-        ms=6.5,
-        mfc="none",
-        mec="black",
-        mew=0.8,
-        zorder=4,
-        label="start",
-    )
     # a line through what each start took, and a square where it began
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
         ax.plot(x[own & taken], y[own & taken], lw=0.7, color=COLORS["grey"], zorder=1)
-        ax.plot(x[own][:1], y[own][:1], "s", **first)
+        ax.plot(x[own][:1], y[own][:1], "s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4, label="start")
     dots = _scatter_trials(ds, ax, x, y)
     # bounds of each variable across its axis
     for one, line in zip(variables, (ax.axvline, ax.axhline), strict=False):
@@ -201,7 +184,12 @@ def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> S
     dots = None
     # each kind of trial has its own marker and entry
     for label, marker, at in (("constraint violated", "v", ~kept), ("trial", "o", kept)):
-        style = dict(
+        dots = ax.scatter(
+            x[at],
+            y[at],
+            16,
+            total[at],
+            label=label if at.any() else "",
             marker=marker,
             cmap=colors,
             norm=norm,
@@ -209,7 +197,6 @@ def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> S
             zorder=3,
             plotnonfinite=True,
         )
-        dots = ax.scatter(x[at], y[at], 16, total[at], label=label if at.any() else "", **style)
     return dots
 
 
@@ -242,8 +229,18 @@ def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
     # a line for each variable over the cases
     for k, name in enumerate(map(str, ds["variable"].values)):
         text = name.replace("_", " ") + (f" ${PARAMETERS[name].symbol}$" if name in PARAMETERS else "")
-        style = dict(fmt="o-", ms=3, mew=0, lw=0.8, capsize=2, color=line_color(k), label=text)
-        ax.errorbar(x[order], slopes[order, k], errors[order, k], **style)
+        ax.errorbar(
+            x[order],
+            slopes[order, k],
+            errors[order, k],
+            fmt="o-",
+            ms=3,
+            mew=0,
+            lw=0.8,
+            capsize=2,
+            color=line_color(k),
+            label=text,
+        )
     ax.set(xlabel=label, ylabel=f"change of {_name(quantity_of('smooth', ds))}\nby 1 % of a variable [%]")
     legend_above(ax)
 
@@ -278,8 +275,7 @@ def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> A
             # a row for each parameter, with the cases' bars beneath each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
-            bar = dict(lw=3.5, alpha=0.35, solid_capstyle="butt")
-            ax.plot([0, change], [row] * 2, color=color, label=text, **bar)
+            ax.plot([0, change], [row] * 2, color=color, label=text, lw=3.5, alpha=0.35, solid_capstyle="butt")
             # the side without an event has a bar alone
             if label:
                 text = f"{label} {EVENT_NAMES[label]}"

@@ -360,7 +360,10 @@ def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
         for name, marker in zip(REGIMES, "oDs^v", strict=True):
             at = (regimes == name) & ~absent
             if at.any():
-                bars = dict(
+                ax.errorbar(
+                    x[at],
+                    y[at],
+                    SURE * error[at],
                     fmt=marker,
                     ms=3.5,
                     mew=0,
@@ -368,7 +371,6 @@ def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
                     color=MOTION_COLORS[name],
                     label=lasting(name, life),
                 )
-                ax.errorbar(x[at], y[at], SURE * error[at], **bars)
         mark_cases(ax, x[absent], "no exponent")
         legend_above(ax)
         ax.margins(x=0.03)

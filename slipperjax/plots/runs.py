@@ -298,8 +298,14 @@ def passing(
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
                 if there.any():
                     label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-                    shade = dict(color=COLORS[color], alpha=1 - 0.7 * k / len(runs))
-                    ax.plot(speed[there], values[there], label=label, **shade, **style)
+                    ax.plot(
+                        speed[there],
+                        values[there],
+                        label=label,
+                        color=COLORS[color],
+                        alpha=1 - 0.7 * k / len(runs),
+                        **style,
+                    )
         # stable parts solid, unstable ones dashed
         if branch is not None:
             x = shown(branch, "speed")

@@ -16,14 +16,13 @@ from matplotlib.patches import Polygon
 from matplotlib.quiver import Quiver
 
 from ..flow.datasets import load_scene
-from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, require, whole
 from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, styled
-from .trajectories import TRAJECTORY_SOURCE, contact_forces
+from .trajectories import TRAJECTORY_SOURCE, Result, contact_forces
 
 if TYPE_CHECKING:
     import matplotlib.animation
@@ -193,7 +192,7 @@ def frame(ax: Axes, points: Float[np.ndarray, "n points 2"], margin: float) -> N
 
 
 def animate(
-    run: Trajectory | xr.Dataset,
+    run: Result,
     scene: Scene | None = None,
     *,
     magnify: float | None = None,
@@ -243,7 +242,7 @@ def animate(
 
 
 def instant(
-    run: Trajectory | xr.Dataset,
+    run: Result,
     scene: Scene | None = None,
     *,
     at: float | None = None,
@@ -280,7 +279,7 @@ class Frames(NamedTuple):
 
 
 def frames_of(
-    run: Trajectory | xr.Dataset,
+    run: Result,
     scene: Scene | None = None,
     *,
     magnify: float | None = None,

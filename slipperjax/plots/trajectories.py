@@ -26,12 +26,13 @@ from .style import (
     typeset,
 )
 
+Result = Trajectory | xr.Dataset
 TIME_LABEL = "time [forcing periods]"
 TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
 """Kind of the datasets drawn here, for errors."""
 
 
-def history(ds: Trajectory | xr.Dataset, name: str, ax: Axes | None = None) -> Axes:
+def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
     """Draw one output over time.
 
     **Arguments:**
@@ -51,7 +52,7 @@ def history(ds: Trajectory | xr.Dataset, name: str, ax: Axes | None = None) -> A
 
 
 def contact_forces(
-    ds: Trajectory | xr.Dataset,
+    ds: Result,
     ax: Axes | None = None,
     *,
     most: int = 4,
@@ -135,7 +136,7 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     return lines
 
 
-def overview(ds: Trajectory | xr.Dataset) -> np.ndarray:
+def overview(ds: Result) -> np.ndarray:
     """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
@@ -166,7 +167,7 @@ def overview(ds: Trajectory | xr.Dataset) -> np.ndarray:
     return panels
 
 
-def phase_portrait(ds: Trajectory | xr.Dataset, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
+def phase_portrait(ds: Result, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
     """Draw the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
