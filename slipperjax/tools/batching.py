@@ -1,11 +1,12 @@
 """Batches of pytrees of one structure: leaves that differ have a leading axis, all others are shared."""
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 Tree = TypeVar("Tree")
 
@@ -13,8 +14,8 @@ Tree = TypeVar("Tree")
 class Batched(eqx.Module, Generic[Tree]):
     """A batch of pytrees of one structure, such as the scenes of a sweep.
 
-    Sharing saves memory and time: values that depend on shared leaves alone are computed once per batch inside a
-    compiled program, not once per lane.
+    Sharing saves memory and time: inside a compiled program, values that depend on shared leaves alone are computed
+    once per batch, not once per case.
     """
 
     varied: Tree
@@ -24,11 +25,11 @@ class Batched(eqx.Module, Generic[Tree]):
 
     @classmethod
     def of(cls, tree: Tree, like: Tree) -> "Batched[Tree]":
-        """Return a batch; the leaves of `tree` with one axis more than those of `like`, a single case, vary."""
+        """Return a batch: leaves of `tree` vary where they have more axes than those of `like`, a single case."""
         more = jax.tree.map(lambda a, b: np.ndim(a) > np.ndim(b), tree, like)
         return cls(*eqx.partition(tree, more))
 
-    def map(self, fun: Callable, *batches: Any) -> Any:
+    def map(self, fun: Callable, *batches: PyTree) -> PyTree:
         """Apply `fun(tree, *batches)` to each case by `jax.vmap`; `batches` have a leading axis of cases."""
         one = lambda varied, batches: fun(eqx.combine(varied, self.shared), *batches)
         return jax.vmap(one)(self.varied, batches)
@@ -36,25 +37,26 @@ class Batched(eqx.Module, Generic[Tree]):
     def apply(self, fun: Callable) -> "Batched":
         """Apply `fun(tree)` to each case; results that depend on shared leaves alone are shared. Pure."""
 
-        def result(varied: Tree) -> Any:
+        def result(varied: Tree) -> PyTree:
             return fun(eqx.combine(varied, self.shared))
 
         def is_shared(k: int) -> bool:
+            leaf = lambda varied: jax.tree.leaves(result(varied))[k]
             try:
-                # JAX refuses a result that varies where it is to have no axis of cases
-                jax.eval_shape(
-                    jax.vmap(lambda varied: jax.tree.leaves(result(varied))[k], out_axes=None), self.varied
-                )
+                # JAX refuses results that differ between cases where they are to have no axis of cases
+                jax.eval_shape(jax.vmap(leaf, out_axes=None), self.varied)
             except ValueError:
                 return False
             return True
 
-        def part(varied: Tree, wanted: bool) -> Any:
+        def part(varied: Tree, wanted: bool) -> PyTree:
+            # the results that are shared, or those that are not, and None in place of the others
             leaves = jax.tree.leaves(result(varied))
             return structure.unflatten(
                 [leaf if same == wanted else None for leaf, same in zip(leaves, shared, strict=True)]
             )
 
+        # shared results are computed from the first case; where all are shared there is nothing to map
         first = jax.tree.map(lambda leaf: leaf[0], self.varied)
         structure = jax.tree.structure(jax.eval_shape(result, first))
         nothing_varies = not jax.tree.leaves(self.varied)

@@ -20,16 +20,16 @@ class CacheWarning(UserWarning):
 
 
 def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """Keep compiled programs on disk from here on, and takes those that are there: call it once, at the start.
+    """Keep compiled programs on disk from here on, and reuse those that are there: call it once, at the start.
 
-    The command line calls it; a notebook or a script may. Several processes may share a folder. What is in it is
+    The command line calls it; a notebook or a script may. Several processes may share a folder. Its programs are
     executed, so that it must belong to the user, and nobody else may write there.
 
-    **Arguments:** `folder`: default that of the environment variable `SLIPPERJAX_CACHE`, which may also be "off", or
-    the user's cache folder (on Linux ~/.cache/slipperjax).
+    **Arguments:** `folder`: by default that of the environment variable `SLIPPERJAX_CACHE`, which may also be "off",
+    or else the user's cache folder (on Linux ~/.cache/slipperjax).
 
-    **Returns:** the folder of programs for this kind of processor, or None where the cache is off or cannot be used:
-    that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
+    **Returns:** the folder of programs for this kind of processor. None where the cache is off, or where the folder
+    cannot be used, which gives one `CacheWarning`. A cache folder that JAX has already (`jax_compilation_cache_dir`)
     stays.
     """
     chosen = os.environ.get("SLIPPERJAX_CACHE", "") if folder is None else str(user_path(folder, "folder"))
@@ -56,12 +56,13 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 def keep_programs(place: Path) -> None:
     """Keep compiled programs in a folder of `compile_cache`, from here on."""
-    # On processors with AVX-512 XLA logs an error for each program that it takes from the cache, and takes it all the
-    # same (jax #38445). A level that was asked for stays; the second line gives Python's loggers back.
+    # On processors with AVX-512, XLA logs an error for each program that it takes from the cache, and takes it all
+    # the same (jax #38445). The first line silences XLA's log. The second restores Python's loggers, but XLA's log
+    # only to a level that the user has chosen: the default leaves it as it is.
     level = jax.config.jax_logging_level  # type: ignore[attr-defined]
     jax.config.update("jax_logging_level", "CRITICAL")
     jax.config.update("jax_logging_level", level)
-    # what cannot be read or written later is compiled; JAX would warn of each program
+    # an entry that cannot be read or written is compiled, of which JAX would warn each time
     warnings.filterwarnings(
         "ignore",
         message="Error (reading|writing) persistent compilation cache entry",
@@ -72,7 +73,7 @@ def keep_programs(place: Path) -> None:
 
 
 def _processor() -> str:
-    """Return the architecture and a digest of the processor's features, which JAX's names of entries lack."""
+    """Return a folder's name for this kind of processor; JAX names entries without its features."""
     features = platform.processor()
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:  # Linux
         of_kind = {line for line in lines if line.startswith(("flags", "Features", "model name"))}
@@ -90,8 +91,7 @@ def _refuse_others(path: Path) -> None:
 
 
 def _prune(place: Path, most: float = 1e9) -> None:
-    """Delete the entries that are longest unused where there are more bytes than `most`, and empty ones, as crashes
-    leave them.
+    """Delete empty entries, as crashes leave them, and the longest unused ones if all have more bytes than `most`.
 
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
@@ -99,6 +99,7 @@ def _prune(place: Path, most: float = 1e9) -> None:
     entries = []
     for path in place.iterdir():
         status = path.stat()
+        # many disks do not keep the time of the last reading: then that of writing counts
         entries.append((max(status.st_mtime, status.st_atime), status.st_size, path))
     is_full = sum(size for _, size, _ in entries) > most
     kept = 0

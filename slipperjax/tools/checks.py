@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +19,10 @@ import numpy as np
 
 from .compile import is_traced
 
+Value = TypeVar("Value")
 
-def brief(value: Any) -> str:
+
+def brief(value: object) -> str:
     """Return `repr` of a value on one line, cut where it is long; its class where `repr` fails."""
     try:
         text = " ".join(repr(value).split())
@@ -29,7 +31,7 @@ def brief(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = "") -> None:
+def require(ok: object, name: str, need: str, value: object = None, *, shown: str = "") -> None:
     """Raise `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
@@ -45,7 +47,7 @@ def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = ""
 
 
 def pint_unit(unit: str) -> str:
-    """Return a unit as pint reads it: "m^2 per cycle/m" has one quotient below another."""
+    """Return a unit as pint reads it: "m^2 per cycle/m" is "(m^2)/(cycle/m)", and "1" is empty."""
     whole, per, part = unit.partition(" per ")
     if per:
         return f"({whole})/({part})"
@@ -59,15 +61,15 @@ def in_unit(value: Any, unit: str) -> Any:
     """
     if type(value) in (list, tuple):
         return type(value)(in_unit(part, unit) for part in value)
-    # by what it can do: pint is not imported for it
+    # told by what it can do, because pint takes long to import
     is_quantity = hasattr(value, "magnitude") and hasattr(value, "to")
     return value.to(pint_unit(unit)).magnitude if is_quantity else value
 
 
-def converted(name: str, unit: str) -> Callable[[Any], Any]:
+def converted(name: str, unit: str) -> Callable[[object], Any]:
     """Return a field converter of quantities of pint to numbers in a unit, which checks nothing else."""
 
-    def convert(value: Any) -> Any:
+    def convert(value: object):
         try:
             return in_unit(value, unit)
         except TypeError as error:
@@ -87,23 +89,24 @@ class Check:
     unit: str = ""
     need: str = "finite"
     is_good: Callable[[Any], Any] = lambda x: abs(x) < np.inf
+    """Tells of each number whether it is good."""
     optional: bool = False
     whole: bool = False
-    """Whether the numbers are whole, which cannot be varied by little."""
+    """Whether the numbers are whole: they cannot change by little, so that nothing is differentiated by them."""
     plausible: tuple[float, float] | None = None
     """Range [unit] outside of which an `ImplausibleWarning` says that the unit may be wrong."""
 
-    def __call__(self, value: Any) -> Any:
+    def __call__(self, value: object) -> Any:
         if self.optional and value is None:
             return None
-        # a traced value cannot be refused; as NaN it gives the result a status
+        # Whether a traced value is good is not known yet. A bad one becomes NaN, which gives the result a status.
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
             return jnp.where(self.is_good(value), value, jnp.nan)
         unit = "" if self.unit == "1" else self.unit
         try:
             array = np.asarray(in_unit(value, self.unit))
-            # NumPy makes numbers of bools and some texts, too
+            # only integers and floats: NumPy would also make numbers of bools and of texts such as "1.5"
             if array.size and array.dtype.kind not in "fiu":
                 raise TypeError
             array = array.astype(float)
@@ -121,7 +124,7 @@ class Check:
         return ValueError(f"Argument `{self.name}` must be {self.need}, but is {shown}.")
 
 
-# kinds of numbers: of a name and a unit each makes a check
+# kinds of numbers: each is called with a name and a unit, and makes a check
 finite = Check
 positive = partial(Check, need="positive", is_good=lambda x: (x > 0) & (x < np.inf))
 not_negative = partial(Check, need="zero or positive", is_good=lambda x: (x >= 0) & (x < np.inf))
@@ -134,36 +137,36 @@ def whole_number(name: str, unit: str = "", *, most: int = 2**53 - 1) -> Check:
     return Check(name, unit, need, lambda x: (x >= 0) & (x <= most) & (x == x.round()), whole=True)
 
 
-def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
+def number(check: Callable[[str, str], Check], name: str, value: object, unit: str = "") -> float:
     """Return a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     array = check(name, unit)(known(name, value))
-    require(array.ndim == 0, name, "be one number", value)
-    # not of `array`, which is traced inside jit
+    require(np.ndim(array) == 0, name, "be one number", value)
+    # from the value itself, because inside jit the checked array is traced
     return float(np.asarray(in_unit(value, unit), float))
 
 
-def yes_or_no(name: str, value: Any) -> bool:
+def yes_or_no(name: str, value: object) -> bool:
     """Return `value`, which must be True or False; raises `ValueError` otherwise."""
     require(isinstance(value, bool | np.bool_), name, "be True or False", value)
     return bool(value)
 
 
-def instance(name: str, value: Any, kind: type, text: str) -> Any:
+def instance(name: str, value: Any, kind: type[Value], text: str) -> Value:
     """Return `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
     require(isinstance(value, kind), name, f"be {text}", value)
     return value
 
 
-def _kind(value: Any) -> str:
-    """Return NumPy's letter for the type of numbers, and "O" for what it cannot take as an array."""
+def _kind(value: object) -> str:
+    """Return NumPy's letter for the type of numbers, such as "f", and "O" for what makes no array of numbers."""
     try:
         return np.asarray(value).dtype.kind
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+    except (TypeError, ValueError):  # such as datasets, and rows of different lengths
         return "O"
 
 
-def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
-    """Return an array of numbers with so many axes or more; raises `ValueError` otherwise."""
+def numbers(name: str, value: object, axes: int = 0) -> np.ndarray:
+    """Return an array of numbers with at least so many axes; raises `ValueError` otherwise."""
     need = "be numbers"
     if axes:
         need += " along one axis or more" if axes == 1 else f" with {axes} axes or more"
@@ -173,26 +176,26 @@ def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
     return array
 
 
-def is_real(value: Any) -> bool:
+def is_real(value: object) -> bool:
     """Tell whether a value is a real number, or an array of them."""
     return _kind(value) in "fiu"
 
 
-def real(name: str, value: Any) -> Any:
+def real(name: str, value: Value) -> Value:
     """Return `value`, which must be real numbers or traced; raises `ValueError` otherwise."""
     require(is_traced(value) or is_real(value), name, "be real numbers", value)
     return value
 
 
 TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
-"""In the parts of a run: the warnings that were given, without numbers, each of which is given once."""
+"""Warnings that a run has given, without their numbers: none is given twice. None outside of runs."""
 
 
 class ImplausibleWarning(UserWarning):
     """Warning of a value that is allowed, but so implausible that its unit may be wrong."""
 
 
-def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str) -> None:
+def warn_unless_within(name: str, value: object, low: float, high: float, unit: str) -> None:
     """Warn where a value, or the farthest of several, lies outside a plausible range, unless it is traced."""
     if value is None or is_traced(value):
         return
@@ -206,7 +209,7 @@ def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str
 
 
 def warn(text: str) -> None:
-    """Give an `ImplausibleWarning`, which points at the line outside the package that asked; see `TOLD`."""
+    """Give an `ImplausibleWarning` that points at the caller's line outside the package, once in a run (`TOLD`)."""
     told = TOLD.get()
     # texts that differ in their numbers count as one
     kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
@@ -216,39 +219,39 @@ def warn(text: str) -> None:
         told.add(kind)
     depth = 2
     frame = sys._getframe(1)
-    # up to the user's own line
+    # past the frames of the package, and of those that call it from within, to the user's own line
     while frame.f_back is not None and re.match(r"(slipperjax|equinox|jax)\b", frame.f_globals.get("__name__", "")):
         depth += 1
         frame = frame.f_back
     warnings.warn(text, ImplausibleWarning, stacklevel=depth)
 
 
-def known(name: str, value: Any) -> Any:
-    """Return `value`; raises `ValueError` where it is traced, for what makes no program but datasets and pictures."""
+def known(name: str, value: Value) -> Value:
+    """Return `value`; raises `ValueError` where it is traced: datasets, files and pictures need numbers."""
     need = "be of values that are known: call this outside of jax.jit, jax.grad and jax.vmap"
     require(not is_traced(value), name, need, shown="traced")
     return value
 
 
-def whole(name: str, value: Any, least: int, most: int = 2**128) -> int:
-    """Return `value` as an `int` of at least `least`, and at most `most`; raises `ValueError` otherwise.
+def whole(name: str, value: object, least: int, most: int = 2**128) -> int:
+    """Return `value` as an `int` of at least `least` and at most `most`; raises `ValueError` otherwise.
 
-    Seeds may be as long as the default of `most`.
+    The default of `most` allows seeds of 128 bits.
     """
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     require(ok, name, f"be a whole number of {least} or more", value)
-    require(value <= most, name, f"be at most {most}", value)
+    require(int(value) <= most, name, f"be at most {most}", value)
     return int(value)
 
 
-def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
+def one_of(name: str, value: object, choices: tuple[str, ...]) -> str:
     """Return `value`, which must be one of `choices`; raises `ValueError` otherwise."""
     require(isinstance(value, str) and value in choices, name, f"be one of {', '.join(choices)}", value)
-    return value
+    return str(value)
 
 
-def shown_number(value: Any) -> str:
-    """Return a number, or an array of six at most, as text with five digits; of a larger one its shape and range."""
+def shown_number(value: object) -> str:
+    """Return a number, or an array of up to six, as text with five digits; of a larger array its shape and range."""
     if isinstance(value, jax.core.Tracer):
         return f"<traced {value.dtype}{list(value.shape)}>"
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float) or not is_real(value):

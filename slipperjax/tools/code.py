@@ -8,7 +8,6 @@ import sys
 import types
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 
 def _source_digest() -> str:
@@ -27,16 +26,16 @@ IMPORTED = _source_digest()
 """Digest of the package's source when it was imported."""
 
 
-def code_digest(thing: Any) -> str:
+def code_digest(thing: object) -> str:
     """Return a digest of a user's function or class with the functions, classes and constants that it uses.
 
-    Code of libraries and of this package counts by name: their versions and `IMPORTED` tell it.
+    Code of libraries and of this package counts by its name alone: stores keep their versions and `IMPORTED` beside.
     """
     return hashlib.sha256("\n".join(_texts(thing, set(), {})).encode()).hexdigest()[:12]
 
 
-def classes_of(value: Any) -> Iterator[type]:
-    """Yield the classes of a user's modules and dataclasses inside a value."""
+def classes_of(value: object) -> Iterator[type]:
+    """Yield the user's own classes of dataclasses, modules among them, in a value and its parts."""
     parts = value if isinstance(value, tuple | list) else ()
     if isinstance(value, Mapping):
         parts = value.values()
@@ -48,8 +47,8 @@ def classes_of(value: Any) -> Iterator[type]:
         yield from classes_of(part)
 
 
-def _of_library(thing: Any) -> bool:
-    """Tell whether a module, class or function belongs to this package, or to one whose version tells its code."""
+def _of_library(thing: object) -> bool:
+    """Tell whether a module, class or function belongs to this package or a library, whose version tells its code."""
     known = {"slipperjax", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax"}
     known |= {"jaxtyping", "beartype", "numpy", "scipy"}
     module = thing.__name__ if isinstance(thing, types.ModuleType) else getattr(thing, "__module__", None)
@@ -57,18 +56,19 @@ def _of_library(thing: Any) -> bool:
     return package in known or package in sys.stdlib_module_names
 
 
-def _texts(thing: Any, seen: set[int], known: Mapping[str, Any]) -> Iterator[str]:
+def _texts(thing: object, seen: set[int], known: Mapping[str, object]) -> Iterator[str]:
     """Yield the texts that make up a value's digest, the same in any process; each piece of code once.
 
-    **Arguments:** `known`: the global values of the function that a value is of, by name.
+    **Arguments:** `seen`: ids of the code that was met before; `known`: global values by name, as the function sees
+    them that `thing` is a part of.
     """
     parts = []
     if isinstance(thing, tuple | list):
         parts = thing
     elif isinstance(thing, frozenset):
-        parts = sorted(map(repr, thing))  # in no order of its own
+        parts = sorted(map(repr, thing))  # its order differs between processes
     elif isinstance(thing, types.CodeType):
-        # instructions, without file and lines, with the global values that they name
+        # The instructions, and the global values that they name. File and line numbers change no result.
         used = [known.get(name) for name in thing.co_names]
         parts = [thing.co_code, thing.co_names, thing.co_consts, used]
     elif isinstance(thing, types.ModuleType):
@@ -83,14 +83,15 @@ def _texts(thing: Any, seen: set[int], known: Mapping[str, Any]) -> Iterator[str
         yield getattr(thing, "__qualname__", repr(thing))
     elif id(thing) not in seen:
         seen.add(id(thing))
-        thing = inspect.unwrap(thing)  # of jax.jit and the like
+        thing = inspect.unwrap(thing)  # the function inside jax.jit and the like
         yield getattr(thing, "__qualname__", repr(thing))
         if isinstance(thing, types.FunctionType):
             known = thing.__globals__
+            # variables of an enclosing function belong to it, too
             cells = [cell.cell_contents for cell in thing.__closure__ or ()]
             parts = [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells]
         elif isinstance(thing, type):
-            # the class and those of the user that it inherits from
+            # the class and the user's classes that it inherits from
             for kind in thing.__mro__:
                 members = {} if _of_library(kind) else vars(kind)
                 parts += [member for name, member in sorted(members.items()) if _is_own(name)]
@@ -99,5 +100,5 @@ def _texts(thing: Any, seen: set[int], known: Mapping[str, Any]) -> Iterator[str
 
 
 def _is_own(name: str) -> bool:
-    """Tell whether a user has written a member of a class."""
+    """Tell whether a member of a class was written by its author, not added by Python or `abc`."""
     return name == "__call__" or not name.startswith(("__", "_abc_"))

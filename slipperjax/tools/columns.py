@@ -1,9 +1,15 @@
 """The one labeller of datasets: what xarray takes as a variable, with its unit and its description."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TypeVar
+
+Dims = str | Sequence[str]
+Values = TypeVar("Values")
 
 
-def column(dims: Any, values: Any, unit: str, text: str, **more: Any) -> tuple[Any, Any, dict[str, Any]]:
+def column(
+    dims: Dims, values: Values, unit: str, text: str, **more: object
+) -> tuple[Dims, Values, dict[str, object]]:
     """Return dimensions, values and attributes of a dataset's variable.
 
     **Arguments:** `dims`: names of the dimensions, or one name; `unit`: SI unit, "1" for pure numbers, "" for texts

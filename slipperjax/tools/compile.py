@@ -6,24 +6,24 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import ContextVar, copy_context
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
+from jaxtyping import ArrayLike, PyTree
 
-# a new thread is outside of transformations, also where the import is inside one
+# A new thread is outside of all transformations, even where this module is imported inside one.
 with ThreadPoolExecutor(1) as _pool:
     _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
 
 
 class CompileNotices:
-    """Notices that a program which steps through time is compiled, for the progress bar of a run."""
+    """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
 
     def __init__(self, expected: int, show: Callable[[str], None]):
-        """**Arguments:** `expected`: how many programs there will be; `show`: gets the text, empty after the last."""
+        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with ""."""
         self.expected = expected
         self.show = show
         self.begun = 0
@@ -31,7 +31,7 @@ class CompileNotices:
         self.lock = threading.Lock()
 
     def begin(self) -> None:
-        """Show that this thread compiles a program; calls after the first one change nothing until `end`."""
+        """Show that this thread compiles a program; further calls before its `end` change nothing."""
         thread = threading.get_ident()
         with self.lock:
             if thread not in self.threads:
@@ -54,16 +54,16 @@ NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
 
 
 def note_compiling() -> None:
-    """Note that the program which is traced now steps through time."""
+    """Show on the run's progress bar that a program which steps through time is being traced."""
     notices = NOTICES.get()
     if notices is not None and is_transformed():
         notices.begin()
 
 
-def ahead(call: Callable[[], Any]) -> None:
-    """Call a function on a thread of its own, for the program that it compiles, while other work goes on.
+def ahead(call: Callable[[], object]) -> None:
+    """Call a function on a thread of its own, so that its program is compiled while other work goes on.
 
-    The call that needs the program meets the errors.
+    Errors are ignored here: the call that needs the program meets them again.
     """
 
     def compiled() -> None:
@@ -73,8 +73,8 @@ def ahead(call: Callable[[], Any]) -> None:
     threading.Thread(target=copy_context().run, args=(compiled,)).start()
 
 
-def compiler_options(backend: str | None = None) -> dict[str, Any]:
-    """Return XLA's options for a backend, by default the one in use; none but for CPUs."""
+def compiler_options(backend: str | None = None) -> dict[str, bool]:
+    """Return XLA's options for a backend, by default the one in use: some for CPUs, none for others."""
     if (backend or jax.default_backend()) != "cpu":
         return {}
     return {
@@ -90,7 +90,7 @@ def compiler_options(backend: str | None = None) -> dict[str, Any]:
     }
 
 
-def jit(fun: Callable, **kwargs: Any) -> Callable:
+def jit(fun: Callable, **kwargs: object) -> Callable:
     """Return `jax.jit` of a function with `compiler_options` of the backend in use.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
@@ -103,13 +103,13 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
-    # made at the first call: the import leaves the choice of a backend open
+    # made at the first call, because asking for the backend at import would fix which one is used
     @functools.cache
     def outermost(backend: str) -> Callable:
         return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
-    def call(*args: Any, **options: Any) -> Any:
+    def call(*args: object, **options: object) -> PyTree:
         need_64_bits()
         if is_transformed():
             return inner(*args, **options)
@@ -123,23 +123,23 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
 
 at_once = functools.partial(jax.jit, inline=True)
-"""`jax.jit` of a function of some operations: called on its own it is one small program, instead of one for each of
-them; elsewhere they are a part of the program that calls it."""
+"""`jax.jit` of a function of a few operations: called on its own, these are one small program, not one each; inside
+another program they are a part of it."""
 
 
 def with_standard_promotion(fun: Callable) -> Callable:
-    """Return a function within which JAX promotes types as by default, where the user's own code is to be strict."""
+    """Return a function inside which JAX promotes types as by default, even where the user asks it to be strict."""
 
     @functools.wraps(fun)
-    def call(*args: Any, **options: Any) -> Any:
+    def call(*args: object, **options: object) -> PyTree:
         with jax.numpy_dtype_promotion("standard"):
             return fun(*args, **options)
 
     return call
 
 
-def as_argument(value: Any) -> jax.Array:
-    """Return an array of a number, which may be traced; nothing is compiled for it."""
+def as_argument(value: ArrayLike) -> jax.Array:
+    """Return an array of 64-bit numbers; one that is not traced is made by NumPy, without compiling a program."""
     return jnp.asarray(value, float) if is_traced(value) else jnp.asarray(np.asarray(value, float))
 
 
@@ -153,32 +153,32 @@ def need_64_bits() -> None:
 
 
 def is_transformed() -> bool:
-    """Tell whether the call is inside a JAX transformation, also one of which no argument is a tracer."""
+    """Tell whether the call is inside a JAX transformation, even if none of its arguments is a tracer."""
     return get_opaque_trace_state() != _TOP_LEVEL
 
 
-def is_traced(tree: Any) -> bool:
-    """Tell whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
+def is_traced(tree: PyTree) -> bool:
+    """Tell whether any leaf is a tracer: a value that is not known before the program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[Any], Any], Any]:
-    """Return a function of the arrays in `fun` and `args` alone that calls `fun(*args)`, and these, a pytree."""
+def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[PyTree], PyTree], PyTree]:
+    """Split `fun(*args)` into a function of arrays alone, and the pytree of the arrays in `fun` and `args`."""
     arrays, others = eqx.partition((fun, args), eqx.is_array)
 
-    def call(arrays: Any) -> Any:
+    def call(arrays: PyTree) -> PyTree:
         fun, args = eqx.combine(arrays, others)
         return fun(*args)
 
     return call, arrays
 
 
-def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
+def call_compiled(fun: Callable, functions: PyTree, static: tuple, *arrays: PyTree) -> PyTree:
     """Call `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
-    of the compiled program, so that new values need no compilation. `static`: hashable; a new value is compiled
-    again. `arrays`: pytrees of arrays.
+    of the compiled program, so that new values need no compilation. `static`: hashable; each new value is compiled
+    anew. `arrays`: pytrees of arrays.
     """
     numbers, others = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
     leaves, structure = jax.tree.flatten(others)

@@ -38,7 +38,7 @@ def subclasses(base: type) -> Iterator[type]:
         yield from subclasses(kind)
 
 
-def describe(value: Any) -> Any:
+def describe(value: object) -> Any:
     """Return a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
     Arrays become lists of numbers; 64-bit numbers come back to the last bit. Quantities of pint become numbers in SI
@@ -73,7 +73,7 @@ def describe(value: Any) -> Any:
 
 
 @functools.cache
-def arguments_of(kind: type) -> dict[str, Any]:
+def arguments_of(kind: type) -> dict[str, object]:
     """Return the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
     # an `__init__` may take less than there are fields, or more
     names = {field.name for field in dataclasses.fields(kind)}
@@ -81,7 +81,8 @@ def arguments_of(kind: type) -> dict[str, Any]:
     return {name: parameter.default for name, parameter in parameters.items() if name in names}
 
 
-def _opaque(description: Any) -> bool:
+def _opaque(description: object) -> bool:
+    """Tell whether a description has a value anywhere that plain data cannot hold."""
     if isinstance(description, dict):
         return OPAQUE in description or any(_opaque(part) for part in description.values())
     return isinstance(description, list) and any(_opaque(part) for part in description)
@@ -94,11 +95,11 @@ def _is_default(module: eqx.Module) -> bool:
         return False
 
 
-def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
+def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
     """Return the module of a description.
 
-    **Arguments:** `bases`: classes; those that descriptions name must be subclasses of them, defined in this process.
-    `where`: what the description is of, for errors.
+    **Arguments:** `bases`: only they and their subclasses can be built, of those that this process has defined;
+    `where`: what is described, for errors.
 
     **Raises:** `ValueError` for an unknown class, fields that it does not have, or values that it refuses.
     """

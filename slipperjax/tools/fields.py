@@ -17,6 +17,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import AbstractArray
 
 from .checks import Check, require, shown_number
 from .compile import is_traced
@@ -31,7 +32,7 @@ def field(
     text: str = "",
     symbol: str = "",
     shown_unit: str = "",
-    **more: Any,
+    **more: object,
 ) -> Any:
     """Return a field of a `ShapeChecked` module: a number or an array of numbers [`unit`], or None if its default is.
 
@@ -53,9 +54,9 @@ class ShapeChecked(eqx.Module):
     Their `repr` is one line, with units; fields of None are left out.
     """
 
-    def __init_subclass__(cls, **more: Any):
+    def __init_subclass__(cls, **more: object):
         super().__init_subclass__(**more)
-        # a check that a field declares learns here of which argument it speaks
+        # `field` cannot know the name that it is assigned to, which errors of its check must tell
         for name, declared in vars(cls).items():
             check = getattr(declared, "metadata", {}).get("converter")
             if isinstance(check, Check):
@@ -78,7 +79,8 @@ class ShapeChecked(eqx.Module):
         for part in dataclasses.fields(self):
             shapes = _shapes(part)
             value = getattr(self, part.name)
-            absent = value is None or isinstance(value, eqx.Module)  # a part in place of an array
+            # some fields take a module, such as a table, in place of an array
+            absent = value is None or isinstance(value, eqx.Module)
             if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):
                 raise ValueError(
                     f"Argument `{part.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "
@@ -110,7 +112,8 @@ def axes_of(kind: type, name: str, default: int) -> int:
 
 
 def check_table(table: ShapeChecked, rows: str, *columns: str, least: int = 1) -> None:
-    """Raise `ValueError` unless a field has so many numbers or more that rise, and others a value for each."""
+    """Raise `ValueError` unless the field `rows` has `least` numbers or more, which increase, and each of the fields
+    `columns` a value for each."""
     places = getattr(table, rows)
     listed = places.ndim == 1 and len(places) >= least
     require(listed, rows, f"be {least} or more numbers", shown=f"of shape {places.shape}")
@@ -118,6 +121,7 @@ def check_table(table: ShapeChecked, rows: str, *columns: str, least: int = 1) -
         shape = jnp.shape(getattr(table, name))
         need = f"have one value per {rows}, {len(places)}"
         require(shape[:1] == places.shape, name, need, shown=f"shape {shape}")
+    # the order of traced numbers is not known
     if not is_traced(places):
         require(np.all(np.diff(np.asarray(places, float)) > 0), rows, "increase", np.asarray(places))
 
@@ -130,6 +134,10 @@ def _metadata(kind: type, name: str) -> Mapping[str, Any]:
     return {}
 
 
-def _shapes(part: dataclasses.Field) -> list[Any]:
-    """Return the array types in a field's annotation."""
-    return [kind for kind in (part.type, *typing.get_args(part.type)) if hasattr(kind, "dim_str")]
+def _shapes(part: dataclasses.Field) -> list[type[AbstractArray]]:
+    """Return the array types in a field's annotation, such as Float[Array, "points 3"]."""
+    return [
+        kind
+        for kind in (part.type, *typing.get_args(part.type))
+        if isinstance(kind, type) and issubclass(kind, AbstractArray)
+    ]

@@ -5,7 +5,6 @@ import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from .checks import require
 
@@ -13,15 +12,15 @@ Content = bytes | memoryview
 """Content of a file."""
 
 
-def user_path(path: Any, name: str = "path") -> Path:
+def user_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     """Return a path; one that begins with ~ is in the user's home.
 
-    **Arguments:** `name`: of the argument.
+    **Arguments:** `name`: the argument's, for the error.
 
     **Raises:** `ValueError` for what is no path.
     """
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
-    # such as the system takes: of 4096 characters at most
+    # 4096 is Linux's PATH_MAX; a longer one would fail later, in words that name no argument
     good = isinstance(text, str) and len(text) <= 4096 and "\0" not in text
     require(good, name, "be a path", path)
     return Path(os.path.expanduser(text))
@@ -42,8 +41,10 @@ def content_of(path: Path) -> bytes:
 
 
 @contextmanager
-def readable(path: Any, kind: str) -> Iterator[None]:
-    """Surround calls of other packages that read a file, which raise errors of any class for a damaged one.
+def readable(path: object, kind: str) -> Iterator[None]:
+    """Turn all errors of a `with` block that reads a file by another package into one `ValueError`.
+
+    Damaged files raise errors of many classes there.
 
     **Arguments:** `kind`: what the file should be, as in "netCDF file".
 
@@ -57,12 +58,12 @@ def readable(path: Any, kind: str) -> Iterator[None]:
 
 
 def write_whole(path: Path, content: Content) -> None:
-    """Write a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
+    """Write a file under a temporary name in its folder, and move it into place when all of it is on the disk.
 
     So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
-    have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.RANDOM.part`.
+    have it open keep reading what they opened. A killed process may leave a file `.NAME.RANDOM.part`.
 
-    **Raises:** `OSError` where that is impossible; then nothing is left behind.
+    **Raises:** `OSError` where the file cannot be written; then nothing is left behind.
     """
     path = Path(os.path.realpath(user_path(path)))  # the file that a link leads to, not the link
     exists = path.exists()
@@ -70,14 +71,16 @@ def write_whole(path: Path, content: Content) -> None:
         raise PermissionError(f"{path} is protected against writing")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with open(part, "xb") as file:  # and through no link that somebody has put there
+        # "x" refuses a name that exists, and so a link that somebody else has put there
+        with open(part, "xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # as the file that it replaces
+        # the permissions of the file that it replaces
         if exists:
             os.chmod(part, path.stat().st_mode & 0o7777)
         os.replace(part, path)
+    # Ctrl-C is no `Exception`, and leaves no part either
     except BaseException:
         part.unlink(missing_ok=True)
         raise
@@ -113,8 +116,8 @@ def listed(names: list[str]) -> str:
     return " and ".join([first, *names[-1:]] if first else names)
 
 
-def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return rows with the same keys as a table in Markdown, by lines; none without rows."""
+def table_lines(table: Sequence[Mapping[str, object]]) -> list[str]:
+    """Return the lines of a Markdown table of rows with the same keys; none without rows."""
     if not table:
         return []
     heading = list(table[0])

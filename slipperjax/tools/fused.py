@@ -8,7 +8,6 @@ would compute all that the operands have in common anew, and programs of derivat
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -42,8 +41,8 @@ def spread(n: int, *scalars):
 def store(tree):
     """Return the same values, each computed once and stored.
 
-    XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
-    elimination.
+    XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work where many do, as in
+    an elimination without loops.
 
     **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same values,
     broadcast to that shape.
@@ -52,8 +51,9 @@ def store(tree):
 
 
 def _of_leaves(primitive: Primitive, tree):
+    """Call a primitive of the leaves of a pytree; a leaf that occurs twice is passed once."""
     leaves, structure = jax.tree.flatten(tree)
-    once = {id(x): x for x in leaves}  # leaves that occur twice are computed once
+    once = {id(x): x for x in leaves}
     results = primitive.bind(*_broadcast(once.values()))
     of = dict(zip(once, results, strict=True))
     return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
@@ -91,7 +91,10 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
         return results, out
 
     def transposed(cotangents, *operands, **parameters):
-        out: list[Any] = [ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands]
+        # JAX expects None for operands that the result is not linear in, here those that are known
+        out: list[jax.Array | ad.Zero | None] = [
+            ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands
+        ]
         # only operands whose cotangent is asked for and is not zero
         live = [k for k, zero in enumerate(out) if zero is not None and type(cotangents[k]) is not ad.Zero]
         if live:
@@ -102,7 +105,7 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
 
     def batch(operands, axes, **parameters):
         size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
-        # all operands get the axis of cases, as the first
+        # all operands get the axis of cases as their first, so that they have one shape again
         moved = [batching.bdim_at_front(x, a, size) for x, a in zip(operands, axes, strict=True)]
         return primitive.bind(*moved, **parameters), [0] * len(moved)
 
@@ -133,7 +136,8 @@ def _repeated(*operands, n):
 
 
 def _reduced(*operands):
-    """Store on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
+    """Store on any backend: XLA never recomputes a sum, here of the value and a zero."""
+    # a selection, not a product with (1, 0), keeps NaN and infinity out of the zero
     twice = _repeated(*operands, n=2)
     shape = twice[0].shape
     first = jnp.broadcast_to(np.array([True, False]), shape)

@@ -1,11 +1,15 @@
 """Cubics on the unit interval through values and slopes at both ends (Hermite interpolation)."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+
+from .types import Real
+
+Values = TypeVar("Values", np.ndarray, Array)
 
 REFINEMENTS = 2
 """Corrections of the first guess of a zero.
@@ -25,35 +29,36 @@ class Cubic(NamedTuple):
     cube: Any
 
     @classmethod
-    def through(cls, start: Any, slope: Any, end: Any, end_slope: Any) -> "Cubic":
+    def through(cls, start: Values, slope: Values, end: Values, end_slope: Values) -> "Cubic":
         """Return the cubics with these values and slopes at 0 and 1."""
         cube = 2 * (start - end) + slope + end_slope
         square = 3 * (end - start) - 2 * slope - end_slope
         return cls(start, slope, square, cube)
 
-    def value(self, x: Any) -> Any:
+    def value(self, x: Values) -> Values:
         """Return the values at x."""
         return ((self.cube * x + self.square) * x + self.slope) * x + self.start
 
-    def slope_at(self, x: Any) -> Any:
+    def slope_at(self, x: Values) -> Values:
         """Return the first derivatives at x."""
         return (3 * self.cube * x + 2 * self.square) * x + self.slope
 
-    def curvature(self, x: Any) -> Any:
+    def curvature(self, x: Values) -> Values:
         """Return the second derivatives at x."""
         return 6 * self.cube * x + 2 * self.square
 
-    def turn(self, sign: Any) -> Array:
-        """Return the x at which slopes change their sign within the interval. Pure.
+    def turn(self, sign: Real) -> Array:
+        """Return the x in [0, 1] at which the slope changes its sign. Pure.
 
-        **Arguments:** `sign`: 1 where the slope falls through zero, at a greatest value, -1 where it rises.
+        **Arguments:** `sign`: 1 for the greatest value, where the slope falls through zero, -1 for the least.
         """
+        # the root of the quadratic slope, in the form that also holds for parabolas, whose cube is 0
         root = jnp.sqrt(jnp.maximum(self.square**2 - 3 * self.cube * self.slope, 0.0))
         return jnp.clip(self.slope / (sign * root - self.square), 0.0, 1.0)
 
     def extremes(self) -> Float[np.ndarray, "2 ..."]:
-        """Return the x of all extremes within the interval in their order, NaN where there is none. NumPy only."""
-        # of the slope (a x + b) x + c
+        """Return the x of both extremes within (0, 1) in their order, NaN for those that lie outside. NumPy only."""
+        # zeros of the slope (a x + b) x + c
         a = 3 * self.cube
         b = 2 * self.square
         c = self.slope
@@ -65,10 +70,11 @@ class Cubic(NamedTuple):
 
 
 def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> tuple[Array, Array]:
-    """Return x from 0 to 1 and value of the highest point of `Cubic.through` these values and slopes. Pure."""
+    """Return x in [0, 1] and value of the highest point of `Cubic.through` these values and slopes. Pure."""
     cubic = Cubic.through(start, slope, end, end_slope)
     inside = (slope > 0) & (end_slope < 0)
-    # zero of the slope; real, as the slope changes its sign
+    # The zero of the slope, real because the slope changes its sign. The constants 1 keep NaN out of derivatives of
+    # cubics that are highest at an end.
     root = jnp.sqrt(jnp.where(inside, cubic.square * cubic.square - 3 * cubic.cube * slope, 1.0))
     x = jnp.where(inside, slope / jnp.where(inside, root - cubic.square, 1.0), jnp.where(end > start, 1.0, 0.0))
     return x, jnp.where(inside, cubic.value(x), jnp.maximum(start, end))
@@ -76,14 +82,14 @@ def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> t
 
 @jax.custom_jvp
 def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
-    """Return the x in [0, 1] at which cubics go from the side of zero where they start to the side where they end.
+    """Return the x in [0, 1] at which cubics cross from the side of zero where they start to that where they end.
 
-    A cubic that leaves zero first, or turns back after the change, has further zeros, at which it goes the other way;
-    so has one that starts at zero. The first guess is the zero in the right direction of the parabola through the
-    start, its slope, and the end. Where the cubic goes the wrong way at a guess, the next one is on the chord to that
-    end which is on the other side of zero; else Newton's method is applied.
+    Cubics may have further zeros, at which they cross back: one that starts at zero, that moves away from it first,
+    or that turns after the crossing. The first guess is the zero of the parabola through the start, its slope, and
+    the end that crosses in the right direction. Where the cubic runs the wrong way at a guess, the next one is on the
+    chord to the end beyond zero; elsewhere it is a step of Newton's method.
 
-    Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not pass through zero.
+    Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not cross zero.
 
     **Arguments:** `end`: the cubics' values at 1; `wanted`: where the zero is wanted; the result is 0 elsewhere.
     """
@@ -91,6 +97,7 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     slope = cubic.slope
     bend = start + slope - end  # of the parabola start + slope x - bend x^2
     root = jnp.sqrt(jnp.maximum(slope * slope + 4 * bend * start, 0.0))
+    # minus the parabola's slope at its zero: its sign picks the zero of the right direction
     root = jnp.where(start < end, -root, root)
     leaves = slope * root > 0
     # two forms of one solution, of which one has no cancellation
@@ -98,12 +105,13 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     for _ in range(REFINEMENTS):
         value = cubic.value(x)
         steep = cubic.slope_at(x)
-        passed = value * root < 0
-        along = steep * root < 0
+        passed = value * root < 0  # beyond the zero
+        along = steep * root < 0  # runs the right way
+        # Newton's step, or that on the chord from the guess to the start or the end
         over = jnp.where(along, value, value * jnp.where(passed, x, x - 1))
         under = jnp.where(along, steep, value - jnp.where(passed, start, end))
         x = x - over / under
-    # NaN where start, slope and end are zero
+    # x is NaN where start, slope and end are zero: the comparison is false then
     return jnp.where(wanted & (x >= 0), jnp.minimum(x, 1.0), 0.0)
 
 

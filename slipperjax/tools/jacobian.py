@@ -8,14 +8,17 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from itertools import compress
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Primitive, Var, jaxpr_as_fun, set_current_trace
+from jax.extend.core import ClosedJaxpr, Jaxpr, Primitive, Var, jaxpr_as_fun, set_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
+from jaxtyping import Array, ArrayLike, PyTree
 
 from .compile import split_arrays
+
+Tree = TypeVar("Tree")
 
 MOST_FORWARD = 16
 """Numbers up to which a derivative in reverse mode is a product with the Jacobian.
@@ -25,11 +28,11 @@ times by 30; to compile, half as long by any.
 """
 
 
-def by_jacobian(fun: Callable, *args: Any) -> Any:
+def by_jacobian(fun: Callable, *args: PyTree) -> PyTree:
     """Call `fun(*args)`, whose derivatives in reverse mode are products with its Jacobian by forward mode.
 
-    So they are where `MOST_FORWARD` numbers are differentiated at most, those that `fun` closes over included, and
-    it is not called for a batch; elsewhere reverse mode goes through `fun`.
+    This applies to calls that are not batched, by at most `MOST_FORWARD` numbers, those that `fun` closes over
+    included; elsewhere reverse mode goes through `fun`.
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
@@ -40,20 +43,21 @@ def by_jacobian(fun: Callable, *args: Any) -> Any:
     return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
 
-def _is_float(value: Any) -> bool:
+def _is_float(value: ArrayLike) -> bool:
     return jnp.issubdtype(value.dtype, jnp.floating)
 
 
-def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> tuple[list[Any], list[Any]]:
-    """Return results of a program, and tangents of those that are numbers where any arguments are `live`.
+def _push(*operands: Array, program: Jaxpr, live: tuple[bool, ...]) -> tuple[list[ArrayLike], list[Array]]:
+    """Return a program's results, and tangents of those that are floats; no tangents where nothing is `live`.
 
-    **Arguments:** `operands`: what the program closed over, its arguments, and tangents of the `live` ones of both.
+    **Arguments:** `operands`: the constants and the arguments of the program, then the tangents of those that are
+    `live`, that is, differentiated.
     """
     primals = operands[: len(live)]
     closed_over = len(program.constvars)
 
     def moving(*some):
-        # the arguments that are differentiated, among the others
+        # a function of the live operands alone; the others are constants of it
         of_live = iter(some)
         every = [next(of_live) if is_live else p for p, is_live in zip(primals, live, strict=True)]
         results = jaxpr_as_fun(ClosedJaxpr(program, every[:closed_over]))(*every[closed_over:])
@@ -65,13 +69,16 @@ def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> tuple[list[An
     return results, pushed
 
 
-def _called_at(*operands: Any, **parameters: Any) -> list[Any]:
-    results, pushed = _push(*operands, **parameters)
+def _called_at(*operands: Array, program: Jaxpr, live: tuple[bool, ...]) -> list[ArrayLike]:
+    """Return results and tangents of `_push` in one list, as results of a primitive are."""
+    results, pushed = _push(*operands, program=program, live=live)
     return [*results, *pushed]
 
 
-def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
-    """Return results and Jacobians: of each result that is a number, by each of the `live` arguments."""
+def _linearised(
+    operands: Sequence[Array], live: tuple[bool, ...], program: Jaxpr
+) -> tuple[list[ArrayLike], list[list[Array]]]:
+    """Return results, and Jacobians of each result of floats by each `live` operand, whose axes come first."""
     # places of each argument in the vector of all numbers
     parts = []
     end = 0
@@ -88,7 +95,10 @@ def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -
 
 
 def _jvp(primals, tangents, program, live):
-    """Call the program with tangents; for second derivatives, the program that pushes its tangents."""
+    """Differentiate a call in forward mode: call the program with tangents.
+
+    For second derivatives, the program that is differentiated is the one with tangents.
+    """
     operands = list(primals)
     if any(live):
         push = functools.partial(_called_at, program=program, live=live)
@@ -108,24 +118,29 @@ def _jvp(primals, tangents, program, live):
 
 
 def _batched(operands, axes, **parameters):
-    """Pass a batch through the program, whose reverse mode goes through it."""
+    """Map a call over a batch: the program itself is mapped, and reverse mode goes through it."""
     count = len(parameters["live"])
     if any(axis is not None for axis in axes[:count]):
         results = jax.vmap(functools.partial(_called_at, **parameters), in_axes=axes)(*operands)
         return results, [0] * len(results)
-    # only tangents are a batch: all its lanes have the same results
+    # only tangents are a batch, as for columns of a Jacobian: all its lanes have the same results
     push = lambda *tangents: _push(*operands[:count], *tangents, **parameters)
     results, pushed = jax.vmap(push, in_axes=axes[count:], out_axes=(None, 0))(*operands[count:])
     return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
 
 
 def _evaluated_partially(trace, *tracers, program, live):
-    """Make a product with the Jacobian where arguments are known now, and their tangents later."""
+    """Split a call into what can be computed now and what waits for unknown values, as reverse mode asks for.
+
+    Where arguments are known and their tangents are not, the Jacobian is computed now, and the tangents of results
+    are products with it.
+    """
     known = [t.pval.get_known() for t in tracers]
     if all(k is not None for k in known):
         return _called.bind(*known, program=program, live=live)
     count = len(live)
     size = sum(math.prod(t.aval.shape) for t in tracers[count:])
+    # the program itself, through which reverse mode goes then
     if any(k is None for k in known[:count]) or size > MOST_FORWARD:
         with set_current_trace(trace):
             return _called_at(*tracers, program=program, live=live)
@@ -135,7 +150,11 @@ def _evaluated_partially(trace, *tracers, program, live):
 
 
 def _evaluated_twice(saveable, unknown, instantiated, equation):
-    """Follow the same rule inside `jax.checkpoint`: results are known, and are computed again with the tangents."""
+    """Split a call inside `jax.checkpoint`: what is known is computed now, and all of it again with the tangents.
+
+    **Returns:** the known and the later equation, which of their outputs are unknown and which are instantiated, and
+    the inputs to keep.
+    """
     count = len(equation.params["live"])
     results = len(equation.params["program"].outvars)
     # values that the later computation needs
@@ -154,8 +173,8 @@ def _evaluated_twice(saveable, unknown, instantiated, equation):
     return known, equation, later, [True] * len(later), needed
 
 
-def _product(row: list[Any], tangents: Sequence[Any]) -> Any:
-    """Return a result's tangent from its Jacobians by the arguments, whose axes are the first, and their tangents."""
+def _product(row: list[Array], tangents: Sequence[Array]) -> ArrayLike:
+    """Return a result's tangent: the products of its Jacobians, whose first axes are an argument's, with tangents."""
     return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
 
 
@@ -176,10 +195,11 @@ mlir.register_lowering(_called, mlir.lower_fun(_called_at, multiple_results=True
 
 
 @jax.custom_jvp
-def moving_with(state: Any, numbers: Any) -> Any:
-    """Return `state`, which has tangents where `numbers` have, and is a batch where their tangents are one.
+def moving_with(state: Tree, numbers: PyTree) -> Tree:
+    """Return `state`, with tangents if `numbers` have any, which are batched if theirs are.
 
-    A loop that carries it on is traced once then: JAX would find out by further traces, one for each loop in a loop.
+    The state of a loop gets tangents from `numbers` in its first pass. Where it has them from the start, JAX traces
+    the loop once; otherwise it finds out by tracing again, and nested loops as often as their number demands.
     """
     return state
 
@@ -187,5 +207,6 @@ def moving_with(state: Any, numbers: Any) -> Any:
 @moving_with.defjvp
 def _moving_with_jvp(primals, tangents):
     state, numbers = tangents
+    # a zero that depends on all tangents; whole numbers have tangents of the empty type float0
     nothing = 0.0 * sum(jnp.sum(t) for t in jax.tree.leaves(numbers) if t.dtype != jax.dtypes.float0)
     return primals[0], jax.tree.map(lambda t: t if t.dtype == jax.dtypes.float0 else t + nothing, state)

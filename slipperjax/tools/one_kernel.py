@@ -12,13 +12,13 @@ by what are their results.
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import jax
 from jax.extend.core import Primitive
 from jax.extend.mlir import ir
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, batching, mlir
+from jaxtyping import PyTree
 
 from .compile import note_compiling, split_arrays
 
@@ -26,14 +26,14 @@ ATTRIBUTES = "mhlo.frontend_attributes"
 """Name by which XLA finds the attributes of a call."""
 
 
-def in_one_kernel(fun: Callable, *args: Any) -> Any:
-    """Call `fun(*args)`: one kernel of a compiled program on a CPU, where no LAPACK call, scatter or sort is in it.
+def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
+    """Call `fun(*args)`: on a CPU one kernel of the compiled program, unless a LAPACK call, scatter or sort is in it.
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
     note_compiling()
     call, arrays = split_arrays(fun, args)
-    # what the function closes over is an argument of the call, too
+    # a traced value that the function closes over must be an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)
     # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
     # operands, and fails where one is without use. Those of a second call inside it are all operands. Derivatives
@@ -43,25 +43,27 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
     return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
 
 
-def call_plainly(fun: Callable, *args: Any) -> Any:
-    """Call `fun(*args)`: what `in_one_kernel` is where kernels are not to be made."""
+def call_plainly(fun: Callable, *args: PyTree) -> PyTree:
+    """Call `fun(*args)`, in place of `in_one_kernel` where a kernel is not wanted."""
     return fun(*args)
 
 
 def _called(fun: Callable, kernel: bool) -> Callable:
-    """Return a function that calls another one by a call that XLA does not inline, as a kernel if asked for."""
+    """Return a function that calls `fun` by a call that XLA does not inline, and compiles as a kernel if asked to."""
     inner = jax.jit(fun)
 
-    def call(*args: Any) -> Any:
+    def call(*args: PyTree) -> PyTree:
+        # The marks on results lead the lowering to the call. Those on arguments are results of the transposed call.
         args = jax.tree.map(lambda x: _argument.bind(x, kernel=kernel), args)
         return jax.tree.map(lambda x: _result.bind(x, kernel=kernel), inner(*args))
 
     return call
 
 
-def _mark(context: Any, x: Any, kernel: bool) -> list:
-    """Set the attributes on the call that a value comes from, once; none where it cannot be a kernel."""
+def _mark(context: mlir.LoweringRuleContext, x: ir.Value, kernel: bool) -> list[ir.Value]:
+    """Set the attributes on the call that a value comes from, once; empty ones where it cannot be a kernel."""
     call = getattr(x.owner, "operation", x.owner)
+    # another result of the call may have marked it; after transformations a value may come from elsewhere
     if getattr(call, "name", "") != "func.call" or ATTRIBUTES in call.attributes:
         return [x]
     marks = {"inlineable": ir.StringAttr.get("false")}
@@ -78,10 +80,10 @@ def _mark(context: Any, x: Any, kernel: bool) -> list:
     return [x]
 
 
-def _hide_constants(call: Any) -> None:
+def _hide_constants(call: ir.Operation) -> None:
     """Pass the operands of a call through a barrier.
 
-    XLA folds constants into what is called, where the arguments are without use then.
+    XLA would fold constants into the called function, whose arguments would have no use then, so that it fails.
     """
     with ir.InsertionPoint(call), call.location:
         barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
@@ -89,10 +91,10 @@ def _hide_constants(call: Any) -> None:
         call.operands[k] = value
 
 
-def _hide_reductions(operations: list[Any]) -> None:
-    """Change large sums and extremes into such as XLA does not know.
+def _hide_reductions(operations: list[ir.Operation]) -> None:
+    """Rewrite large sums and extremes so that XLA does not recognise them.
 
-    It computes those by a library (YNNPACK, since JAX 0.11), which it has no code for inside a kernel.
+    Since JAX 0.11 it computes those it recognises by a library (YNNPACK), and has no code for that inside a kernel.
     """
     large = 1024  # numbers; from 4096, as measured, they are left to the library
     for operation in operations:
@@ -104,19 +106,19 @@ def _hide_reductions(operations: list[Any]) -> None:
         if simple and math.prod(kind.shape) >= large:
             step, end = block.operations
             with ir.InsertionPoint(end), end.location:
-                # the same for all numbers, NaN included
+                # "v if v is NaN else the sum": the same for all numbers, NaN included, because it has v as a term
                 value = block.arguments[1]
                 is_nan = stablehlo.compare(value, value, stablehlo.ComparisonDirectionAttr.get("NE"))
                 end.operands[0] = stablehlo.select(is_nan, value, step.results[0])
 
 
-def _callee(call: Any) -> str:
+def _callee(call: ir.Operation) -> str:
     """Return the name of the called function."""
     return ir.FlatSymbolRefAttr(call.attributes["callee"]).value
 
 
-def _only_calls(call: Any, functions: Any) -> bool:
-    """Tell whether the called function does nothing but call another one, not inlined, with all its arguments."""
+def _only_calls(call: ir.Operation, functions: ir.SymbolTable) -> bool:
+    """Tell whether the called function only calls another one, which is marked, and passes all its arguments on."""
     block = functions[_callee(call)].entry_block
     inner, *others = [operation.operation for operation in block.operations]
     if inner.name != "func.call" or len(others) > 1:
@@ -124,7 +126,7 @@ def _only_calls(call: Any, functions: Any) -> bool:
     return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
 
-def _operations(name: str, functions: Any, seen: set[str]) -> list[Any]:
+def _operations(name: str, functions: ir.SymbolTable, seen: set[str]) -> list[ir.Operation]:
     """Return the operations of a function, and of those that it calls, each once."""
     found = []
 
@@ -139,7 +141,7 @@ def _operations(name: str, functions: Any, seen: set[str]) -> list[Any]:
     return found
 
 
-def _fits(operation: Any) -> bool:
+def _fits(operation: ir.Operation) -> bool:
     """Tell whether an operation can be inside a kernel."""
     if operation.name == "stablehlo.scatter":
         return _updates_once(operation)
@@ -148,7 +150,7 @@ def _fits(operation: Any) -> bool:
     return operation.name not in others
 
 
-def _updates_once(scatter: Any) -> bool:
+def _updates_once(scatter: ir.Operation) -> bool:
     """Tell whether a scatter has one index, so that XLA makes a slice's update of it."""
     numbers = stablehlo.ScatterDimensionNumbers(scatter.attributes["scatter_dimension_numbers"])
     shape = ir.RankedTensorType(scatter.operands[len(scatter.results)].type).shape

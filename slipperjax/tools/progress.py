@@ -3,10 +3,13 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .checks import yes_or_no
 from .compile import NOTICES, CompileNotices
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 
 def is_live() -> bool:
@@ -15,10 +18,10 @@ def is_live() -> bool:
 
 
 @contextmanager
-def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[Any]:
-    """Show tqdm's bar, with its `options`; in files and pipes it is now and then a line.
+def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[tqdm]":
+    """Show tqdm's bar, with its `options`; in files and pipes, a line every ten seconds at most.
 
-    While a program that steps through time is compiled, it says so.
+    It tells when a program that steps through time is being compiled.
 
     **Arguments:** `wanted`: whether it is shown; None shows it on terminals and in notebooks until it has ended;
     `programs`: how many programs the run is expected to compile.
@@ -28,7 +31,7 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[A
     from tqdm import tqdm  # here, because importing it takes time
 
     live = is_live()
-    shown: Any = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=_Lines())
+    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=_Lines())
     if wanted is None and live:
         # a bar that nobody asked for appears after a second, or while a program is compiled
         shown |= dict(leave=False, delay=1.0)
@@ -42,7 +45,7 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[A
         return text and text + colon
 
     def show(notice: str) -> None:
-        progress.delay = 0  # what has been seen is wiped out at the end
+        progress.delay = 0  # tqdm wipes a bar out at the end only if its delay is over
         progress.set_description_str(described(name, notice))
 
     with tqdm(desc=described(name), **shown, **options) as progress:

@@ -2,7 +2,6 @@
 
 import functools
 import re
-from typing import Any
 
 from .checks import brief, pint_unit
 
@@ -13,7 +12,7 @@ _QUANTITY = re.compile(
 )
 
 
-def parsed(name: str, value: Any, unit: str) -> float:
+def parsed(name: str, value: object, unit: str) -> float:
     """Return a text such as "1.5 mm" or "1/16 in" as a number in the SI unit `unit`.
 
     **Raises:** `ValueError` for other texts, and bare numbers.
@@ -30,8 +29,8 @@ STANDARD_GRAVITY = 9.80665
 
 
 def _as_pint_reads(unit: str) -> str:
-    """Return a unit with the names that pint knows, and with a sign before powers that are written as in m s-1."""
-    # "m s-1" is m s**-1
+    """Return a unit as pint spells it: "m s-1" is "m s**-1", and survey feet have one name."""
+    # a number behind a letter is a power
     unit = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
     unit = re.sub(r"\blbm\b", "lb", unit)
     return re.sub(r"\b([uU][sS]_survey_foot|ftUS)\b", "survey_foot", unit)
