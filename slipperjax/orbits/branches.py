@@ -1,10 +1,11 @@
-"""Branches of orbits over a parameter, through stable and unstable ones, with named and located events."""
+"""Branches of stable and unstable orbits over a parameter, with labelled and located events."""
 
 import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import diffrax
 import jax
@@ -27,17 +28,22 @@ from ..model.parameters import Parameter, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import brief, known, number, positive, require, whole
+from ..tools.checks import known, number, positive, require, whole
 from ..tools.compile import call_compiled
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
+from ..tools.types import Real
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
 
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
 FINER = 4
-"""Default steps per period over those of a simulation: multipliers jump a little where a touchdown passes from one
-step to the next. With 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
+"""Ratio of the default steps per period to those of a simulation. Multipliers jump a little where a touchdown passes
+from one step to the next: with 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
 
 
 class BranchEvent(NamedTuple):
@@ -46,17 +52,18 @@ class BranchEvent(NamedTuple):
     label: str
     """One of `slipperjax.analysis.events.MEANINGS`."""
     value: float
-    """The parameter's value there [its SI unit]."""
+    """Value of the parameter [its SI unit]."""
     low: float
-    """Lower bound of it."""
+    """Lower bound of the value."""
     high: float
-    """Upper bound of it."""
+    """Upper bound of the value."""
     multiplier: complex
-    """The critical multiplier [1]; NaN where there is none."""
+    """Critical multiplier [1]; NaN where there is none."""
     converged: bool
+    """True where the event is located."""
     note: str
     point: int
-    """Its index among the branch's points."""
+    """Index of the event among the points of the branch."""
 
 
 EVENT_COLUMNS: dict[str, tuple[type, str]] = {
@@ -70,23 +77,22 @@ EVENT_COLUMNS: dict[str, tuple[type, str]] = {
     "multiplier_real": (float, "critical multiplier, real part"),
     "multiplier_imag": (float, "critical multiplier, imaginary part"),
 }
-"""Variables of a dataset for `BranchEvent`, with types and descriptions; files hold no complex numbers."""
+"""Types and descriptions of a dataset's variables for events; complex numbers are split, because netCDF has none."""
 
 
 class OrbitView(NamedTuple):
-    """Contacts and sections of one orbit of a branch."""
+    """Contacts and Poincare section of one orbit of a branch."""
 
     grazing: Grazing
     signature: Signature
-    sections: SectionPoints
-    """Of this orbit alone."""
+    crossings: SectionPoints
 
 
 @dataclasses.dataclass(frozen=True)
 class OrbitPoints:
-    """Orbits along a curve, as files and tables."""
+    """Orbits along a curve, which can be written to files and tables."""
 
-    points: Any
+    points: "xr.Dataset"
     """An `xarray.Dataset` along `point`."""
 
     def __post_init__(self):
@@ -94,18 +100,18 @@ class OrbitPoints:
         good = hasattr(self.points, "attrs") and hasattr(self.points, "coords")
         require(good, "points", "be an xarray.Dataset along `point`", self.points)
 
-    def to_netcdf(self, path: Any) -> None:
-        """Write `points`, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
+    def to_netcdf(self, path: str | Path) -> None:
+        """Write `points` to a netCDF file, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
         write_whole(user_path(path), self.points.to_netcdf(engine="h5netcdf"))
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> "pd.DataFrame":
         """Return a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, states.
 
-        Poincare sections, whose number differs from orbit to orbit, are left out.
+        Points of Poincare sections, whose number differs from orbit to orbit, are left out.
         """
         ds = self.points
         columns = {name: ds[name].values for name in varied_names(ds)}
-        columns |= {name: array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
+        columns |= {str(name): array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
         # a column for each multiplier and each number of the state
         for name in ("multiplier_real", "multiplier_imag", "state"):
             columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
@@ -116,14 +122,14 @@ class OrbitPoints:
 class OrbitBranch(OrbitPoints):
     """Orbits along a curve over one parameter."""
 
-    points: Any
+    points: "xr.Dataset"
     """An `xarray.Dataset` along `point`: the parameter, `state`, `multiplier_real` and `multiplier_imag` [1],
     `stable`, `signature`, `touchdowns`, `slowest_touchdown` [m/s], `grazing_gap` [m], `residual`, `label`, and the
-    Poincare sections of `slipperjax.sweep`; and along `event` the table of events."""
+    Poincare sections of `slipperjax.sweep`; along `event`, the table of events."""
 
     @property
     def scene(self) -> Scene:
-        """Scene whose parameter varies."""
+        """Scene in which the parameter varies."""
         return load_base(self.points)[0]
 
     @property
@@ -152,7 +158,7 @@ class OrbitBranch(OrbitPoints):
         return self.summary()
 
     def summary(self) -> str:
-        """Return the branch in words, with a table of its events."""
+        """Return a description of the branch in words, with a table of its events."""
         varied = self.parameter
         ds = self.points
         values = ds[varied.name].values
@@ -179,138 +185,133 @@ class OrbitBranch(OrbitPoints):
             )
         return "\n".join(lines)
 
-    def events_dataframe(self) -> Any:
-        """Return a `pandas.DataFrame` with a row per event, as `events`."""
-        # the table of events is what lies along them alone
+    def events_dataframe(self) -> "pd.DataFrame":
+        """Return a `pandas.DataFrame` with a row per event, in the order of `events`."""
+        # the table of events consists of the variables along `event` alone
         names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
         return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
 
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
-        """Return the orbit at a point, or at an event."""
+        """Return the orbit at a point, by its index, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
-        run = _Run.of(self)
+        settings = _Settings.of(self)
         return PeriodicOrbit(
-            scene=run.varied.replaced(run.scene, ds[run.varied.name].values),
-            state=run.equations.state(jnp.asarray(ds["state"].values)),
+            scene=settings.varied.replaced(settings.scene, ds[settings.varied.name].values),
+            state=settings.equations.state(jnp.asarray(ds["state"].values)),
             multipliers=jnp.asarray(ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values),
             residual=jnp.asarray(ds["residual"].values),
             iterations=jnp.asarray(ds["iterations"].values),
             status=jnp.asarray(0),
             period=self.period,
-            steps_per_period=run.steps,
-            solver=run.solver,
+            steps_per_period=settings.steps,
+            solver=settings.solver,
         )
 
     def extended(
         self,
         bounds: tuple[float, float] | None = None,
-        **options: Any,
+        **options: object,
     ) -> "OrbitBranch":
-        """Follow the branch further: where it was interrupted, met an event of `until`, ended for the number of its
-        points, or met a bound.
+        """Follow the branch further, from ends by interrupt, an event of `until`, the number of points, or a bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
         `continue_orbit`.
         """
-        run = _Run.of(self, bounds)
-        return run.follow(extend, self.branch, **options)
+        return _Settings.of(self, bounds).follow(extend, self.branch, **options)
 
     def switched(
         self,
         event: BranchEvent,
         *,
         bounds: tuple[float, float] | None = None,
-        **options: Any,
+        **options: object,
     ) -> "OrbitBranch":
-        """Follow the branch that leaves at a flip, of twice the period, or at a branch point.
+        """Follow another branch from an event: that of twice the period at a flip, the crossing one at a branch
+        point.
 
         **Arguments:** as for `extended`.
 
-        **Raises:** `ValueError` for other events, or where no orbit is found off this branch.
+        **Raises:** `ValueError` for other events, or where no orbit off this branch is found.
         """
-        # at a flip the equations are of twice the period
+        # after a flip the equations are of twice the period
         equations, first = switch(self.branch, _analysed(event, self.branch.nodes))
-        run = dataclasses.replace(_Run.of(self, bounds), equations=equations)
-        return run.follow(functools.partial(continue_motion, ways=(1,)), equations, first, **options)
+        settings = dataclasses.replace(_Settings.of(self, bounds), equations=equations)
+        return settings.follow(functools.partial(continue_motion, ways=(1,)), equations, first, **options)
 
     @functools.cached_property
     def branch(self) -> Branch:
-        """Branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
-        run = _Run.of(self)
+        """The branch as a `slipperjax.analysis.Branch`; for one from a file its points are evaluated anew."""
+        settings = _Settings.of(self)
         ds = self.points
-        z = np.column_stack([ds["state"].values, ds[run.varied.name].values])
+        z = np.column_stack([ds["state"].values, ds[settings.varied.name].values])
         nodes = []
-        # the tolerance is met at once, so that the points stay what they are
+        # all points meet a tolerance of 1 at once, so that Newton's method leaves them in place
         for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
-            weights = np.asarray(run.equations.weights(jnp.asarray(unknowns))[1])
-            node = correct(run.equations, unknowns, weights**2 * tangent, tolerance=1.0)
-            nodes.append(observed(node, run.observe)._replace(label=str(label)))
+            weights = np.asarray(settings.equations.weights(jnp.asarray(unknowns))[1])
+            node = correct(settings.equations, unknowns, weights**2 * tangent, tolerance=1.0)
+            nodes.append(observed(node, settings.observe)._replace(label=str(label)))
         events = tuple(_analysed(event, nodes) for event in self.events)
         first, last = map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist())
-        return Branch(run.equations, tuple(nodes), events, (first, last))
+        return Branch(settings.equations, tuple(nodes), events, (first, last))
 
 
 def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
-    """Return an event as `slipperjax.analysis` has it."""
+    """Return an event as a `slipperjax.analysis.Event`."""
     label, _, low, high, multiplier, converged, note, point = event
     return Event(label, nodes[point], low, high, multiplier, converged, note)
 
 
-def load_branch(source: Any) -> OrbitBranch:
+def load_branch(source: "str | Path | xr.Dataset") -> OrbitBranch:
     """Load a branch from a netCDF file, or from the dataset of one.
 
     **Raises:** `ValueError` for other files and datasets; `OSError` for a file that cannot be read.
     """
     ds = dataset_of(source)
-    if "call" not in ds.attrs or load_call(ds)["function"] != "continue_orbit":
-        raise ValueError(f"Argument `source` must be a result of continue_orbit, but is {brief(source)}.")
+    good = "call" in ds.attrs and load_call(ds)["function"] == "continue_orbit"
+    require(good, "source", "be a result of continue_orbit", source)
     return OrbitBranch(ds)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Run:
-    """Settings with which a branch is computed."""
+class _Settings:
+    """Settings with which a branch is followed."""
 
     scene: Scene
     varied: Parameter
     bounds: tuple[float, float]
     steps: int
-    solver: Any
+    solver: diffrax.AbstractSolver
     tolerance: float
     equations: PeriodicMotions
 
     @classmethod
-    def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
-        """Return those of a new branch."""
-        # one program for all numbers of steps
+    def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Settings":
+        """Return the settings of a new branch, with its equations."""
+        # dynamic: one program serves all numbers of steps
         options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
         equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
         return cls(scene, varied, bounds, steps, solver, tolerance, equations)
 
     @classmethod
-    def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Run":
-        """Return those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
+    def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Settings":
+        """Return the settings of a branch, or with other bounds. The scale of lengths stays that of the first
+        bounds."""
         call = load_call(branch.points)
         scene, start = load_base(branch.points)
         varied = branch.parameter
-        settings = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
-        run = cls.new(scene, varied, tuple(call["bounds"]), *settings, initial_state(scene, start))
-        return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(varied, bounds))
+        values = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
+        first = cls.new(scene, varied, tuple(call["bounds"]), *values, initial_state(scene, start))
+        return first if bounds is None else dataclasses.replace(first, bounds=bounds_of(varied, bounds))
 
     def observe(self, node: Node) -> Observation:
-        """Observe the contacts and sections of an orbit."""
-        # the same equations with samples inside the periods, as one program for all points
+        """Return the touchdowns and margins of an orbit for the search of grazings, with an `OrbitView` as data."""
+        # the equations once more, as a program that keeps samples inside the periods
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
         equations = dataclasses.replace(self.equations, family=family)
         sections = Sections()
         records = RecordSet((GapSamples(), sections))
-        ((gap, rate), crossed), period = call_compiled(
-            _samples,
-            equations,
-            (records,),
-            jnp.asarray(node.z),
-        )
-        # records are finished for a batch of cases, here of one
+        ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
+        # records finish a batch of cases, here of one
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
         span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
         crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
@@ -326,32 +327,35 @@ class _Run:
         progress: bool | None = None,
         **options,
     ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
+        """Return the branch that `walk` makes from a start, with a progress bar; `options`: of `counting`."""
         with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
             return self.counting(count, walk, *start, **options)
 
     def counting(
         self,
-        count: Callable[[Any], None],
+        count: Callable[[Real], None],
         walk: Callable[..., Branch],
         *start,
         points: int = 400,
         until: Sequence[str] = (),
     ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start; after Ctrl-C raises `Interrupted` with it."""
+        """Return the branch that `walk` makes from a start; raise `Interrupted` with it after Ctrl-C.
+
+        **Arguments:** `count`: is called with the parameter at each point.
+        """
         branch = walk(
             *start,
             self.bounds,
             observe=self.observe,
             on_point=lambda node: count(node.z[-1]),
             tolerance=self.tolerance,
-            # 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
+            # a length of 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
             pace=Pace(most=0.3),
             points=points,
             until=labels(until),
         )
         found = OrbitBranch(self.dataset(branch))
-        found.__dict__["branch"] = branch  # which need not be computed once more
+        found.__dict__["branch"] = branch  # fills the cached property, so that points are not evaluated anew
         return finished(found)
 
     def dataset(self, branch: Branch):
@@ -394,13 +398,13 @@ class _Run:
             ),
             "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", "end", "contact"),
         }
-        # sections of all orbits, with a leading axis of points
-        together = jax.tree.map(lambda *parts: np.stack(parts), *(view.sections for view in views))
+        # crossings of all orbits, with a leading axis of points
+        together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
         sections, _ = Sections().label(scene, ("point",), together)
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}
         ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
-        # with which `extended` goes on
+        # the steps from which `extended` goes on
         next_steps = [end.step for end in branch.ends]
         return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
 
@@ -412,8 +416,8 @@ def _samples(equations: PeriodicMotions, static: tuple, z) -> tuple:
     return passage.samples, step.scene.period
 
 
-def along(values: Any, text: str, *dims: str, unit: str = "1") -> tuple:
-    """Return a variable of a dataset along its points."""
+def along(values: Sequence | np.ndarray, text: str, *dims: str, unit: str = "1") -> tuple:
+    """Return a variable along the points of a branch, as xarray takes it."""
     return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
 
 
@@ -422,11 +426,11 @@ def orbits_dataset(
     motions: PeriodicMotions,
     scene: Scene,
     varied: Sequence[Parameter],
-    call: dict[str, Any],
-) -> tuple[Any, State]:
-    """Return an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
+    call: dict[str, object],
+) -> "tuple[xr.Dataset, State]":
+    """Return a dataset of the orbits at points of a curve, and their states, with a leading axis.
 
-    **Returns:** the dataset, and the states, with a leading axis.
+    `load_base` and `load_call` read scene and call from the dataset.
     """
     import xarray as xr
 
@@ -456,9 +460,9 @@ def orbits_dataset(
     return xr.Dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
 
 
-def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
-    """Return the variables of the table of events."""
-    # by identity: a bound and a grazing may share a value
+def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple]:
+    """Return the dataset's variables along `event`."""
+    # by identity, because two points may share a value, such as a bound and a grazing
     index = {id(node.z): k for k, node in enumerate(branch.nodes)}
     names = contact_names(scene)
     rows = []
@@ -466,7 +470,7 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
         z = event.node.z
         opening = event.node.view.data.grazing.opening
         notes = []
-        # touchdowns that a grazing changes, in the direction of the branch
+        # the changes of touchdowns at a grazing, along the branch
         for k, change in enumerate(event.change):
             if change:
                 happens = "opens" if opening[k] else "touches"
@@ -476,15 +480,18 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
         mu = event.multiplier
         place = z[-1], event.low, event.high, event.converged
         rows.append((event.label, *place, "; ".join(notes), index[id(z)], mu.real, mu.imag))
-    data: dict[str, Any] = {}
+    data = {}
     for k, (name, (kind, text)) in enumerate(EVENT_COLUMNS.items()):
         attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
         data[f"event_{name}"] = ("event", np.array([row[k] for row in rows], kind), attributes)
     return data
 
 
-def finished(result: Any) -> Any:
-    """Return a branch or curve back; raise `Interrupted` with it where it ended by Ctrl-C."""
+Followed = TypeVar("Followed", bound=OrbitPoints)
+
+
+def finished(result: Followed) -> Followed:
+    """Return a branch or curve as it is; raise `Interrupted` with it if it ended by Ctrl-C."""
     if "interrupted" in result.points.attrs["ended"]:
         raise Interrupted(result, result.points.sizes["point"], unit="points")
     return result
@@ -496,10 +503,10 @@ def counted(
     text: str,
     varied: Parameter,
     programs: int = 4,
-) -> Iterator[Callable[[Any], None]]:
-    """Yield a function that counts points, with their values of a parameter [SI unit], in a progress bar.
+) -> Iterator[Callable[[Real], None]]:
+    """Yield a function that counts a point in a progress bar, given its value of a parameter [SI unit].
 
-    At each point it polls whether this run is asked to end.
+    The function raises `KeyboardInterrupt` where this run is asked to end.
 
     **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`; a branch compiles four, the search for
     its first orbit included.
@@ -507,7 +514,7 @@ def counted(
     with progress_bar(shown, programs=programs, desc=text, unit=" points") as bar:
 
         def count(value) -> None:
-            # between points, because a program cannot be stopped
+            # here, between points, because a compiled program cannot be stopped
             if Stop.here().is_set():
                 raise KeyboardInterrupt
             bar.set_postfix_str(f"{varied.shown(float(value)):.6g} {varied.display_unit}", refresh=False)
@@ -516,14 +523,15 @@ def counted(
         yield count
 
 
-def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
-    """Return two values of a parameter, the smaller first; raise `ValueError` for others."""
+def bounds_of(varied: Parameter, bounds: object) -> tuple[float, float]:
+    """Return bounds of a parameter [SI unit]; raise `ValueError` unless they are two of its values, the smaller
+    first."""
     low, high = checked_bounds(bounds, f"values of {varied.name} [{varied.unit}]")
     return float(varied.check(low)), float(varied.check(high))
 
 
-def labels(until: Any) -> tuple[str, ...]:
-    """Return labels of events; raise `ValueError` for others."""
+def labels(until: Sequence[str]) -> tuple[str, ...]:
+    """Return `until` as a tuple; raise `ValueError` unless all are labels of events."""
     choices = [label for label in MEANINGS if label not in ("EP", "MX")]
     known_labels = not isinstance(until, str) and all(label in choices for label in until)
     require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)
@@ -536,10 +544,10 @@ def steps_of_branch(
     bounds: tuple[float, float],
     steps: int | None,
 ) -> int:
-    """Return the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+    """Return the steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
         return given_steps(steps)
-    # the steps must do along the whole branch
+    # enough for the most demanding scene along the branch
     at = (scene, *(varied.replaced(scene, value) for value in bounds))
     return FINER * max(default_steps(one, None) for one in at)
 
@@ -558,22 +566,21 @@ def continue_orbit(
     until: Sequence[str] = (),
     progress: bool | None = None,
 ) -> OrbitBranch:
-    """Follow an orbit through a parameter both ways, stable or not, past folds, and names and locates events.
+    """Follow an orbit over a parameter both ways, stable or not, past folds; locate and label the events.
 
-    Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers, grazings (GR)
-    by the touchdowns of each contact point and by extremes of its gap within steps; all are located, and no grazing
-    is stepped over silently.
+    Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers; grazings (GR)
+    by the touchdowns of each contact point and by extremes of its gap within steps, so that none is missed.
 
     **Arguments:**
 
-    - `scene`: with the parameter's value at which the branch begins. `name`: of the parameter, or its path; `bounds`:
-        of its values [SI unit].
-    - `start`, `period`: as for `periodic_orbit`, or an orbit that it found.
-    - `steps_per_period`: default `FINER` times that of the more demanding bound; `solver`: as for `simulate`, steps
-        being constant.
+    - `scene`: the branch begins at its value of the parameter. `name`: of the parameter, or its path; `bounds`: of
+        the parameter's values [SI unit].
+    - `start`, `period`: as for `periodic_orbit`; `start` may also be an orbit that it found.
+    - `steps_per_period`: default `FINER` times those of the more demanding bound; `solver`: as for `simulate`, with
+        constant steps.
     - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: whether a bar is
         shown, by default on terminals and in notebooks.
-    - `until`: labels of events after which a way is not followed further, such as ("LP", "PD"); default none.
+    - `until`: labels of events at which a way ends, such as ("LP", "PD"); default none.
 
     **Returns:** an `OrbitBranch`.
 
@@ -597,6 +604,6 @@ def continue_orbit(
             start = periodic_orbit(scene, period, start=start, **options)
             if int(start.status):
                 raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
-        run = _Run.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
+        settings = _Settings.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
         at = start.state, value
-        return run.counting(count, continue_motion, run.equations, at, points=points, until=until)
+        return settings.counting(count, continue_motion, settings.equations, at, points=points, until=until)

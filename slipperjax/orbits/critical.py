@@ -1,9 +1,8 @@
-"""Orbits at which something happens: exact and differentiable, and followed through the plane of two parameters."""
+"""Orbits at events, such as folds and flips: exact, differentiable, and followed in the plane of two parameters."""
 
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -34,6 +33,7 @@ from ..model.scene import Scene, check_scene
 from ..tools.checks import one_of, require, shown_number
 from ..tools.compile import is_traced, jit
 from ..tools.hermite import Cubic
+from ..tools.types import Real
 from .branches import (
     BranchEvent,
     OrbitBranch,
@@ -43,7 +43,7 @@ from .branches import (
     finished,
     orbits_dataset,
 )
-from .motions import slipper_motions
+from .motions import ScenePath, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 
@@ -56,17 +56,17 @@ def critical_orbit(
     *,
     tolerance: float = TOLERANCE,
 ) -> CriticalMotion:
-    """Find the fold, flip or Neimark-Sacker of orbits over a parameter, from an orbit near it, by Newton's method.
+    """Find the fold, flip or Neimark-Sacker of orbits over a parameter by Newton's method, from an orbit near it.
 
-    `value` and `state` have the derivatives of the exact ones with respect to all numbers of `scene`, in both modes:
-    how fast a flip's speed changes with the clearance, for example. The scene's own value of the parameter is without
-    effect.
+    `value` and `state` have the derivatives of the exact ones with respect to all numbers of `scene`, in forward and
+    reverse mode: how the speed of a flip changes with the clearance, for example. The scene's own value of the
+    parameter has no effect.
 
     **Arguments:**
 
     - `name`: of the parameter, or its path; `label`: "LP", "PD" or "NS".
-    - `start`: near it, as `OrbitBranch.orbit(event)` gives it; its scene has the parameter's value that is tried
-        first, and its multiplier nearest to the unit circle the angle for "NS".
+    - `start`: an orbit near it, such as `OrbitBranch.orbit(event)`. Its scene has the first guess of the parameter;
+        its complex multiplier nearest to the unit circle has the first guess of the angle, for "NS".
     - `tolerance`: scaled residual [1].
 
     **Returns:** the orbit with the parameter's `value` [its SI unit]; look at its `residual`.
@@ -76,7 +76,7 @@ def critical_orbit(
     check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     steps = int(start.steps_per_period)
-    # differentiated in both modes, or by one program for all numbers of steps
+    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
     stepping = ConstantSteps(steps) if is_traced(scene) else dynamic_steps(steps)
     return _critical_orbit(scene, start, stepping, _angle(start), tolerance, name, label)
 
@@ -90,10 +90,10 @@ def _critical_orbit(
     name: str,
     label: str,
 ) -> CriticalMotion:
-    """Find the orbit of `critical_orbit`, unchecked."""
-    # a first guess has no derivatives
+    """Return the orbit of `critical_orbit`, without checks."""
+    # the result does not depend on the first guess, so neither do its derivatives
     value = jax.lax.stop_gradient(parameter(name, scene).of(start.scene))
-    options: dict[str, Any] = dict(stepping=stepping, solver=start.solver, period=start.period)
+    options = dict(stepping=stepping, solver=start.solver, period=start.period)
     motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **options)
     return critical_motion(motions, label, start.state, value, angle=angle, tolerance=tolerance)
 
@@ -110,18 +110,18 @@ def event_sensitivities(
     event: BranchEvent,
     names: Sequence[str],
 ) -> xr.Dataset:
-    """Differentiate the place of a fold, flip or Neimark-Sacker by other parameters of the scene.
+    """Differentiate the parameter's value at a fold, flip or Neimark-Sacker by other parameters of the scene.
 
     **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
 
     **Returns:** an `xarray.Dataset` with `value`, the event's value of the branch's parameter [its SI unit], and
     along `parameter` `gradient` and `gradient_stderr` [unit of the branch's parameter per the parameter's unit], and
-    `relative`, the relative change of the place per relative change of the parameter [1]. They are taken with twelve
-    times the steps of the branch, from whose differences the errors follow, see
+    `relative`, the relative change of the value per relative change of the parameter [1]. They are computed with
+    three, six and twelve times the steps of the branch, whose differences give the errors, see
     `slipperjax.analysis.with_step_error`.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or says that the event has not been found with
-    more steps.
+    **Raises:** `ValueError` that names the argument which is wrong, also where the event is not found with more
+    steps.
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     scene = branch.scene
@@ -135,7 +135,7 @@ def event_sensitivities(
     values = values_of(scene, names)
     angle = _angle(start)
 
-    # with some number of steps: the event's value and its derivatives
+    # the event's value and its derivatives with a number of steps
     def located(steps: int) -> tuple[np.ndarray, np.ndarray]:
         numbers = scene, start, values, dynamic_steps(steps), angle, tolerance
         value, slope, residual = _place(*numbers, own.name, event.label, names)
@@ -179,9 +179,10 @@ def _place(
     label: str,
     names: tuple[str, ...],
 ) -> tuple[Array, Array, Array]:
-    """Return an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
+    """Return the parameter's value at an event, its derivatives by the parameters `names` at `values`, and the
+    residual."""
 
-    # the value is the result that is differentiated, and comes with itself and the residual
+    # jacfwd drops the value that it differentiates, so that it comes a second time, beside the residual
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
         at = at_values(scene, names, values)
         orbit = _critical_orbit(at, start, stepping, angle, tolerance, name, label)
@@ -192,24 +193,24 @@ def _place(
 
 
 class GapExtreme(eqx.Module):
-    """Extreme of one point's gap near a time, of an orbit of a scene with two parameters."""
+    """Function that returns the extreme of a contact point's gap near some time, on orbits over parameters."""
 
-    family: Any
+    family: ScenePath
     point: Array
-    """Index of the point, the front ones first."""
+    """Index of the contact point, the front ones first."""
     time: Array
-    """Instant of the extreme [forcing periods]."""
+    """Instant near which the extreme is sought [forcing periods]."""
     greatest: Array
-    """True for a greatest gap, False for a least one."""
+    """True for a maximum of the gap, False for a minimum."""
     period: int = eqx.field(static=True)
     """Forcing periods after which the orbit recurs [1]."""
 
-    def __call__(self, state: State, *values: Any) -> Array:
-        """Return the gap [m]."""
+    def __call__(self, state: State, *values: Real) -> Array:
+        """Return the gap at the extreme [m]."""
         return self._extreme(state, *values)[0]
 
-    def update(self, state: State, *values: Any) -> "GapExtreme":
-        """Return the same extreme with its time on this orbit."""
+    def update(self, state: State, *values: Real) -> "GapExtreme":
+        """Return the function for orbits near this one, whose extreme has another time."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
     def _extreme(self, state: State, *values) -> tuple[Array, Array]:
@@ -221,7 +222,7 @@ class GapExtreme(eqx.Module):
         of_point = lambda a: jax.lax.dynamic_index_in_dim(a, self.point, 2, False)
         gap = of_point(samples[0])
         slope = of_point(samples[1]) * step.scene.period / steps
-        # the step nearest to the time in which the slope changes its sign; arrays are as long as for the most steps
+        # of the steps in which the slope changes its sign, the one nearest to the time; the last ones may be unused
         sign = jnp.where(self.greatest, 1.0, -1.0)
         index = jnp.arange(gap.shape[1] - 1)
         turns = (sign * slope[:, :-1] > 0) & (sign * slope[:, 1:] <= 0) & (index < steps)[None]
@@ -229,16 +230,16 @@ class GapExtreme(eqx.Module):
         away = jnp.abs((middle - self.time + self.period / 2) % self.period - self.period / 2)
         k, n = jnp.unravel_index(jnp.argmin(jnp.where(turns, away, jnp.inf)), turns.shape)
         cubic = Cubic.through(gap[k, n], slope[k, n], gap[k, n + 1], slope[k, n + 1])
-        # the value does not depend on the instant to first order
+        # at an extreme the value does not depend on the instant to first order
         x = jax.lax.stop_gradient(cubic.turn(sign))
         return cubic.value(x), k + (n + x) / steps
 
 
 @dataclasses.dataclass(frozen=True)
 class OrbitCurve(OrbitPoints):
-    """Orbits with one event along a curve in the plane of two parameters."""
+    """Orbits with one event, along a curve in the plane of two parameters."""
 
-    points: Any
+    points: xr.Dataset
     """An `xarray.Dataset` along `point`: both parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and
     `outside`, the multipliers outside the unit circle without the critical ones."""
 
@@ -273,7 +274,7 @@ def continue_event(
     points: int = 200,
     progress: bool | None = None,
 ) -> OrbitCurve:
-    """Follow an event of a branch through the plane of the branch's parameter and another one.
+    """Follow an event of a branch in the plane of the branch's parameter and another one.
 
     **Arguments:**
 
@@ -282,9 +283,8 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: whether a bar is shown, by default on terminals and in notebooks.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, where the pair of a Neimark-Sacker becomes real
-    ("strong resonance 1:1" or 1:2), or where no step converges: at a grazing the multipliers' second derivatives
-    jump.
+    **Returns:** an `OrbitCurve`. It ends at a bound, where the complex pair of a Neimark-Sacker becomes real ("strong
+    resonance 1:1" or 1:2), or where no step converges, such as at a grazing, where derivatives of multipliers jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.
@@ -295,7 +295,7 @@ def continue_event(
     own = branch.parameter
     other = parameter(name, scene)
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
-    # a curve may leave the range of the branch on which it begins
+    # the curve may leave the range of the branch on which it begins, if the caller says so
     own_bounds = bounds_of(own, call["bounds"] if first_bounds is None else first_bounds)
     limits = (own_bounds, bounds_of(other, bounds))
     value = float(scene.value(name))
@@ -307,7 +307,7 @@ def continue_event(
     settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=0.1)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
-        # in the equations a gap of 0.01 mm counts as one
+        # a gap of 0.01 mm counts as a residual of one
         equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), 1e-5)
     else:
         equations = CriticalMotions.of(motions, event.label)
@@ -319,12 +319,12 @@ def continue_event(
             limits,
             angle=abs(float(np.angle(event.multiplier))),
             tolerance=call["tolerance"],
-            # 1 is the whole range of a parameter
+            # a length of 1 is the whole range of a parameter
             pace=Pace(least=1e-4, most=0.2),
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
-    # the event is all along the curve
+    # all points are at the event: the label makes their critical multipliers count as such
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
     ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
@@ -339,10 +339,10 @@ def _extreme_at(
 ) -> GapExtreme:
     """Return the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
-    # the point whose extreme is nearest to zero is the one that grazes
+    # the contact point with the extreme nearest to zero is the one that grazes
     point = int(np.argmin(touches.margin))
     steps = call["steps_per_period"]
-    # with samples inside the periods
+    # the most steps are fixed, for arrays of samples inside the periods
     inside = dynamic_steps(steps, most=steps)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
     time = jnp.asarray(touches.time[point])

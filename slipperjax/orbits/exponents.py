@@ -1,8 +1,7 @@
 """Lyapunov spectra of one slipper.
 
-The tangent carries how the place and the instant of each touchdown depend on the state, because the latch is
-interpolated and differentiable; so the contact's memory has its saltation, and periodic motions get the exponents
-of their Floquet multipliers.
+The latch of touchdowns is interpolated and differentiable. So the tangent knows how the place and the instant of each
+touchdown depend on the state (saltation), and periodic motions get the exponents of their Floquet multipliers.
 """
 
 import dataclasses
@@ -27,23 +26,23 @@ from ..model.kinematics import Motion
 from ..model.layout import StateLayout
 from ..model.scene import Scene, check_scene, check_steady
 from ..solvers.named import resolve_solver
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 from ..tools.compile import is_traced
 from ..tools.limits import refuse_impossible
 
 
 def check_count(scene: Scene, count: int) -> int:
-    """Return the number of exponents, at most as many as the scene's motion has dimensions.
+    """Return a number of exponents that the motion's dimension allows.
 
-    Ten, and the memory of each point where that is integrated. A latched memory adds none: it follows from the motion
-    at the touchdown.
+    The dimension is ten, and one more per contact point where its memory is integrated. A latched memory adds none:
+    it follows from the motion at the touchdown.
 
-    **Raises:** `ValueError` for more, and for a scene without steady motions.
+    **Raises:** `ValueError` for more exponents, and for a scene without steady motions.
     """
     size = StateLayout.of(check_steady(scene)).dimension
-    if whole("count", count, 1) > size:
-        raise ValueError(f"Argument `count` must be at most {size}, the dimension of the motion, but is {count}.")
-    return int(count)
+    count = whole("count", count, 1)
+    require(count <= size, "count", f"be at most {size}, the dimension of the motion", count)
+    return count
 
 
 def lyapunov_spectrum(
@@ -63,8 +62,8 @@ def lyapunov_spectrum(
     **Arguments:**
 
     - `count`: number of exponents, the largest first; one costs one tangent.
-    - `transient`: forcing periods before anything is counted; `align`: those after it in which the tangents turn
-        into their directions; `periods`: those that count.
+    - `transient`: forcing periods before the tangents start; `align`: periods after these in which the tangents align
+        with their directions; `periods`: periods that count.
     - `steps_per_period`, `solver`, `start`, `begin`: as for `simulate`.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.resolved`, `.history`,
@@ -77,7 +76,6 @@ def lyapunov_spectrum(
     steps = default_steps(scene, steps_per_period)
     start = first_of(start)
     origin = beginning_of(scene, begin)
-    # the number of forcing periods before the start
     epoch = scene.epoch_at(origin)
     total = whole("periods", periods, 1) + whole("transient", transient, 0) + whole("align", align, 0)
     check_rail(scene, total, origin)
@@ -85,7 +83,7 @@ def lyapunov_spectrum(
     if not is_traced(steps):
         seconds = SECONDS_PER_STEP * steps * total
         refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * periods * count, seconds)
-    # differentiated in both modes, or by one program for all numbers of steps
+    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
     stepping = ConstantSteps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver)),

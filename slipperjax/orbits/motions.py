@@ -1,6 +1,4 @@
-"""Orbits of slippers as equations: the period map over parameters, and states whose memory fits their gaps."""
-
-from typing import Any
+"""Equations of a slipper's orbits: the period map over parameters, and states whose memory fits their gaps."""
 
 import diffrax
 import equinox as eqx
@@ -20,25 +18,26 @@ from ..model.scene import Scene, check_steady
 from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.compile import is_traced
+from ..tools.types import Numbers, Real
 
 
 class ScenePath(eqx.Module):
-    """The period map of a scene for values of some of its parameters."""
+    """Function from values of some parameters of a scene to its period map."""
 
     scene: Scene
     stepping: AbstractStepping
     names: tuple[str, ...] = eqx.field(static=True)
-    """Parameters by name or path; without any, the scene's own map."""
+    """Names or paths of the parameters."""
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
-    def __call__(self, *values: Any) -> PeriodMap:
+    def __call__(self, *values: Real) -> PeriodMap:
         return PeriodMap(at_values(self.scene, self.names, values), self.stepping, self.solver)
 
 
 def slipper_motions(
     scene: Scene,
     names: tuple[str, ...],
-    reach: Any,
+    reach: Numbers,
     like: State,
     *,
     stepping: AbstractStepping,
@@ -46,27 +45,26 @@ def slipper_motions(
     period: int,
     share: float = 1.0,
 ) -> PeriodicMotions:
-    """Return the equations of orbits over some parameters, with changes `reach` that count as one.
+    """Return the equations of orbits over some parameters.
 
-    Lengths of curves are measured by the parameters and, with a weight of `share`, by the motion. Where the
-    derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its scale, and the
-    parameters by the square of that. So curves of events are measured by the parameters first of all; the motion
-    counts at cusps, where the curve of the parameters has no direction.
+    **Arguments:** `reach`: change of each parameter that counts as a length of one; `share`: weight of the motion in
+    lengths. For curves of events it should be small: where the derivatives of the period map jump, the motion at a
+    fold jumps in proportion, by up to 1e-2 of its scale, but the parameters only by the square of that. It should not
+    be zero: at a cusp the parameters alone give the curve no direction.
     """
     path = ScenePath(scene, stepping, names, solver)
-    # the residual counts as a tangent does
-    scale = tangent_weights(scene)
+    # the memory, which comes after the motion in a state, does not count in lengths
     size = sum(map(np.size, jax.tree.leaves(like)))
     motion = len(MOTION_NUMBERS)
-    # of a state's numbers, the memory's come after the motion's, and do not count
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
+    scale = tangent_weights(scene)
     return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, period, consistent_state, lengths)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
-    """Return the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
+    """Return a proposed state with a memory that fits its gaps: zero where open, latched where just closed. Pure.
 
-    **Arguments:** `mapped`: what the last iterate is mapped to.
+    **Arguments:** `mapped`: the state to which the map takes the last iterate.
     """
     if not scene.latches_memory:
         return proposed
@@ -75,27 +73,20 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
     assert mapped.memory is not None
     now = contacts(rail_frame(scene, 0.0), proposed.motion)
     fresh = scene.memory.initial(now.gap, now.rate)
-    # of a contact that was open at the section, the memory latched since is better than that of a fresh start
-    memory = jnp.where(
-        proposed.memory < 0,
-        proposed.memory,
-        jnp.where(
-            mapped.memory < 0,
-            mapped.memory,
-            fresh,
-        ),
-    )
+    # For a contact that was open, the rate latched during the period is a better guess than that of a fresh start.
+    latched = jnp.where(mapped.memory < 0, mapped.memory, fresh)
+    memory = jnp.where(proposed.memory < 0, proposed.memory, latched)
     return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
 
 def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
-    """Return a proposed state consistent, see `slipperjax.analysis.shoot`."""
+    """Return a proposed state made consistent, see `slipperjax.analysis.shoot`."""
     return consistent_memory(step.scene, proposed, mapped)
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raise `ValueError` for a track that does not recur with the forcing period, unless it is traced, and for a
-    speed that changes."""
+    """Raise `ValueError` unless the forcing is periodic: a rail that recurs with the forcing period (not checked
+    where traced) at a constant speed."""
     if not is_traced(scene.track):
         need = "have a track that recurs with the forcing period"
         with jax.ensure_compile_time_eval():  # inside jit, too

@@ -1,4 +1,4 @@
-"""Periodic motions of one slipper as exact objects, with their multipliers and contact signatures."""
+"""Periodic motions of one slipper, exact to rounding, with their multipliers and contact signatures."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import without_derivatives
@@ -32,15 +32,16 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced, jit
+from ..tools.types import Whole
 from .motions import check_forcing, consistent_state
 from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
 MOST_PERIOD = 10_000
-"""Forcing periods of an orbit above which it is refused."""
+"""Longest period of an orbit that is allowed [forcing periods]."""
 DIVISOR = 1e-6
-"""Scaled residual below which a motion already recurs after a divisor of its period [1]."""
+"""Scaled residual below which a motion counts as recurring after a divisor of its period [1]."""
 
 
 class PeriodicOrbit(eqx.Module):
@@ -48,18 +49,18 @@ class PeriodicOrbit(eqx.Module):
 
     scene: Scene
     state: State
-    """At the start of a forcing period."""
-    multipliers: Any
-    """Floquet multipliers over the orbit's period [1], complex, the largest modulus first, shape (size,)."""
+    """State at the start of a forcing period."""
+    multipliers: Complex[Array, " size"]
+    """Floquet multipliers over the orbit's period [1], the largest modulus first."""
     residual: Float[Array, ""]
     """Greatest change of the state over the period, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
-    iterations: Any
+    iterations: Int[Array, ""]
     """Iterations of Newton's method."""
-    status: Any
-    """0 for an orbit, else see `slipperjax.Status`."""
+    status: Whole
+    """0 for an orbit, otherwise see `slipperjax.Status`."""
     period: int = eqx.field(static=True)
-    """Forcing periods after which the motion recurs [1]: the least, unless the scene was traced."""
-    steps_per_period: Any
+    """Forcing periods after which the motion recurs [1]: the least number, unless the scene was traced."""
+    steps_per_period: Whole
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
     def __repr__(self) -> str:
@@ -76,26 +77,26 @@ class PeriodicOrbit(eqx.Module):
         )
 
     @property
-    def stable(self) -> Any:
-        """True where no multiplier lies outside the unit circle by more than its error, see `circle_error`."""
+    def stable(self) -> bool | Array:
+        """True if no multiplier lies outside the unit circle by more than its error."""
         inside = abs(self.multipliers[..., 0]) <= 1 + circle_error(self.multipliers)
         return inside if is_traced(inside) else bool(np.all(inside))
 
     @property
-    def exponent(self) -> Any:
+    def exponent(self) -> Array:
         """Largest Lyapunov exponent [1/period], ln |largest multiplier| per forcing period."""
         return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
 
-    def trajectory(self, periods: int | None = None, **options: Any) -> Trajectory:
+    def trajectory(self, periods: int | None = None, **options: object) -> Trajectory:
         """Simulate the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
         count = self.period if periods is None else periods
-        # what is given counts more than the orbit's own
+        # options of the caller take precedence over the orbit's own
         options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
         return simulate(self.scene, count, start=self.state, **options)
 
     def to_xarray(self) -> Any:
-        """Return the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
-        attributes orbit_period [forcing periods], stable, residual and signature."""
+        """Return the `xarray.Dataset` of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
+        attributes orbit_period [forcing periods], stable, residual, iterations and signature."""
         mu = np.asarray(self.multipliers)
         words = {"units": "1", "long_name": "Floquet multiplier"}
         parts = {"multiplier_real": ("multiplier", mu.real, words), "multiplier_imag": ("multiplier", mu.imag, words)}
@@ -110,10 +111,10 @@ class PeriodicOrbit(eqx.Module):
 
     @property
     def signature(self) -> Signature:
-        """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
+        """Touchdowns of the contact points in their order, with their rates; not for use under a transformation."""
         records = RecordSet((GapSamples(),))
         steps = int(self.steps_per_period)
-        # with samples inside the periods
+        # the most steps are fixed, for arrays of samples inside the periods
         map_ = PeriodMap(self.scene, dynamic_steps(steps, most=steps), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
@@ -132,21 +133,21 @@ def periodic_orbit(
 ) -> PeriodicOrbit:
     """Find a periodic motion of one scene, stable or not, by Newton's method with derivatives through touchdowns.
 
-    The set of closed contacts may change between iterations: which points touch, and when, need not be given.
-    The state has the exact motion's derivatives with respect to all numbers of the scene, in both modes.
+    Which points touch, and when, need not be known: it may change between iterations. The state has the derivatives
+    of the exact motion with respect to all numbers of the scene, in forward and reverse mode.
 
     **Arguments:**
 
-    - `period`: forcing periods after which the motion recurs. Where it recurs after a divisor of it, the orbit's
-        `period` is that.
+    - `period`: forcing periods after which the motion recurs. If it already recurs after a divisor of this number,
+        that is the orbit's `period`.
     - `start`: near the orbit, as for `simulate`; default Table 2's. `transient`: forcing periods simulated from there
-        before Newton's method, by default 60 after a start that is a motion, 240 more where these do not do, and
-        none after a state, so that unstable orbits are found from their neighbours.
-    - `steps_per_period`, `solver`: as for `simulate`, steps being constant.
+        before Newton's method. By default, for a start that is a motion, 60, and 240 more if no orbit is found; for a
+        state none, so that unstable orbits are found from their neighbours.
+    - `steps_per_period`, `solver`: as for `simulate`, with constant steps.
     - `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's method.
 
-    **Returns:** a `PeriodicOrbit`. Its `status` is `Status.NO_ORBIT` where the iterations ended elsewhere, and that
-    of the motion where it left the finite numbers or the rail, or never touched it.
+    **Returns:** a `PeriodicOrbit`. Its `status` is `Status.NO_ORBIT` where the iterations did not converge; where the
+    motion is not finite, derailed or never touched the rail, it is the status of the motion.
 
     **Raises:** `ValueError` that names the argument which is wrong, also for a track of several wavelengths that does
     not recur with the first.
@@ -167,34 +168,35 @@ def periodic_orbit(
         tries = [0]
     else:
         tries = [60] if traced else [60, 240]
-    # differentiated in both modes, or by one program for all numbers of steps
+    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
     stepping = ConstantSteps(steps) if traced else dynamic_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
-    options: dict[str, Any] = dict(intervals=period, tolerance=tolerance, max_iterations=limit)
-    options |= dict(scale=tangent_weights(scene), consistent=consistent_state)
-    # one more transient where Newton's method finds no orbit after the first
+    scale = tangent_weights(scene)
+    options = dict(scale=scale, consistent=consistent_state, tolerance=tolerance, max_iterations=limit)
+    # a further transient only if Newton's method finds no orbit after the first
     for count in tries:
         state = _simulated(step, state, count, traced)
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
-            # a motion that is lost has no Jacobians
+            # a motion that is not finite has no Jacobians
             size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
             nothing = jnp.full((period, size, size), jnp.nan)
             shot = Shot(state, nothing[0, 0, 0], jnp.asarray(0), nothing)
             break
-        shot = shoot(step, state, **options)
+        shot = shoot(step, state, intervals=period, **options)
         if traced or float(shot.residual) <= tolerance:
             break
     if not traced and period > 1 and float(shot.residual) <= tolerance:
         # the motion may recur after a divisor of the period already
-        residuals = minimal_period(step, shot.state, period, scale=options["scale"])
+        residuals = minimal_period(step, shot.state, period, scale=scale)
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
-    # those of the least period
+    # Jacobians of the least period
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
     in_flight = not traced and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
     if in_flight and np.isfinite(state.motion.y):
-        # all multipliers are one in free flight, where Newton's method gets lost, or stays: did it touch the rail?
+        # In free flight all multipliers have modulus one, and Newton's method stays or goes anywhere: did the motion
+        # touch the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
         if moved != Status.FINITE:
             code = moved
@@ -207,7 +209,7 @@ def periodic_orbit(
 
 @jit
 def _status(state: State, residual: Array, tolerance) -> Array:
-    """Judge a state with the residual of its recurrence, as one program."""
+    """Return the `Status` of a state with the residual of its recurrence, as one program."""
     code = status_of(state)
     return jnp.where(
         (code == int(Status.FINITE)) & ~(residual <= tolerance),

@@ -1,7 +1,7 @@
 """The contact signature of an orbit: which points touch down, in which order and how fast.
 
-Gaps are cubics through both ends of every step, so that touchdowns and extremes between the ends are seen, too. An
-orbit grazes where an extreme of a gap is zero: a touch that begins or ends to be, or an opening.
+Gaps are cubics in every step, so that touchdowns and extremes inside steps are seen, too. An orbit grazes where an
+extreme of a gap is zero: there a touchdown, or an opening during contact, appears or vanishes.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,18 @@ class Touchdown(NamedTuple):
     period: float
     """Instant [forcing periods since the start]."""
     point: str
-    """Name of the point, with 1 at the front or 2 at the rear."""
+    """Name of the contact point, with 1 at the front or 2 at the rear."""
     rate: float
-    """The gap's rate there [m/s], negative."""
+    """Rate of the gap [m/s], negative."""
 
 
 class Signature(NamedTuple):
-    """The touchdowns and openings of an orbit's contacts."""
+    """Touchdowns of an orbit's contact points, with its distance from a grazing."""
 
     touchdowns: tuple[Touchdown, ...]
-    """In the order of time."""
+    """Touchdowns in the order of time."""
     closed: tuple[str, ...]
-    """Points in contact throughout."""
+    """Names of points in contact throughout."""
     slowest: float
     """Least magnitude of a touchdown's rate [m/s]; infinite without touchdowns."""
     nearest: float
@@ -52,10 +52,10 @@ class Signature(NamedTuple):
 
 @dataclass(frozen=True)
 class GapSamples(Unlabelled):
-    """Gaps [m] and their rates [m/s] at both ends of every step, of all points, the front ones first."""
+    """Gaps [m] of all points, the front ones first, and their rates [m/s], at both ends of every step."""
 
     def values(self, scene, periods):
-        return 0  # kept for one case only, of which no sweep asks how much memory it takes
+        return 0  # no sweep takes this record, so that its memory is not estimated
 
     def sample(self, course):
         return tuple(a.reshape(len(a), -1) for a in (course.gap.values, course.gap_rate))
@@ -65,7 +65,7 @@ class Gaps(NamedTuple):
     """The gaps of an orbit over its period."""
 
     cubic: Cubic
-    """Of each step [m], of shape (steps, points), the front points first."""
+    """Gap in each step [m], of shape (steps, points), the front points first."""
     step: float
     """Length of a step [s]."""
     per_period: int
@@ -79,67 +79,72 @@ class Gaps(NamedTuple):
         steps: int,
         period: float,
     ) -> "Gaps":
-        """Return the gaps from `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more,
-        points); `period` [s]."""
+        """Return the gaps from samples at the ends of steps.
+
+        **Arguments:** `gap` [m], `rate` [m/s]: of shape (periods, steps + 1 or more, points); `steps`: per forcing
+        period; `period`: length of a forcing period [s].
+        """
+        # k = 0: at the starts of all steps, k = 1: at their ends; periods are joined
         ends = lambda values, k: np.concatenate(np.asarray(values)[:, k : k + steps])
-        # ends of steps in the order of time, slopes per step
+        # a cubic takes slopes per step, not per second
         begin, end = ((ends(gap, k), period / steps * ends(rate, k)) for k in (0, 1))
         return cls(Cubic.through(*begin, *end), period / steps, steps)
 
 
 class Grazing(NamedTuple):
-    """The distance of each point from a grazing; arrays (points,)."""
+    """Distance of each contact point from a grazing."""
 
     touchdowns: Int[np.ndarray, " points"]
     """Touchdowns within the period."""
     margin: Float[np.ndarray, " points"]
     """Least magnitude of a local extreme of the gap [m], infinite where there is none."""
     opening: Bool[np.ndarray, " points"]
-    """True for a greatest gap, by which a contact opens, False for a least one, by which it touches."""
+    """True where that extreme is a maximum, by which a contact opens, False for a minimum, by which it touches."""
     time: Float[np.ndarray, " points"]
-    """Instant of that extreme [forcing periods]."""
+    """Instant of the extreme [forcing periods]."""
 
 
 def grazing(gaps: Gaps) -> Grazing:
-    """Return how near each point of an orbit is to a grazing."""
+    """Return the distance of each contact point of an orbit from a grazing."""
     # both extremes of every cubic, NaN where there is none inside the step
     x = gaps.cubic.extremes()
     magnitude = np.abs(gaps.cubic.value(x))
-    per_point = lambda values: values.reshape(-1, values.shape[-1])  # both extremes of all steps
+    per_point = lambda values: values.reshape(-1, values.shape[-1])  # from (2, steps, points)
     magnitude = per_point(np.where(np.isnan(magnitude), np.inf, magnitude))
     nearest = (np.argmin(magnitude, axis=0), np.arange(magnitude.shape[1]))
     opening = per_point(gaps.cubic.curvature(x)) < 0
     time = per_point(np.arange(x.shape[1])[None, :, None] + x) / gaps.per_period
-    # over the parts of steps and the steps
     touchdowns = np.sum(_falls(gaps)[0], axis=(0, 1))
     return Grazing(touchdowns, magnitude[nearest], opening[nearest], time[nearest])
 
 
 def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, np.ndarray]:
-    """Return whether gaps fall below zero in the up to three parts of a step between extremes, and return the ends of
-    these parts."""
+    """Return in which parts of a step gaps fall below zero, and where these parts start and end.
+
+    Extremes divide a step into up to three parts, in each of which a gap is monotone.
+    """
     inner = gaps.cubic.extremes()
-    # parts behind a missing extreme have no length
+    # a part after a missing extreme has no length
     inner = np.where(np.isnan(inner), 1.0, inner)
     starts = np.concatenate([np.zeros((1, *inner.shape[1:])), inner])
     ends = np.concatenate([inner, np.ones((1, *inner.shape[1:]))])
-    # the end of a step has the sign of the next one's start, also where rounding makes the cubic differ
+    # take the sign at the end of a step from the start of the next one, from which rounding may make the cubic differ
     following = np.roll(gaps.cubic.start, -1, axis=0)
     at_end = np.where(ends == 1.0, following, gaps.cubic.value(ends))
     return (gaps.cubic.value(starts) >= 0) & (at_end < 0) & (starts < ends), starts, ends
 
 
 def contact_names(scene: Scene) -> list[str]:
-    """Return the names of all contact points, with 1 at the front and 2 at the rear."""
+    """Return the names of all contact points, such as A1 at the front and A2 at the rear."""
     return [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
 
 
 def signature(scene: Scene, gaps: Gaps) -> Signature:
-    """Return the signature of an orbit."""
+    """Return the contact signature of an orbit."""
     names = contact_names(scene)
     cubic = gaps.cubic
     falls, low, high = _falls(gaps)
-    # by bisection, down to rounding
+    # bisect each part for the instant of the fall, down to rounding
     for _ in range(60):
         middle = (low + high) / 2
         is_open = cubic.value(middle) >= 0
