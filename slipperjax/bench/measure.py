@@ -1,10 +1,10 @@
 """Error against cost: every method on every scene, measured side by side.
 
-The error is the worst difference of a state from the reference at the ends of the periods, in units of 1 mm, 10 mrad,
-1 m/s and 10 rad/s, in the median over a batch of neighbouring cases, because a single case may be accurate by chance.
-The cost is microseconds per trajectory and forcing period without compiling. Each period is timed by itself, several
-times over: best and median are sums over the periods of the least and of the middle times. The pictures show the
-best, which other programs on the machine disturb the least.
+The error of a case is the greatest difference of a state from the reference at the ends of periods, in units of 1 mm,
+10 mrad, 1 m/s and 10 rad/s. The median over a batch of neighbouring cases is shown, because a single case may be
+accurate by chance. The cost is the time per trajectory and forcing period in microseconds, without compiling. Each
+period is timed by itself, several times: the best and median costs are sums over periods of least and median times.
+The pictures show the best, which other programs on the machine disturb least.
 """
 
 import dataclasses
@@ -41,9 +41,9 @@ def run(
     speeds: np.ndarray,
     workers: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate a batch period by period, its chunks concurrently.
+    """Integrate a batch period by period, with its chunks in parallel.
 
-    **Returns:** the states (lanes, periods, 10), and the time of each period [s].
+    **Returns:** the states at the ends of periods (lanes, periods, 10), and the time that each period took [s].
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
     grid = Grid(scene, {"speed": speeds}, product=False)
@@ -52,7 +52,7 @@ def run(
     plan = make_plan(grid, case.start, options)
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:
-        # each period begins with a 200th of it; rtol, atol and norm are properties and no arguments
+        # The first step of a period is 1/200 of it. pyright takes the properties rtol, atol and norm for arguments.
         controller = AdaptiveSteps(jnp.asarray(setting))  # pyright: ignore[reportCallIssue]
         stepping = ControlledSteps(1, 200, controller)
     else:
@@ -61,7 +61,7 @@ def run(
     batches = [plan.cases.take(chunk.index) for chunk in chunks]
     states = [initial_states(*batch) for batch in batches]
 
-    # waits for the result, which JAX computes asynchronously
+    # block_until_ready, because JAX returns before the result is computed
     def one_period(batch, state, epoch):
         end = advance(batch[0], state, epoch, stepping, solver=plan.solver, periods=1)
         return jax.block_until_ready(end.state)
@@ -75,26 +75,26 @@ def run(
             begin = time.perf_counter()
             states = list(over_chunks(functools.partial(one_period, epoch=float(k)), batches, states))
             seconds.append(time.perf_counter() - begin)
-            # chunks are filled up with copies, which do not count
+            # the last chunk is filled up with copies of cases, which do not count
             ends = [coordinates(state)[: chunk.cases] for state, chunk in zip(states, chunks, strict=True)]
             saved.append(np.concatenate(ends))
     return np.stack(saved, axis=1), np.array(seconds)
 
 
 def batch_speeds(case: Case, lanes: int) -> np.ndarray:
-    """Return the speeds [m/s] of a batch, within 2 % of the scene's own, which is the only one of a batch of one."""
+    """Return the speeds [m/s] of a batch: within 2 % of the scene's speed, which is that of a batch of one."""
     share = np.linspace(-0.02, 0.02, lanes) if lanes > 1 else np.zeros(1)
     return float(case.scene.speed) * (1 + share)
 
 
 def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return the worst scaled error of each case, infinite where not finite, from states (cases, periods, 10)."""
+    """Return the greatest scaled error of each case, from states (cases, periods, 10); infinite where not finite."""
     worst = np.max(np.abs(states - truth) / COORDINATE_SCALES, axis=(1, 2))
     return np.where(np.isfinite(worst), worst, np.inf)
 
 
 def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
-    """Return best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
+    """Return best and median microseconds per trajectory and period, from seconds (repeats, periods)."""
     of = lambda pick: float(1e6 * np.mean(pick(seconds, axis=0)) / lanes)
     return of(np.min), of(np.median)
 
@@ -110,15 +110,15 @@ def measure(
 ) -> list[Point]:
     """Measure the points of one scene.
 
-    All errors come first. Then all costs are measured `repeats` times in rounds over all points, so that slow changes
-    of the machine's speed affect all points alike.
+    All errors come first. Then the costs of all points are measured in turn, `repeats` times over, so that slow
+    changes of the machine's speed affect all points alike.
 
-    **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
-    runs of each, fewer where they take longer than 10 s; `settings`: slice of each method's settings.
+    **Arguments:** `batches`: numbers of trajectories to time; the first batch also gives the errors. `repeats`: timed
+    runs of each point, fewer where they take more than 10 s. `settings`: which of each method's settings.
     """
     truth, _ = run(case, METHODS[0], float(reference_steps), batch_speeds(case, batches[0]))
     points: list[Point] = []
-    # the runs of each point with each batch, and their seconds by periods
+    # of each point with each batch: the call to time, and the seconds of each period by call
     timings = []
     for method in methods:
         for value in method.settings[settings]:
@@ -127,7 +127,7 @@ def measure(
             if not method.adaptive and setting > reference_steps / 2:
                 continue
             calls = [functools.partial(run, case, method, setting, batch_speeds(case, lanes)) for lanes in batches]
-            # these first runs compile, too
+            # the first calls also compile, and are not timed
             states = [call()[0] for call in calls]
             error = float(np.median(errors(states[0], truth)))
             point = Point(case.name, method.name, method.label(case, value), error, {})
@@ -153,13 +153,13 @@ def bench(
     batches: Iterable[int] | None = None,
     repeats: int | None = None,
 ) -> Iterator[list[Point]]:
-    """Measure scene after scene, and yield the points of each when it is done.
+    """Measure one scene after the other, and yield the points of each.
 
-    **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names, default
-    all; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and 1,
-    and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where quick.
+    **Arguments:** `quick`: fewer scenes, methods, settings and repeats; `cases`, `methods`: names, default all;
+    `batches`: numbers of trajectories to run at once, default 241 and 1, or 241 if quick; the first one gives the
+    errors. `repeats`: timed runs of each point, default 5, or 2 if quick.
 
-    **Raises:** `ValueError` where a name is unknown, before anything is measured.
+    **Raises:** `ValueError` for an unknown name, before anything is measured.
     """
     all_methods = {method.name: method for method in METHODS}
     scenes = {case.name: case for case in all_cases()}

@@ -1,7 +1,7 @@
-"""Scenes from easy to hard, and ways to integrate them, which the benchmark compares.
+"""Scenes from easy to hard, and the methods to integrate them, which the benchmark compares.
 
-A method is a row of `METHODS`: a solver, the contact's memory of its touchdowns, and the settings to go through,
-which are numbers of steps or tolerances. To compare one more solver, add a row.
+A method is a row of `METHODS`: a solver, the memory of the contacts, and the numbers of steps or tolerances to try.
+To compare one more solver, add a row.
 """
 
 from typing import NamedTuple
@@ -27,12 +27,12 @@ class Case(NamedTuple):
     name: str
     scene: Scene
     periods: int
-    """Forcing periods to compare over; few where neighbouring motions separate quickly."""
+    """Number of forcing periods over which errors are taken; few where neighbouring motions separate quickly."""
     start: Motion
 
 
 def all_cases() -> list[Case]:
-    """Return the scenes, from easy to hard. All but the last have one structure, and so share compiled programs."""
+    """Return the scenes, from easy to hard. All but the last have the same structure, and so share programs."""
     weightless = lambda **options: paper_scene(**options).replace(gravity=0.0)
     still = dict(amplitude=0.0, roll_amplitude=0.0)
     resting = Motion(z=-5e-4, v_z=-1e-3, w_x=1e-2, w_y=1e-2)
@@ -49,20 +49,19 @@ def all_cases() -> list[Case]:
 
 
 class Method(NamedTuple):
-    """Solver with a memory, and its settings."""
+    """Solver with a memory of the contacts, and the settings to try."""
 
     name: str
     solver: diffrax.AbstractSolver
     memory: AbstractMemory = EventLatch()
     settings: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-    """Steps per period as multiples of the scene's default; or tolerances of `AdaptiveSteps`, where `adaptive`."""
+    """Steps per period as multiples of the scene's default; if `adaptive`, tolerances of `AdaptiveSteps`."""
     adaptive: bool = False
     quick: bool = False
-    """True where it is part of the quick run."""
+    """True if it is part of the quick run."""
 
     def setting(self, case: Case, value: float) -> float:
-        """Return the number that the program takes: steps per period, or the tolerance."""
-        # a tolerance is what it is, whatever the scene
+        """Return steps per period, or the tolerance, for one of `settings`."""
         if self.adaptive:
             return value
         return float(max(1, round(value * default_steps_per_period(case.scene))))

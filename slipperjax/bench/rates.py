@@ -1,7 +1,6 @@
-"""Trajectory-periods per second over the batch, on whatever JAX runs on: a CPU's cores, or a GPU.
+"""Throughput in trajectory-periods per second over the size of the batch, on the cores of a CPU or on a GPU.
 
-The same programs as in sweeps are timed: a period map of a batch, and the same with a tangent, as Lyapunov exponents
-need it.
+The programs are those of sweeps: the period map of a batch, and the same map with a tangent, for Lyapunov exponents.
 """
 
 import functools
@@ -34,14 +33,14 @@ NOMINAL_STEPS = 50
 CALL_PERIODS = 4
 """Forcing periods in a call."""
 ENGINES = {"RK4": RK4(), "Rodas4": Rodas4(), "Lyapunov": RK4()}
-"""Solvers of the timed programs; the last one has a tangent, which is orthonormalised after each period."""
+"""Solvers of the timed programs, by name; "Lyapunov" adds a tangent, which is orthonormalised after each period."""
 
 
 class Rate(NamedTuple):
     """Speed of one engine with one batch."""
 
     device: str
-    """Device that JAX ran on, and the number of its cores."""
+    """Name of the device, with the number of cores of a CPU."""
     engine: str
     batch: int
     rate: float
@@ -51,7 +50,7 @@ class Rate(NamedTuple):
 def throughput(
     batches: Sequence[int] = (100, 1_000, 10_000, 100_000, 1_000_000), engines: Sequence[str] = tuple(ENGINES)
 ) -> Iterator[Rate]:
-    """Time `ENGINES` over batches of the nominal scene, speeds within 2 %, one after the other.
+    """Time each of `ENGINES` with batches of the nominal scene, speeds within 2 %; yield one rate after another.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -62,9 +61,9 @@ def throughput(
 
 
 def timed(engine: str, batch: int, least: float = 1.0) -> Rate:
-    """Time one engine with one batch.
+    """Return the rate of one engine with one batch.
 
-    **Arguments:** `least`: calls are repeated until they took so long in all, and at least twice [s].
+    **Arguments:** `least`: least total time of the timed calls [s], of which there are two or more.
     """
     device = jax.devices()[0].device_kind
     threads = 1
@@ -73,7 +72,7 @@ def timed(engine: str, batch: int, least: float = 1.0) -> Rate:
         threads = cores()
         largest = LARGEST_CHUNK
         device = f"{device}, {threads} cores"
-    # as many chunks as threads, or more where they would be too large
+    # as many chunks as threads, or more where chunks would be too large
     lanes = min(-(-batch // threads), largest)
     chunks = -(-batch // lanes)
     run = program(engine, lanes)
@@ -89,7 +88,7 @@ def timed(engine: str, batch: int, least: float = 1.0) -> Rate:
 
 
 def program(engine: str, lanes: int) -> functools.partial:
-    """Compile a call of an engine on a batch; return it with its inputs."""
+    """Return a call of an engine on a batch, compiled, with its arguments."""
     scene = paper_scene()
     speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
     scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
@@ -98,7 +97,6 @@ def program(engine: str, lanes: int) -> functools.partial:
     arguments = (scenes, states)
     # __wrapped__ is the function itself, which is compiled here once for its shapes
     run = lambda scenes, states: advance.__wrapped__(scenes, states, 0.0, **options).state
-    # tangents begin in fixed random directions
     if engine == "Lyapunov":
         tangent = lambda state: first_tangents(state, 1, tangent_weights(scene))
         arguments = (scenes, states, jax.vmap(tangent)(states))

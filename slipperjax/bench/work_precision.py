@@ -1,9 +1,9 @@
-"""Points of error against cost, as a table and as a picture."""
+"""Work-precision diagrams: points of error against cost, as a table and as a picture."""
 
 import itertools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..tools.files import table_lines, write_each
 
 
 class Point(NamedTuple):
-    """One measured point."""
+    """Error and cost of one method with one setting on one scene."""
 
     case: str
     method: str
@@ -34,7 +34,8 @@ SHOWN = {
     "SciPy DOP853 with events": "SciPy DOP853,\nwith events",
     MBDYN: "MBDyn,\nmeasured elsewhere",
 }
-"""Curves of a picture in which not all can be, with their labels; a benchmark of the tests measures C++ and SciPy."""
+"""Methods to draw where there are too many for one picture, with their labels. A benchmark in the tests measures C++
+and SciPy."""
 LOOKS = (
     ("#d55e00", "o-"),
     ("#0072b2", "s--"),
@@ -45,13 +46,13 @@ LOOKS = (
     ("#8f8f78", "X-."),
     ("#004d38", "*:"),
 )
-"""Colours that colour-blind readers tell apart, markers and dashes of the curves, in the order of `SHOWN`."""
+"""Colours that colour-blind readers can tell apart, and markers with dashes, in the order of `SHOWN`."""
 
 
 def mbdyn_points(scene: str) -> list[Point]:
-    """Return MBDyn's points for a scene by name, at the paper's 1000 steps per period on one core, over six periods.
+    """Return the points of MBDyn for a scene by name, quoted from a measurement elsewhere.
 
-    They are quoted, not measured by the benchmark.
+    It ran 1000 steps per period, as in the paper, over six periods on one core.
     """
     error = {"nominal": 5.9e-3, "V = 2300 m/s": 6.8e-3, "C = 4 mm": 4.6e-2}.get(scene)
     if error is None:
@@ -61,20 +62,21 @@ def mbdyn_points(scene: str) -> list[Point]:
 
 
 def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
-    """Return the microseconds per trajectory and period at which a method reaches an error, by its best times.
+    """Return the least microseconds per trajectory and period at which a method reaches an error, by its best times.
 
-    Between points logarithms are interpolated; infinite where no point is that accurate.
+    Logarithms are interpolated between points. Infinite where no point is that accurate.
     """
     rows = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
     if not rows or rows[0][0] > error:
         return np.inf
     errors, costs = np.transpose(rows)
     between = np.exp(np.interp(np.log(error), np.log(errors), np.log(costs)))
+    # a more accurate point may cost less than the interpolated one
     return float(min(between, *costs[errors <= error]))
 
 
 def table(points: list[Point]) -> str:
-    """Return all points as a Markdown table, then the cost of an error of 1e-3."""
+    """Return a Markdown table of all points, and a second one of the costs of an error of 1e-3."""
     batches = _batches(points)
     scenes = dict.fromkeys(p.case for p in points)
     every = []
@@ -107,14 +109,14 @@ def draw(
     shown: Mapping[str, str] = SHOWN,
     error: str = "error [1 mm, 10 mrad, 1 m/s, 10 rad/s]",
 ) -> np.ndarray:
-    """Draw error against cost, a panel per scene on the same axes, at most eight curves.
+    """Draw error against cost with a panel per scene and at most eight methods.
 
-    The largest batch is drawn, and a single trajectory of codes that run no batches.
+    Costs are those of the largest batch, or of a single trajectory for codes that run no batches.
 
-    **Arguments:** `shown`: the curves and their labels where more were measured than there are `LOOKS`, the first of
-    them emphasised; `error`: label of the vertical axis.
+    **Arguments:** `shown`: labels by method, and the methods to draw where there are more than eight; the first one
+    is emphasised. `error`: label of the vertical axis.
 
-    **Returns:** the axes, an array.
+    **Returns:** the axes, an array (rows, columns).
     """
     import matplotlib.pyplot as plt
 
@@ -122,14 +124,15 @@ def draw(
     names = list(dict.fromkeys(p.method for p in points))
     if len(names) > len(LOOKS):
         names = [name for name in names if name in shown] or names[: len(LOOKS)]
-    # curves of `shown` come first, so that they look alike in all pictures that have them
+    # methods of `shown` come first, so that each looks the same in all pictures
     names = sorted(names, key=lambda name: list(shown).index(name) if name in shown else len(shown))
-    # one panel, two columns for up to four, else three
+    # one column for a single panel, two for up to four panels, else three
     columns = 1 if len(scenes) < 2 else 2 if len(scenes) < 5 else 3
     rows = max(1, -(-len(scenes) // columns))
     size = (8.6, 4.8) if columns == 1 else (4.6 * columns, 3.8 * rows)
-    options: Any = dict(figsize=size, squeeze=False, sharex=True, sharey=True, layout="constrained")
-    figure, axes = plt.subplots(rows, columns, **options)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=size, squeeze=False, sharex=True, sharey=True, layout="constrained"
+    )
     lanes = _batches(points)[0]
     for ax, scene in zip(axes.flat, scenes, strict=False):
         ax.set(xscale="log", yscale="log")
@@ -141,7 +144,7 @@ def draw(
         width = 3.2 if name == next(iter(shown)) else 1.3
         for ax, scene in zip(axes.flat, scenes, strict=False):
             own_points = [p for p in points if (p.case, p.method) == (scene, name)]
-            cost, off = _curve(own_points, lanes)
+            cost, off = _drawable(own_points, lanes)
             if len(cost):
                 (lines[name],) = ax.plot(cost, off, style, color=color, lw=width, ms=5, label=shown.get(name, name))
     for ax in axes.flat[len(scenes) :]:
@@ -156,14 +159,14 @@ def draw(
     return axes
 
 
-def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return cost and error of the points that can be drawn on logarithmic axes, of one trajectory if need be."""
+def _drawable(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return costs and errors of the points that logarithmic axes can show; costs of one trajectory if no others."""
     drawn = []
     for point in points:
         cost, _ = point.cost.get(lanes, point.cost.get(1, (np.nan, np.nan)))
         if cost > 0 and 0 < point.error < np.inf:
             drawn.append((cost, point.error))
-    # two columns also where nothing is drawn
+    # the shape also suits an empty list
     cost, error = np.array(drawn).reshape(-1, 2).T
     return cost, error
 

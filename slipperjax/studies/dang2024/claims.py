@@ -1,11 +1,11 @@
-"""The claims of Dang et al. 2024 as data, and the report that compares them with the answers found here."""
+"""The claims of Dang et al. 2024 as data, and a report that compares them with the answers found here."""
 
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...flow.status import Status
 from ...tools.files import table_lines, write_each
@@ -51,22 +51,21 @@ class Claim(NamedTuple):
     figure: str
     says: str
     paper: str
-    """The paper's value."""
+    """Value in the paper."""
     run: str
-    """The dataset that answers it."""
+    """Name of the dataset that answers the claim."""
     measure: Callable[..., Answer]
-    """Function of the run and, where the claim is about single cases, of their numbers."""
+    """Function of the run; for a claim about single cases, also of their numbers."""
     cases: tuple[int, ...] = ()
-    """The single cases; none for a claim about all of a diagram."""
+    """Numbers of the single cases; empty for a claim about a whole diagram."""
 
     def answer(self, run: Diagram | Singles) -> Answer:
-        """Return what is found here; flagged cases are counted, and of single ones none may be."""
-        # all of a diagram, or some single cases
+        """Return the answer, with the number of flagged cases; a claim about flagged single cases has none."""
+        # the slice stands for all cases of a diagram
         cases = list(self.cases) or slice(None)
         status = run.status[cases]
         good = run.good[cases]
         flagged = f"{(~good).sum()} of {good.size} cases flagged"
-        # a single case that is flagged has no answer
         if self.cases and not good.all():
             return Answer(flagged, False, Status(int(status[~good][0])).meaning)
         found = self.measure(run, *self.cases)
@@ -279,7 +278,7 @@ CLAIMS: dict[str, Claim] = {
         "clearance_exponents",
         partial(ranges, where=lambda of: of.positive, begins=2.575, within=(2, 5)),
     ),
-    # exponents over length; a place is that of the paper within two steps of its grid
+    # exponents over length; places may differ from the paper's by two steps of its grid
     "N12 LLE": Claim(
         "Fig. 11",
         "LLE above 0 below",
@@ -310,9 +309,9 @@ CLAIMS: dict[str, Claim] = {
         partial(ranges, where=_two_points_in_pitch, begins=0.1975, ends=0.2275, within=(0.18, 0.25)),
     ),
 }
-"""The paper's claims by key. A claim with several parts has several keys."""
+"""Claims of the paper by key; a claim of several parts has several keys."""
 
-# peak forces of the two lengths, at the rear end of three edges
+# peak forces [N] of both lengths at three points of the rear end
 for _case, _length, _forces in ((5, 0.1, (1977, 8807, 5447)), (6, 0.4, (4256, 12824, 20365))):
     for _point, _force in zip("ACJ", _forces, strict=True):
         CLAIMS[f"N14 {_point}2 {_length}"] = Claim(
@@ -331,7 +330,7 @@ CLAIMS["N15"] = Claim(
     softer,
     (5, 6),
 )
-# the forcing frequency f1 is the highest line, and sums and differences of both frequencies are there
+# under two wavelengths the highest line is f1, and sums and differences of both frequencies have lines, too
 for _name, _label in (("a_z", "A_Z"), ("alpha_x", "alpha_X"), ("alpha_y", "alpha_Y")):
     CLAIMS[f"N16 {_label} top"] = Claim(
         "Fig. 13",
@@ -357,9 +356,8 @@ def answers(name: str, run: Diagram | Singles) -> dict[str, Answer]:
 
 
 def rows(found: Mapping[str, Answer]) -> list[dict[str, str]]:
-    """Return the claims that were answered as plain dictionaries."""
+    """Return the claims that were answered as rows of a table, in the paper's order."""
     table = []
-    # in the paper's order
     for key, claim in CLAIMS.items():
         if key in found:
             row = {"claim": key, "where": claim.figure, "says": claim.says, "paper": claim.paper}
@@ -374,7 +372,7 @@ def write_report(
     out: Path,
     answers: Mapping[str, Answer],
     seconds: Mapping[str, float],
-    conventions: list[dict[str, Any]],
+    conventions: list[dict[str, str]],
     name: str = "claims",
 ) -> tuple[Path, Path]:
     """Write `claims.md` and `claims.json` into the folder `out`, or files of another `name`; return their paths.
@@ -392,7 +390,7 @@ def write_report(
         "",
         *table_lines(table),
     ]
-    # a quick study, or one of some figures, has none
+    # a quick study, or one of some figures only, has none
     if conventions:
         heading = "## The same numbers under other readings of what the paper leaves open"
         text += ["", heading, "", *table_lines(conventions)]

@@ -1,13 +1,13 @@
 """The paper's figures in the paper's layout, from the runs of `reproduce`."""
 
 import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
@@ -20,17 +20,17 @@ from ...plots.style import png, styled
 from ...plots.trajectories import phase_portrait, spectrum
 from ...tools.files import write_each
 from .claims import DUAL_LINES
-from .runs import Finished
+from .runs import Data, Finished
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
 def write_figures(done: Finished, out: Path) -> None:
-    """Draw a run's figures; write them, its data and the events of its branches into a folder."""
-    contents: dict[Path, Any] = {}
+    """Draw the figures of a run; write them, its datasets and the events of its branches into a folder."""
+    contents: dict[Path, Callable] = {}
     for name, ds in done.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
-        # of a branch also its events, as text
+        # a branch also has a table of its events, as text
         if "orbit_period" in ds.attrs:
             contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
     for figure in done.figures:
@@ -38,18 +38,18 @@ def write_figures(done: Finished, out: Path) -> None:
     write_each(contents)
 
 
-def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:
+def _picture(figure: str, data: Data) -> bytes:
     with styled():
         drawn = _DRAW[figure](data)
     return png(drawn, 200)
 
 
 def _cases(
-    data: dict[str, xr.Dataset],
+    data: Data,
     numbers: Iterable[int],
-    panels: Any,
-) -> Iterator[tuple[xr.Dataset, Any]]:
-    """Yield single cases with their panels, titled; panels of a flagged one say so instead."""
+    panels: np.ndarray,
+) -> Iterator[tuple[xr.Dataset, np.ndarray]]:
+    """Yield single cases by number, each with its row of panels, which get a title; skip flagged cases."""
     for number, row in zip(numbers, panels, strict=True):
         case = data["histories"].isel(case=number)
         speed, clearance, length = (float(case[name]) for name in ("speed", "clearance", "length"))
@@ -62,11 +62,10 @@ def _cases(
             yield case, row
 
 
-def _figure_4(data: dict[str, xr.Dataset]) -> Any:
+def _figure_4(data: Data) -> Figure:
     figure, axes = plt.subplots(3, 3, figsize=(7.2, 6.0), layout="constrained")
     for case, row in _cases(data, range(3), axes):
         forcing = float(case["speed"]) / 8
-        # from the start of the record
         time = case["period"].values - case["period"].values[0]
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
@@ -81,8 +80,8 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
     return figure
 
 
-def _flagged(case: xr.Dataset, axes: Any) -> bool:
-    """Tell whether a case is flagged, which is then written into its panels."""
+def _flagged(case: xr.Dataset, axes: np.ndarray) -> bool:
+    """Return whether a case is flagged; write so into its panels."""
     status = Status(int(case["status"]))
     for ax in axes:
         if status != Status.FINITE:
@@ -90,7 +89,7 @@ def _flagged(case: xr.Dataset, axes: Any) -> bool:
     return status != Status.FINITE
 
 
-def _figure_7(data: dict[str, xr.Dataset]) -> Any:
+def _figure_7(data: Data) -> Figure:
     figure, axes = plt.subplots(2, 3, figsize=(7.2, 4.2), layout="constrained")
     for case, row in _cases(data, (3, 4), axes):
         row[0].plot(case["y"].values * 1e3, case["z"].values * 1e3, lw=0.35, color=_COLORS["A"])
@@ -100,11 +99,12 @@ def _figure_7(data: dict[str, xr.Dataset]) -> Any:
     return figure
 
 
-def _figure_12(data: dict[str, xr.Dataset]) -> Any:
+def _figure_12(data: Data) -> Figure:
     figure, axes = plt.subplots(2, 1, figsize=(3.5, 4.2), sharex=True, layout="constrained")
     for case, (ax,) in _cases(data, (5, 6), axes[:, None]):
         time = case["period"].values - case["period"].values[0]
-        # dashed: of all periods and inside every step, as in the claims; lines are the saved states of the first 12
+        # Solid: forces at saved states, of which the first 12 periods are shown. Dashed: peaks over all periods and
+        # inside every step, as in the claims.
         peaks = case["peak_force"].sel(end="rear", point=list(_COLORS))
         for point, color in _COLORS.items():
             force = case["contact_force"].sel(end="rear", point=point).values
@@ -117,10 +117,10 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
     return figure
 
 
-def _figure_13(data: dict[str, xr.Dataset]) -> Any:
+def _figure_13(data: Data) -> Figure:
     case = data["dual"].isel(speed=0)
     figure, axes = plt.subplots(3, 1, figsize=(3.5, 5.4), sharex=True, layout="constrained")
-    # without spectra
+    # the spectrum of a flagged case means nothing
     if _flagged(case, axes):
         return figure
     labels = {"a_z": "A_Z", "alpha_x": r"\alpha_X", "alpha_y": r"\alpha_Y"}
@@ -136,10 +136,10 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
     return figure
 
 
-def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
-    """Draw a diagram over a parameter, with the branches of orbits over its dots."""
+def _diagram(name: str, data: Data) -> Figure:
+    """Draw a diagram over a parameter, with branches of orbits over its dots."""
     followed = [ds for key, ds in data.items() if key.startswith(f"{name}_branch")]
-    # an interrupted run has none
+    # an interrupted run has no branches yet
     if not followed:
         return bifurcations(data[name])[0].figure
     figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
@@ -148,15 +148,14 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     handles = {}
     for section, ax in zip(SECTIONS, panels, strict=True):
         branches(followed, section, brute=data[name], ax=ax)
-        # one legend for all: the events of a section are those that its crossings have
+        # one legend for all panels: an event appears only in panels where its orbit crosses the section
         found, labels = ax.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))
         ax.get_legend().remove()
     plt.setp(panels[:3], xlabel="")
-    # to all of the diagram, where a branch covers a part
+    # limits of the whole diagram, of which a branch covers a part
     first.set_xlim(PARAMETERS[name].shown(data[name][name].values[[0, -1]]))
     spare.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
-    # this panel holds nothing else
     spare.axis("off")
     return figure
 

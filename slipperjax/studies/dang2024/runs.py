@@ -1,12 +1,12 @@
-"""The study of Dang et al. 2024 as runs: few large batches, from which its figures and answers are made.
+"""The runs of the study of Dang et al. 2024, from which its figures and answers are made.
 
-`reproduce` runs what the requested figures need. All sweeps of a run are one list of cases, so that few programs are
-compiled.
+`reproduce` does the runs that the requested figures need. All cases of a run are swept as one list, so that few
+programs are compiled.
 """
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -18,12 +18,13 @@ from ...orbits.branches import OrbitBranch, continue_orbit
 from ...sweeps.follow import Jump, find_jump
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
+from ...tools.types import Numbers
 from .claims import CLAIMS, answers
 from .verdicts import Answer, Diagram, Singles, named
 
 
 class Effort(NamedTuple):
-    """How much of the study is run; by default all of it."""
+    """Extent of the study; by default that of the paper's figures."""
 
     speeds: int = 241
     clearances: int = 197
@@ -31,11 +32,11 @@ class Effort(NamedTuple):
     transient: int = 600
     """Forcing periods before anything is recorded."""
     judged: int = 400
-    """Last periods from which attractors are named."""
+    """Number of the last periods by which attractors are named."""
     counted: int = 500
     """Periods over which Lyapunov exponents are taken."""
     flips: int = 2
-    """How often branches of orbits are left for those of twice the period."""
+    """Number of flips at which branches of orbits are followed to those of twice the period."""
     progress: bool | None = None
 
 
@@ -50,23 +51,23 @@ QUICK = Effort(
 )
 
 STEPS = 100
-"""Steps per forcing period, with errors of 2e-4 over six periods; see `run_lists` for slow cases."""
+"""Steps per forcing period, for errors of 2e-4 over six periods; at low speeds there are more, see `run_lists`."""
 
 Data = dict[str, xr.Dataset]
-"""Datasets by name, for the figures and for files. A run adds each as soon as it is finished."""
+"""Datasets by name, for figures and files. A run adds each dataset when it is finished."""
 Answers = dict[str, Answer]
-Cases = dict[str, np.ndarray]
+CaseList = dict[str, np.ndarray]
 """Speed [m/s], clearance [m] and length [m] of each case of a list."""
 
 
-def cases(**varied: Any) -> Cases:
-    """Return a list of cases that differ in some parameters; the others are those of the paper's nominal case."""
+def cases(**varied: Numbers) -> CaseList:
+    """Return a list of cases from values of some parameters; the others are those of the paper's nominal case."""
     count = len(next(iter(varied.values())))
     nominal = {"speed": 1250.0, "clearance": 1e-3, "length": 0.2}
     return {name: np.asarray(varied.get(name, np.full(count, value))) for name, value in nominal.items()}
 
 
-def study_cases(effort: Effort) -> dict[str, Cases]:
+def study_cases(effort: Effort) -> dict[str, CaseList]:
     """Return the study's lists of cases by name: seven single ones, and three diagrams."""
     return {
         "histories": cases(
@@ -80,19 +81,20 @@ def study_cases(effort: Effort) -> dict[str, Cases]:
     }
 
 
-def run_lists(run: Callable, scene: Scene, lists: dict[str, Cases], **options: Any) -> dict[str, xr.Dataset]:
-    """Run lists of cases as one, and return the results by name; a list named as a parameter is along it."""
+def run_lists(
+    run: Callable[..., xr.Dataset], scene: Scene, lists: dict[str, CaseList], **options: object
+) -> dict[str, xr.Dataset]:
+    """Run lists of cases as one sweep, and return the results by name; a list named as a parameter is along it."""
     grid = {name: np.concatenate([part[name] for part in lists.values()]) for name in cases(speed=[])}
-    # below 500 m/s an impact is so short a part of a period that more steps are needed
+    # the slower the sled, the longer a period, and the shorter the part of it that an impact takes
     steps = np.where(grid["speed"] < 500.0, 2 * STEPS, STEPS)
-    # one sweep compiles as few programs as one list
     ds = run(scene, grid, product=False, steps_per_period=steps, **options)
     parts = {}
     first = 0
     for name, part in lists.items():
         last = first + len(part["speed"])
         parts[name] = ds.isel(case=slice(first, last))
-        # for diagrams; single cases differ in several parameters
+        # single cases differ in several parameters, so that they stay along `case`
         if name in grid:
             parts[name] = parts[name].swap_dims(case=name)
         first = last
@@ -106,7 +108,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
     data |= run_lists(sweep, paper_scene(), lists, transient=effort.transient, progress=effort.progress)
     found: Answers = {}
     for name, part in lists.items():
-        # the single cases are run again for their histories
+        # only single cases need histories, for which they are run again
         if name == "histories":
             data["sections"] = data[name]
             data[name] = _histories(paper_scene(), part, effort.transient, effort.progress)
@@ -114,20 +116,19 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
             continue
         evidence = _jumps(part["speed"], effort.progress) if name == "speed" else ""
         found |= answers(name, Diagram(data[name], name, effort.judged, evidence))
-        # drawn over the diagram
         for branch in follow_branches(name, effort.flips, progress=effort.progress):
             data[f"{name}_branch_{branch.period}"] = branch.points
     return found
 
 
-def follow_branches(name: str, flips: int, **options: Any) -> Iterator[OrbitBranch]:
-    """Yield the branch over one parameter through the paper's nominal case, and over speed those of twice the period.
+def follow_branches(name: str, flips: int, **options: bool | None) -> Iterator[OrbitBranch]:
+    """Yield the branch over a parameter through the paper's nominal case; over speed also those of twice the period.
 
-    A diagram shows where one start ends up; a branch shows which motions there are. Where a motion disappears from a
-    diagram, either its branch ends or turns unstable, at an event with a name, or the branch goes on and the start
-    leads elsewhere.
+    A diagram shows the motion to which one start leads, a branch shows a motion wherever it exists. Where a motion
+    disappears from a diagram, its branch ends or turns unstable at an event; or it goes on, and the start leads to
+    another motion.
 
-    **Arguments:** `flips`: how often a branch is left for one of twice the period; `options`: `progress`.
+    **Arguments:** `flips`: number of flips at which to follow a branch of twice the period; `options`: `progress`.
     """
     bounds = {"speed": (900.0, 2300.0), "clearance": (0.1e-3, 5e-3), "length": (0.1, 0.5)}[name]
     # the places of events agree to five digits with those of 400 steps
@@ -145,7 +146,7 @@ def follow_branches(name: str, flips: int, **options: Any) -> Iterator[OrbitBran
         yield branch
 
 
-def _histories(scene: Scene, part: Cases, transient: int, progress: bool | None) -> xr.Dataset:
+def _histories(scene: Scene, part: CaseList, transient: int, progress: bool | None) -> xr.Dataset:
     """Return histories of single cases."""
     options = dict(record="history", saves_per_period=50, periods=60, transient=transient, progress=progress)
     return sweep(scene, part, product=False, steps_per_period=STEPS, **options)
@@ -156,8 +157,7 @@ def _jumps(speeds: np.ndarray, progress: bool | None) -> str:
     path = {"speed": speeds[speeds >= 1500.0]}
     texts = []
     for direction in ("up", "down"):
-        # The threshold is above the scatter of the means of chaotic motions, and below the height of the branch on
-        # which the followed motion leans.
+        # above the scatter of the mean states of chaotic motions, and below the change of the mean state in the jump
         options = dict(direction=direction, threshold=4.0, steps_per_period=STEPS, progress=progress)
         texts.append(f"followed {direction}: {jump_text(find_jump(paper_scene(), path, **options))}")
     return f"attractors coexist, so the start decides where the motion jumps; {', '.join(texts)}"
@@ -194,9 +194,9 @@ def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
 
 
 def readings(progress: bool | None = None) -> list[dict[str, str]]:
-    """Return claims under other readings of what the paper leaves open: rows of a table.
+    """Return the answers to some claims under all readings of what the paper leaves open, as rows of a table.
 
-    The paper does not tell whether C is the play of each face, and whether contacts only push.
+    The paper does not say whether C is the total play or that of each face, nor whether contacts may pull.
     """
     rows = []
     for clamp, forces in ((True, "forces clamped"), (False, "forces may pull")):
@@ -221,7 +221,7 @@ def _reading(plays: int, clamp: bool, progress: bool | None) -> dict[str, str]:
     parts = run_lists(sweep, scene, lists, **options)
     slow = Diagram(parts["slow"], "speed", 200)
     fast = Diagram(parts["fast"], "speed", 200)
-    # the paper's clearance, under this reading
+    # back to the paper's C, for the claims
     wide = parts["wide"].assign_coords(clearance=parts["wide"]["clearance"] / plays)
     history = Singles(_histories(scene, lists["lengths"], **options), [156.25, 156.25])
     # the nearest of the speeds
@@ -251,7 +251,7 @@ class Finished(NamedTuple):
 
     name: str
     figures: tuple[str, ...]
-    """The requested ones."""
+    """Requested figures that it makes."""
     data: Data
     answers: Answers
     seconds: float
@@ -264,10 +264,10 @@ def reproduce(
     transient: int | None = None,
     progress: bool | None = None,
 ) -> Iterator[Finished]:
-    """Run the study, and yield each run when it is done.
+    """Run the study, and yield each run when it is finished.
 
     **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
-    periods before anything is recorded, for trying whether a verdict depends on it; `progress`: bars.
+    periods before anything is recorded, to test whether a verdict depends on it; `progress`: whether bars are shown.
 
     **Raises:** `ValueError` for a figure that is not one of them, before anything runs.
     """
@@ -281,10 +281,8 @@ def reproduce(
 def _finished_runs(wanted: set[str], effort: Effort) -> Iterator[Finished]:
     for name, (made, run) in RUNS.items():
         figures = tuple(figure for figure in made if figure in wanted)
-        # nothing of this run is asked for
-        if not figures:
-            continue
-        data: Data = {}
-        begun = time.perf_counter()
-        found = run(effort, wanted, data)
-        yield Finished(name, figures, data, found, time.perf_counter() - begun)
+        if figures:
+            data: Data = {}
+            begun = time.perf_counter()
+            found = run(effort, wanted, data)
+            yield Finished(name, figures, data, found, time.perf_counter() - begun)

@@ -1,33 +1,35 @@
-"""From the study's runs to answers: measures of diagrams and of single cases, compared with the paper's values.
+"""Measures of the study's diagrams and single cases, compared with the paper's values.
 
-"Points" are those of a Poincare section, the velocity at upward zero crossings of a coordinate. Cases with a status
+"Points" are those of a Poincare section: the velocity at upward zero crossings of a coordinate. Cases with a status
 other than 0 are flagged: they support no claim.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from ...analysis.attractor import Attractors
 from ...analysis.lyapunov import is_chaotic
 from ...analysis.spectra import Spectrum, find_line, power_spectral_density
 from ...flow.status import Status, first_problem
 from ...model.quantities import SECTIONS
 from ...sweeps.attractors import attractors
+from ...tools.types import Numbers
 
 Range = tuple[float, float]
 """First and last value of a range of a parameter."""
 
 
 class Answer(NamedTuple):
-    """The value found here for a claim."""
+    """Value found here for a claim."""
 
     ours: str
     good: bool
-    """Whether it agrees with the paper: within one step of the grid for places on an axis, 5 % for forces."""
+    """True if it agrees with the paper: within a step of the grid for places on an axis, within 5 % for forces."""
     why: str = ""
-    """Evidence: why it differs, or how it was decided."""
+    """Evidence: reason of a difference, or how the answer was decided."""
 
 
 def good_cases(ds: xr.Dataset) -> np.ndarray:
@@ -42,10 +44,10 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
 
     **Arguments:** `values`: (cases, crossings), NaN where a case has fewer crossings.
     """
-    # NaN comes last
+    # sort puts NaN last
     ordered = np.sort(values, axis=-1)
     present = values[np.isfinite(values)]
-    # of the whole diagram but for outliers
+    # percentiles leave out outliers
     extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
     gaps = np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1)
     return gaps + np.isfinite(ordered[..., 0])
@@ -53,14 +55,14 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
 
 def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
     """Return the number of points of each case on a section, 0 where it is flagged."""
-    # flagged cases do not count towards the diagram's extent
+    # as NaN flagged cases do not count towards the extent of the diagram
     good = good_cases(ds)[:, None]
     return section_points(np.where(good, ds[section].values, np.nan))
 
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
-    """Return first and last of the `values` in each unbroken range of True in `mask`."""
-    # an edge wherever the mask changes, ends included
+    """Return the first and last of the `values` in each unbroken range of True in `mask`."""
+    # False at both ends gives each range two edges, at which the mask changes
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -72,13 +74,14 @@ def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
 class Diagram:
     """A sweep over one parameter, in the paper's unit of it."""
 
-    kinds: Any = None
-    """The attractors of a sweep with sections."""
-    positive: Any = None
-    """Of a sweep of exponents: whether the largest one is above zero."""
+    kinds: Attractors
+    """Attractors of the cases; only for a sweep with sections."""
+    positive: np.ndarray
+    """True where the largest exponent is above zero; only for a sweep of exponents."""
 
     def __init__(self, ds: xr.Dataset, name: str, judged: int = 0, evidence: str = ""):
-        """**Arguments:** `judged`: last periods from which attractors are named; `evidence`: of all its answers."""
+        """**Arguments:** `name`: of the parameter; `judged`: number of the last periods by which attractors are
+        named; `evidence`: that of answers which have none of their own."""
         per_unit, paper_step, self.unit = {
             "speed": (1.0, 10.0, "m/s"),
             "clearance": (1e3, 0.025, "mm"),
@@ -87,11 +90,11 @@ class Diagram:
         self.ds = ds
         self.evidence = evidence
         self.values = ds[name].values * per_unit
-        # the coarser one of the study's grid and the paper's
+        # step of the coarser grid, the study's or the paper's
         self.step = max(self.values[1] - self.values[0], paper_step)
         self.status = ds["status"].values
         self.good = good_cases(ds)
-        # a sweep of exponents has no sections
+        # a sweep of exponents records no sections
         if "exponent" in ds:
             largest = ds.isel(count=0)
             exponent = largest["exponent"].values
@@ -103,15 +106,16 @@ class Diagram:
             self.kinds = attractors(ds, judged)
 
     def has_points(self, section: str, count: int) -> np.ndarray:
-        """Return which cases have so many points on a section."""
+        """Return which cases have `count` points on a section."""
         return case_points(self.ds, section) == count
 
     def is_chaotic(self) -> np.ndarray:
-        """Return which cases are chaotic: their points may lie together by chance."""
+        """Return which cases are chaotic; their points on a section may be few by chance."""
         return self.kinds.kind == "chaotic"
 
     def means(self, section: str, of: Callable = np.positive) -> np.ndarray:
-        """Return the mean of `of(velocities)` at the crossings of each case; NaN where it is flagged or has none."""
+        """Return the mean of `of(velocity)` over the crossings of each case; NaN where flagged or without
+        crossings."""
         velocities = of(self.ds[section])
         return velocities.where(self.ds["status"] == Status.FINITE).mean("crossing").values
 
@@ -120,23 +124,23 @@ class Diagram:
         return (self.values > within[0]) & (self.values < within[1])
 
     def greatest(self, section: str, within: Range) -> float:
-        """Return the greatest size of a velocity among the good cases of a range; -infinity where there is none."""
+        """Return the greatest magnitude of a velocity among the good cases of a range; -infinity without any."""
         sizes = np.abs(self.ds[section].values[self.inside(within) & self.good])
         return float(np.nanmax(sizes, initial=-np.inf))
 
     def knows(self, within: Range) -> bool:
-        """Tell whether enough of a range's cases are free of flags for a claim about the whole range."""
+        """Return whether 90 % of a range's cases are free of flags, enough for a claim about the whole range."""
         return bool(np.mean(self.good[self.inside(within)]) >= 0.9)
 
     def is_at(self, ours: float, paper: float, steps: int = 1) -> bool:
-        """Tell whether a place is the paper's within `steps`, with no flagged case there that might have moved it."""
-        # a place next to a flagged case may be that of the flag
+        """Return whether a place on the axis agrees with the paper's within `steps`, with no flagged case near it."""
+        # next to a flagged case, where a range is cut off, the place may be that of the flag
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
         return bool(abs(ours - paper) <= 1.001 * steps * self.step and np.all(self.good[around]))
 
 
 Where = Callable[[Diagram], np.ndarray]
-"""A condition: which cases of a diagram it holds for."""
+"""Condition: a function that returns for which cases of a diagram it holds."""
 
 
 def ranges(
@@ -148,14 +152,15 @@ def ranges(
     within: Range = (-np.inf, np.inf),
     steps: int = 1,
 ) -> Answer:
-    """Return the ranges in which a condition holds, which agree where they begin, end, or are, as in the paper.
+    """Return the ranges in which a condition holds; they agree if one begins, ends, or covers a value as in the
+    paper.
 
-    **Arguments:** `within`: bounds of where a range begins; `steps`: of the grid, by which a place may differ.
+    **Arguments:** `begins`, `ends`, `covers`: the paper's places; `within`: bounds of the beginnings of ranges that
+    count; `steps`: steps of the grid by which a place may differ.
     """
     # flagged cases interrupt a range
     unbroken = unbroken_ranges(where(of) & of.good, of.values)
     found = [(first, last) for first, last in unbroken if within[0] < first < within[1]]
-    # each place that the paper names
     agrees = [bool(found)]
     if begins is not None:
         agrees.append(any(of.is_at(first, begins, steps) for first, _ in found))
@@ -168,8 +173,8 @@ def ranges(
 
 
 def share(of: Diagram, where: Where, within: Range, least: float = 0.9) -> Answer:
-    """Return the share of a range's cases for which a condition holds."""
-    # flagged cases count among all, so that they never help the claim
+    """Return the share of a range's cases for which a condition holds; it agrees above `least`."""
+    # flagged cases count as cases where it does not hold, so that they never help the claim
     found = np.mean((where(of) & of.good)[of.inside(within)])
     return Answer(f"{found:.0%} of the cases", bool(found > least))
 
@@ -179,7 +184,7 @@ def drop(of: Diagram, section: str, at: float, within: Range) -> Answer:
 
     **Arguments:** `within`: bounds of the second of the two values.
     """
-    # NaN where one of two neighbours has no mean
+    # NaN outside the range, and where one of two neighbours has no mean
     falls = np.where(of.inside(within)[1:], np.diff(of.means(section)), np.nan)
     if np.all(np.isnan(falls)):
         return Answer("no neighbours to compare", False)
@@ -188,26 +193,26 @@ def drop(of: Diagram, section: str, at: float, within: Range) -> Answer:
 
 
 def larger(of: Diagram, sections: tuple[str, ...], within: Range, than: Range) -> Answer:
-    """Return how many times the greatest velocities of a range those of another are; more than twice agrees."""
+    """Return the ratios of the greatest velocities of a range to those of another; they agree if all exceed 2."""
     ratios = [of.greatest(name, within) / of.greatest(name, than) for name in sections]
     text = " and ".join(f"{ratio:.1f}" for ratio in ratios)
     return Answer(f"{text} times those of {than[0]:.0f}..{than[1]:.0f} {of.unit}", min(ratios) > 2)
 
 
 def growth(of: Diagram, within: Range) -> Answer:
-    """Return the correlations of all mean velocities with the parameter."""
+    """Return the correlation of the mean velocity on each section with the parameter; all agree if above 0.8."""
     found = {}
     for name in SECTIONS:
         means = of.means(name, np.abs)
         known = of.inside(within) & np.isfinite(means)
-        # two points always lie on a line
+        # two points always lie on a line, which would be a correlation of one
         found[name] = np.corrcoef(of.values[known], means[known])[0, 1] if known.sum() > 2 else np.nan
     text = ", ".join(f"{name}: r = {r:.2f}" for name, r in found.items())
     return Answer(text, of.knows(within) and all(r > 0.8 for r in found.values()))
 
 
 def constant(of: Diagram, sections: tuple[str, ...], within: Range) -> Answer:
-    """Return by how much mean velocities [m/s] scatter about a constant."""
+    """Return the standard deviations of mean velocities [m/s]; they agree with a constant if below 0.05 m/s."""
     spreads = []
     for name in sections:
         means = of.means(name)[of.inside(within)]
@@ -220,23 +225,23 @@ def constant(of: Diagram, sections: tuple[str, ...], within: Range) -> Answer:
 # --- single cases ---------------------------------------------------------------------------------------------------
 
 
-def named(kinds: Any, k: int) -> str:
-    """Return the attractor of case number k, from `Attractors`, in words."""
+def named(kinds: Attractors, k: int) -> str:
+    """Return the attractor of case number k in words."""
     period = int(kinds.period[k])
     return f"period-{period}" if period else str(kinds.kind[k])
 
 
 class Singles:
-    """Histories of single cases, with 50 samples per forcing period, and their sections."""
+    """Single cases: their histories, with 50 samples per forcing period, and their sections."""
 
     evidence = ""
 
-    def __init__(self, history: xr.Dataset, forcing: Any, sections: xr.Dataset | None = None, judged: int = 0):
-        """**Arguments:** `forcing`: frequency of each case [Hz]; `judged`: as in `Diagram`."""
+    def __init__(self, history: xr.Dataset, forcing: Numbers, sections: xr.Dataset | None = None, judged: int = 0):
+        """**Arguments:** `forcing`: forcing frequency of each case [Hz]; `judged`: as for `Diagram`."""
         self.history = history
         self.forcing = np.asarray(forcing)
         self.status = history["status"].values
-        # spectra alone need none
+        # claims about spectra alone need no sections
         if sections is not None:
             self.status = first_problem(sections["status"].values, self.status)
             self.kinds = attractors(sections, judged)
@@ -253,10 +258,9 @@ class Singles:
 
 
 def motion(of: Singles, k: int, wanted: str, lines: Mapping[str, float] | None = None) -> Answer:
-    """Return the kind of a motion, with lines in its roll acceleration that it is to have."""
+    """Return the kind of a motion; it agrees if it is the `wanted` one and its roll acceleration has all `lines`."""
     text = named(of.kinds, k)
     good = not text.startswith("period") if wanted == "not periodic" else text == wanted
-    # all of the lines must be there as well
     if lines:
         has = spectral_lines(of, k, "alpha_x", lines)
         text = f"{text}, lines: {has.ours}"
@@ -265,12 +269,12 @@ def motion(of: Singles, k: int, wanted: str, lines: Mapping[str, float] | None =
 
 
 def roll_points(of: Singles, k: int, count: int) -> Answer:
-    """Return the number of points on the roll section."""
+    """Return the number of points on the roll section, which agrees if it is `count`."""
     return Answer(f"{of.roll[k]} points", bool(of.roll[k] == count))
 
 
 def spectral_lines(of: Singles, k: int, name: str, lines: Mapping[str, float]) -> Answer:
-    """Return how many of the lines, by their frequencies [Hz], a spectrum has."""
+    """Return how many of the lines a spectrum has, given their frequencies [Hz]; it agrees if it has all."""
     spectrum = of.spectrum(k, name)
     missing = [text for text, frequency in lines.items() if not find_line(spectrum, frequency).present]
     text = f"{len(lines) - len(missing)} of {len(lines)}"
@@ -278,22 +282,22 @@ def spectral_lines(of: Singles, k: int, name: str, lines: Mapping[str, float]) -
 
 
 def highest_line(of: Singles, k: int, name: str, at: float, tolerance: float) -> Answer:
-    """Return the place of a spectrum's highest line, in multiples of the forcing frequency."""
+    """Return the frequency of a spectrum's highest line as a multiple of the forcing frequency."""
     spectrum = of.spectrum(k, name)
-    # a drift is no line
+    # the lowest frequencies are left out: they belong to a drift, not to a line
     density = np.where(spectrum.frequency > 0.05 * of.forcing[k], spectrum.density, 0.0)
     place = float(spectrum.frequency[np.argmax(density)] / of.forcing[k])
     return Answer(f"{place:.4g} f", abs(place - at) < tolerance)
 
 
 def peak_force(of: Singles, k: int, point: str, newtons: float) -> Answer:
-    """Return the greatest force at a point."""
+    """Return the greatest force at a point, which agrees within 5 % of `newtons`."""
     force = of.peak(k, point)
     return Answer(f"{force:.0f} N", abs(force / newtons - 1) < 0.05)
 
 
 def softer(of: Singles, k: int, other: int) -> Answer:
-    """Return the greatest forces of two cases, of which the first one's are to be less at each point."""
+    """Return the greatest forces in two cases; they agree if those of the first are less at every point."""
     pairs = [(of.peak(k, point), of.peak(other, point)) for point in "ACJ"]
     text = ", ".join(f"{a:.0f} against {b:.0f} N" for a, b in pairs)
     return Answer(text, all(a < b for a, b in pairs))
