@@ -9,7 +9,7 @@ those of the cubics.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,7 @@ from ..model.travel import Travel
 from ..tools.checks import require
 from ..tools.fused import store, sums
 from ..tools.hermite import Cubic, highest_point, sign_change
+from ..tools.types import Whole
 
 GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 """Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
@@ -45,7 +46,7 @@ DIFFERENCE_MARGIN = 2
 # --- slopes by differences ------------------------------------------------------------------------------------------
 
 
-def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends+4 ..."]:
+def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends+4 ..."]:
     """Return values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
 
     Before and after the period, values go on as the cubics through the nearest four.
@@ -64,7 +65,7 @@ def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
     return (8 * (c - b) + a - d) / 12
 
 
-def step_slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends ..."]:
+def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
     """Return slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
     a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
@@ -100,7 +101,7 @@ class Loads(NamedTuple):
     methods of fourth order are unstable above 2.8."""
 
 
-def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any) -> Loads:
+def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whole) -> Loads:
     """Return loads of one period.
 
     **Arguments:** at both ends of every step, of which the first `steps` + 1 count, forces [N] and gaps [m] of shape
@@ -181,7 +182,7 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
-def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
+def contact_rate(now: Contacts, memory: Array | None, args: Args) -> Array:
     """Return the greatest rate of the contacts [1/s]: sum of their decay rates, or frequency of their springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
@@ -246,7 +247,11 @@ class Curve:
     """A quantity over a period, a cubic in each step. Each property is computed once for all records."""
 
     def __init__(
-        self, values: Float[Array, "ends ..."], slopes: Float[Array, "ends ..."], course: "Course", level: Any = None
+        self,
+        values: Float[Array, "ends ..."],
+        slopes: Float[Array, "ends ..."],
+        course: "Course",
+        level: Array | None = None,
     ):
         """**Arguments:** values, and derivatives per step, at both ends of every step; `level`: what to add inside of
         each step, for a quantity that jumps between them, (steps, ...)."""
@@ -268,7 +273,7 @@ class Curve:
         inside = places * self._course.steps
         k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
-        return Cubic.through(*(end[k] for end in self._ends)).value(x)
+        return jnp.asarray(Cubic.through(*(end[k] for end in self._ends)).value(x))
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
@@ -349,7 +354,7 @@ class Course:
         end: State,
         inside: State | None,
         args: Args,
-        steps: Any,
+        steps: Whole,
         rates: Motion | None = None,
     ):
         """**Arguments:** `end`: the state at the end of the period; `inside`: at both ends of every step, of which

@@ -5,11 +5,11 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import diffrax
 import jax
@@ -37,6 +37,11 @@ from .course import over_periods
 from .record import AbstractOutput, History, HistoryValues
 from .status import MEANINGS
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from .simulate import Trajectory
+
 
 @functools.cache
 def versions() -> dict[str, str]:
@@ -53,8 +58,8 @@ def versions() -> dict[str, str]:
 def run_attributes(
     scene: Scene,
     start: Motion | State,
-    call: Mapping[str, Any],
-    varied: Any = (),
+    call: Mapping[str, object],
+    varied: Iterable[str] = (),
 ) -> dict[str, str]:
     """Return attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
 
@@ -71,7 +76,7 @@ def run_attributes(
     }
 
 
-def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
+def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, object]:
     """Return the scene's parameters, as attributes of a dataset.
 
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
@@ -80,7 +85,10 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     # what depends on a varied number becomes NaN, and is left out below
     for p in (parameter(name, scene) for name in without if name not in STARTS):
         scene = p.replaced(scene, np.nan)
-    out: dict[str, Any] = {"contact_law": type(scene.contact).__name__, "contact_memory": type(scene.memory).__name__}
+    out: dict[str, object] = {
+        "contact_law": type(scene.contact).__name__,
+        "contact_memory": type(scene.memory).__name__,
+    }
     for name, q in PARAMETERS.items():
         value = q.of(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
@@ -100,7 +108,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
 _over_periods = jit(over_periods)
 
 
-def trajectory_dataset(trajectory: Any) -> Any:
+def trajectory_dataset(trajectory: "Trajectory") -> "xr.Dataset":
     """Return a `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
@@ -134,7 +142,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     return xr.Dataset(data, coords, attrs)
 
 
-def load_scene(source: Any, **chosen: Any) -> Scene:
+def load_scene(source: object, **chosen: object) -> Scene:
     """Return the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
@@ -152,7 +160,7 @@ def load_scene(source: Any, **chosen: Any) -> Scene:
     return scene.replace(**values) if values else scene
 
 
-def load_start(source: Any, **chosen: Any) -> Motion | State | None:
+def load_start(source: object, **chosen: object) -> Motion | State | None:
     """Return the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
 
     **Arguments:** and **Raises:** as for `load_scene`.
@@ -169,7 +177,7 @@ def load_start(source: Any, **chosen: Any) -> Motion | State | None:
     return State(motion, start.memory) if isinstance(start, State) else motion
 
 
-def load_run(source: Any) -> dict[str, Any]:
+def load_run(source: object) -> dict[str, Any]:
     """Return the arguments of `run` in the table [run] of a TOML file, as in
     `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
 
@@ -182,7 +190,7 @@ def load_run(source: Any) -> dict[str, Any]:
     return table
 
 
-def load_base(source: Any) -> tuple[Scene, Motion | State]:
+def load_base(source: object) -> tuple[Scene, Motion | State]:
     """Return scene and start of which a result's cases are variations; raise `ValueError` as `load_scene`."""
     ds = _labels_of(source)
     _described(ds, "scene")
@@ -197,7 +205,7 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
     return scene, State(motion, None if memory is None else finite("start.memory")(memory))
 
 
-def load_call(source: Any) -> dict[str, Any]:
+def load_call(source: object) -> dict[str, Any]:
     """Return the function that made a result, as `function`, and its arguments besides scene, grid and start.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
@@ -216,7 +224,7 @@ def load_call(source: Any) -> dict[str, Any]:
     return {name: build(value, kinds, name) for name, value in call.items()}
 
 
-def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
+def _scene_file(source: object, chosen: Mapping[str, object]) -> SceneFile | None:
     """Return what a TOML file holds; None for another source."""
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
@@ -228,7 +236,7 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
     return scene_from_toml(text, str(source))
 
 
-def dataset_of(source: Any) -> Any:
+def dataset_of(source: object) -> "xr.Dataset":
     """Return a dataset as it is, or that of a netCDF file or a zarr store.
 
     **Raises:** `ValueError` for something else, or more than fits into memory; `OSError` for a file that cannot be
@@ -242,7 +250,7 @@ def dataset_of(source: Any) -> Any:
             return ds.load()
 
 
-def _labels_of(source: Any) -> Any:
+def _labels_of(source: object) -> "xr.Dataset":
     """Return the attributes and coordinates of a result, which say its scenes, as a dataset."""
     with _opened(source) as ds:
         if ds is source:
@@ -252,7 +260,7 @@ def _labels_of(source: Any) -> Any:
 
 
 @contextmanager
-def _opened(source: Any) -> Iterator[Any]:
+def _opened(source: Any) -> Iterator["xr.Dataset"]:
     """Give a dataset as it is, or that of a file or a store, of which nothing is read yet; see `dataset_of`."""
     import xarray as xr
 
@@ -273,7 +281,7 @@ def _opened(source: Any) -> Iterator[Any]:
         yield ds
 
 
-def _described(ds: Any, name: str, kind: type = dict) -> Any:
+def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
     """Return what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
     text = ds.attrs.get(name)
     lacks = f"a dataset with no attribute `{name}`"
@@ -286,7 +294,7 @@ def _described(ds: Any, name: str, kind: type = dict) -> Any:
     return found
 
 
-def varied_names(ds: Any) -> list[str]:
+def varied_names(ds: "xr.Dataset") -> list[str]:
     """Return names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
     names = _described(ds, "varied", list)
     for name in names:
@@ -295,7 +303,7 @@ def varied_names(ds: Any) -> list[str]:
     return names
 
 
-def _case_of(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
+def _case_of(ds: "xr.Dataset", chosen: Mapping[str, object], of_start: bool) -> dict[str, float]:
     """Return values of what was varied of the start, or of the scene, in the one case that is chosen."""
     names = varied_names(ds)
     cases = ds.coords.to_dataset()[names]

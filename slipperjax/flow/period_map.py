@@ -6,13 +6,13 @@ compiled forms for one case and for batches are here too.
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
@@ -27,6 +27,7 @@ from ..tools.batching import Batched
 from ..tools.compile import jit, with_standard_promotion
 from ..tools.jacobian import by_jacobian, moving_with
 from ..tools.one_kernel import call_plainly, in_one_kernel
+from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
@@ -61,13 +62,13 @@ class Passage(NamedTuple):
     """Result of a run over some forcing periods."""
 
     state: State  # at the end
-    samples: tuple[Any, ...]
+    samples: tuple[PyTree, ...]
     """Samples of each record, with a leading axis of periods."""
     status: Int[Array, "*cases"]
     """`Status` code: the first that is not `FINITE` at the ends of the periods."""
     steps_taken: Int[Array, "*cases periods"]
     """Steps tried in each period, including those that an adaptive controller rejected."""
-    carried: tuple[Any, ...]  # of the records after all periods
+    carried: tuple[PyTree, ...]  # of the records after all periods
 
 
 class PeriodMap(eqx.Module):
@@ -85,7 +86,7 @@ class PeriodMap(eqx.Module):
     periods: int = eqx.field(static=True, default=1)
     """Forcing periods in one application."""
 
-    def __call__(self, state: State, k: Any = 0.0) -> State:
+    def __call__(self, state: State, k: Real = 0.0) -> State:
         """Return the state after one application, the one number `k`."""
         return self.run(state, k * self.periods).state
 
@@ -93,12 +94,12 @@ class PeriodMap(eqx.Module):
     def run(
         self,
         state: State,
-        epoch: Any = 0.0,
+        epoch: Real = 0.0,
         *,
         periods: int | None = None,
         records: RecordSet = RecordSet(),
-        used: Any = None,
-        earlier: Any = None,
+        used: Whole = None,
+        earlier: PyTree = None,
     ) -> Passage:
         """Integrate some forcing periods, by default one application's, with the samples of records.
 
@@ -118,9 +119,9 @@ class PeriodMap(eqx.Module):
         count: int,
         records: RecordSet,
         state: State,
-        epoch: Any,
-        used: Any,
-        earlier: Any,
+        epoch: Real,
+        used: Whole,
+        earlier: PyTree,
     ) -> Passage:
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
@@ -182,13 +183,13 @@ class PeriodMap(eqx.Module):
         return Passage(end, samples, code, steps_taken, carried)
 
 
-def _lost_where(failed: Any, state: State) -> State:
+def _lost_where(failed: Array, state: State) -> State:
     """Return the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
-def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0) -> State:
+def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0) -> State:
     """Return the states of a batch after `epoch` forcing periods; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
@@ -201,7 +202,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 
 
 @jit
 def states_and_penetrations(
-    scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0
+    scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0
 ) -> tuple[State, Float[Array, " cases"]]:
     """Return a batch's states and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
     return scenes.map(lambda scene, start: state_and_penetration(scene, start, epoch), starts)
@@ -211,14 +212,14 @@ def states_and_penetrations(
 def advance(
     scenes: Batched[Scene],
     states: State,
-    epoch: Any,
+    epoch: Real,
     stepping: AbstractStepping,
     *,
     solver: diffrax.AbstractSolver,
     periods: int,
     records: RecordSet = RecordSet(),
-    used: Any = None,
-    earlier: Any = None,
+    used: Whole = None,
+    earlier: PyTree = None,
 ) -> Passage:
     """Run a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
 
@@ -227,7 +228,7 @@ def advance(
     `states`, `earlier` and the result have a leading axis of cases.
     """
 
-    def one(scene: Scene, state: State, earlier: Any) -> Passage:
+    def one(scene: Scene, state: State, earlier: PyTree) -> Passage:
         step = PeriodMap(scene, stepping, solver)
         return step.run(state, epoch, periods=periods, records=records, used=used, earlier=earlier)
 
@@ -251,7 +252,7 @@ def advance_tangents(
     scenes: Batched[Scene],
     states: State,
     tangents: State,
-    epoch: Any,
+    epoch: Real,
     stepping: AbstractStepping,
     *,
     solver: diffrax.AbstractSolver,
@@ -279,7 +280,13 @@ def advance_tangents(
 
 @functools.partial(jit, static_argnames=("solver", "periods"))
 def batch_jacobians(
-    scenes: Batched[Scene], states: State, epoch: Any, stepping: AbstractStepping, *, solver: Any, periods: int
+    scenes: Batched[Scene],
+    states: State,
+    epoch: Real,
+    stepping: AbstractStepping,
+    *,
+    solver: diffrax.AbstractSolver,
+    periods: int,
 ) -> Float[Array, "cases periods size size"]:
     """Return Jacobians of a batch's successive period maps, for Floquet multipliers."""
     of_one = lambda scene, state: jacobians(

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from diffrax import AbstractSolver
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, PyTree
 
 from ..model.dynamics import State, reactions
 from ..model.kinematics import Motion
@@ -24,6 +24,7 @@ from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.checks import require, whole, yes_or_no
 from ..tools.columns import column
+from ..tools.types import AnyArray, Real
 from .course import Course
 from .status import Status
 
@@ -63,7 +64,7 @@ class AbstractOutput(abc.ABC):
         """Raise `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
 
     @abc.abstractmethod
-    def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
+    def label(self, scene: Scene, dims: tuple[str, ...], values: PyTree) -> Labelled:
         """Return a dataset's variables and coordinates, from its arrays of shape (*grid, ...)."""
 
 
@@ -84,31 +85,33 @@ class AbstractRecord(AbstractOutput):
         """Return how many of the last recorded periods need their samples kept."""
         return periods
 
-    def begin(self, scene: Scene, state: State) -> Any:
+    def begin(self, scene: Scene, state: State) -> PyTree:
         """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
 
         **Arguments:** `scene`, `state`: shapes count, numbers do not.
         """
         return None
 
-    def add(self, carried: Any, course: Course) -> Any:
+    def add(self, carried: PyTree, course: Course) -> PyTree:
         """Return the carry after one more period, inside the compiled program."""
         return carried
 
-    def sample(self, course: Course) -> Any:
+    def sample(self, course: Course) -> PyTree:
         """Return the arrays that are kept of each period, inside the compiled program; None where there are none."""
         return None
 
-    def feed_back(self, scene: Scene, carried: Any, epoch: Any) -> Scene:
+    def feed_back(self, scene: Scene, carried: PyTree, epoch: Real) -> Scene:
         """Return the scene in the period `epoch`, where earlier periods change it."""
         return scene
 
-    def judge(self, carried: Any, status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver) -> np.ndarray:
+    def judge(
+        self, carried: PyTree, status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver
+    ) -> np.ndarray:
         """Return the `Status` codes (cases,) of a chunk after the recorded span."""
         return status
 
     @abc.abstractmethod
-    def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
+    def finish(self, carried: PyTree, samples: PyTree, span: RecordedSpan) -> PyTree:
         """Return arrays (cases, ...) from the carry (cases, ...) and samples (cases, periods, ...)."""
 
 
@@ -144,19 +147,19 @@ class RecordSet:
         """Those that sample the transient, too."""
         return RecordSet(tuple(r for r in self.records if r.from_start))
 
-    def begin(self, scene: Scene, state: State) -> tuple[Any, ...]:
+    def begin(self, scene: Scene, state: State) -> tuple[PyTree, ...]:
         """Return initial carries of one case."""
         return tuple(r.begin(scene, state) for r in self.records)
 
-    def add(self, carried: tuple[Any, ...], course: Course) -> tuple[Any, ...]:
+    def add(self, carried: tuple[PyTree, ...], course: Course) -> tuple[PyTree, ...]:
         """Return the carries after one more period."""
         return tuple(r.add(mine, course) for r, mine in zip(self.records, carried, strict=True))
 
-    def sample(self, course: Course) -> tuple[Any, ...]:
+    def sample(self, course: Course) -> tuple[PyTree, ...]:
         """Return the arrays that are kept of each period."""
         return tuple(r.sample(course) for r in self.records)
 
-    def feed_back(self, scene: Scene, carried: tuple[Any, ...], epoch: Any) -> Scene:
+    def feed_back(self, scene: Scene, carried: tuple[PyTree, ...], epoch: Real) -> Scene:
         """Return the scene in the period `epoch`, where earlier periods change it."""
         # one after the other, as each may change the scene
         for r, mine in zip(self.records, carried, strict=True):
@@ -164,7 +167,7 @@ class RecordSet:
         return scene
 
     def judge(
-        self, carried: tuple[Any, ...], status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver
+        self, carried: tuple[PyTree, ...], status: np.ndarray, scenes: Batched[Scene], solver: AbstractSolver
     ) -> np.ndarray:
         """Return the `Status` codes (cases,) of a chunk after the recorded span."""
         for r, mine in zip(self.records, carried, strict=True):
@@ -173,10 +176,10 @@ class RecordSet:
 
     def finish(
         self,
-        carried: tuple[Any, ...],
-        samples: Sequence[Any],
+        carried: tuple[PyTree, ...],
+        samples: Sequence[PyTree],
         span: RecordedSpan,
-    ) -> tuple[Any, ...]:
+    ) -> tuple[PyTree, ...]:
         """Return the arrays of each record, with a leading axis of cases."""
         parts = zip(self.records, carried, samples, strict=True)
         return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
@@ -188,9 +191,9 @@ class Samples:
     def __init__(self, records: RecordSet, periods: int):
         """**Arguments:** `periods`: recorded in all."""
         self._periods = periods
-        self._calls: dict[AbstractRecord, list[Any]] = {r: [] for r in records.records}
+        self._calls: dict[AbstractRecord, list[PyTree]] = {r: [] for r in records.records}
 
-    def add(self, records: RecordSet, samples: tuple[Any, ...]) -> None:
+    def add(self, records: RecordSet, samples: tuple[PyTree, ...]) -> None:
         """Take what some of the records sampled in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
@@ -199,7 +202,7 @@ class Samples:
             while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
                 del calls[0]
 
-    def joined(self) -> tuple[Any, ...]:
+    def joined(self) -> tuple[PyTree, ...]:
         """Return each record's samples in the order of time."""
         found = []
         for record, calls in self._calls.items():
@@ -209,7 +212,7 @@ class Samples:
         return tuple(found)
 
 
-def _periods_in(calls: list[Any]) -> int:
+def _periods_in(calls: list[PyTree]) -> int:
     """Return the number of periods that the samples of some calls are of."""
     return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
@@ -245,7 +248,7 @@ class Strobe(AbstractRecord):
     def finish(self, carried, samples: Motion, span):
         return coordinates(State(samples, None))
 
-    def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
+    def label(self, scene, dims, values: Float[AnyArray, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         strobe = column(
             (*dims, "strobe_period", "coordinate"),
@@ -261,9 +264,9 @@ class Strobe(AbstractRecord):
 class SectionPoints(NamedTuple):
     """Points of all sections, in the order of `slipperjax.model.SECTIONS`; NaN where there are fewer crossings."""
 
-    time: Float[Any, "*cases 5 crossings"]  # [forcing periods]
-    velocity: Float[Any, "*cases 5 crossings"]  # [m/s], [rad/s]
-    count: Int[Any, "*cases 5"]
+    time: Float[AnyArray, "*cases 5 crossings"]  # [forcing periods]
+    velocity: Float[AnyArray, "*cases 5 crossings"]  # [m/s], [rad/s]
+    count: Int[AnyArray, "*cases 5"]
     """How many crossings there were, also those that were not kept."""
 
 
@@ -342,12 +345,12 @@ class Sections(AbstractRecord):
 class HistoryValues(NamedTuple):
     """States, accelerations, contact forces, gaps and drive force at constant intervals, as datasets have them."""
 
-    states: Float[Any, "*cases saves coordinates"]
-    period: Float[Any, "*cases saves"]
-    acceleration: Float[Any, "*cases saves accelerations"]
-    contact_force: Float[Any, "*cases saves 2 points"]
-    gap: Float[Any, "*cases saves 2 points"]
-    drive_force: Float[Any, "*cases saves"]
+    states: Float[AnyArray, "*cases saves coordinates"]
+    period: Float[AnyArray, "*cases saves"]
+    acceleration: Float[AnyArray, "*cases saves accelerations"]
+    contact_force: Float[AnyArray, "*cases saves 2 points"]
+    gap: Float[AnyArray, "*cases saves 2 points"]
+    drive_force: Float[AnyArray, "*cases saves"]
 
 
 @dataclass(frozen=True)

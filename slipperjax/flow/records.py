@@ -10,12 +10,12 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
 from ..model.scene import Scene
@@ -23,6 +23,7 @@ from ..tools.batching import Batched
 from ..tools.checks import instance, number, one_of, positive, require
 from ..tools.columns import column
 from ..tools.compile import jit
+from ..tools.types import AnyArray, Real, Whole
 from .course import Course
 from .record import AbstractRecord, Unlabelled, point_labels
 from .status import most_stability_number, with_loads
@@ -35,13 +36,13 @@ class Join(NamedTuple):
     """A way in which the values of forcing periods become one number."""
 
     empty: float  # the value of no period
-    reduce: Callable[..., Any]
+    reduce: Callable[..., Array]
     """Joins values along axis 0; what it gives can be joined with others again."""
-    value: Callable[[Any, Any], Any] = lambda joined, periods: joined
+    value: Callable[[AnyArray, Whole], AnyArray] = lambda joined, periods: joined
     """The number, from values joined over so many periods."""
 
 
-def _root_mean(joined: Any, periods: Any) -> Any:
+def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
     square = joined / periods
     xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
     # the square root has no derivative at zero
@@ -76,7 +77,7 @@ class AbstractQuantityRecord(AbstractRecord):
 
     quantity: Quantity
     """Name, unit and description."""
-    dims: tuple[Any, ...] = ()
+    dims: tuple[PyTree, ...] = ()
     """Dimensions: "end", "point", or a name of one's own with its labels."""
 
     @property
@@ -110,11 +111,11 @@ class AbstractNumber(AbstractQuantityRecord):
 
     join: Join
     """How periods join."""
-    samples: Callable[[Course], Any] | None = None
+    samples: Callable[[Course], PyTree] | None = None
     """Gives values whose greatest magnitude the number is, along the first axis in time; None where it is none."""
 
     @abc.abstractmethod
-    def of(self, course: Course) -> Any:
+    def of(self, course: Course) -> PyTree:
         """Return the value of one forcing period, an array with axes `dims`; for "rms" its square."""
 
     @property
@@ -122,7 +123,7 @@ class AbstractNumber(AbstractQuantityRecord):
         """Its stand-in for descents: a power mean near a greatest magnitude, or itself."""
         return self if self.samples is None else PowerMean(self)
 
-    def total(self, values: Array) -> Array:
+    def total(self, values: Array) -> AnyArray:
         """Return the number [`unit`] from the values of periods, along the first axis."""
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
@@ -147,13 +148,13 @@ class Record(AbstractNumber):
 
     quantity: Quantity
     """Name, unit and description."""
-    function: Callable[[Course], Any]
+    function: Callable[[Course], PyTree]
     """Gives a real number, or an array with axes `dims`, of a `slipperjax.flow.Course`. Another function, or the same
     text in another lambda, is compiled anew."""
     over: str = "max"
     """How the values of forcing periods join: "max", "min", "sum", "mean", or "rms", to which squares are given."""
     dims: tuple[str | tuple[str, tuple], ...] = ()
-    samples: Callable[[Course], Any] | None = None
+    samples: Callable[[Course], PyTree] | None = None
     """Values whose greatest magnitude the number is, along the first axis in time; for `smooth`."""
 
     def __post_init__(self):
@@ -271,7 +272,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
     dims = POINTS
 
     @abc.abstractmethod
-    def of(self, course: Course) -> Any:
+    def of(self, course: Course) -> PyTree:
         """Return the number at the highest force of one forcing period, (2, points)."""
 
     def begin(self, scene, state):
@@ -302,9 +303,9 @@ class PeakPeriod(AbstractAtPeak):
 @jit
 def judged_by_contacts(
     scenes: Batched[Scene],
-    codes: Any,
-    carried: Any,
-    limit: Any,
+    codes: np.ndarray,
+    carried: PyTree,
+    limit: Real,
 ) -> Int[Array, " cases"]:
     """Return `Status` codes by `with_loads`, from carries of `ContactChecks` and the greatest stability number."""
     return scenes.map(
@@ -406,7 +407,7 @@ def _records() -> Iterator[AbstractQuantityRecord]:
         yield from _of_coordinate(k, q)
 
 
-RECORDS: Mapping[str, Any] = {record.name: record for record in _records()}
+RECORDS: Mapping[str, AbstractQuantityRecord] = {record.name: record for record in _records()}
 """Records of numbers by name."""
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "loads": tuple(LOADS),

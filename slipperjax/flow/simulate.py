@@ -27,6 +27,7 @@ from ..tools.compile import as_argument, call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.jacobian import by_jacobian
 from ..tools.limits import refuse_impossible
+from ..tools.types import AnyArray, Real, Whole
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap
 from .record import RecordSet, Unlabelled
@@ -140,7 +141,7 @@ def period_map(
     return call_compiled(_mapped, mapped, (), state, *epochs)
 
 
-def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> State:
+def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Real = 0.0) -> State:
     return map_.run(state, epoch).state
 
 
@@ -150,7 +151,7 @@ def refuse_periods(periods: int, steps: int, numbers: int = 0) -> None:
     refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
 
 
-def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after: int = 0) -> None:
+def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, after: int = 0) -> None:
     """Raise `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
 
     A warning says where a rail that goes on straight is known no further.
@@ -190,7 +191,7 @@ def default_steps(scene: Scene, steps: int | None) -> int:
     return default_steps_per_period(scene) if steps is None else given_steps(steps)
 
 
-def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
+def _at_slowest(scene: Scene, begin: Real, periods: int) -> Scene:
     """Return a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
     return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
@@ -204,7 +205,9 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     return ConstantSteps(capacity, as_argument(steps))
 
 
-def _controlled(samples: int, first_steps: int, controller: Any, adjoint: Any) -> ControlledSteps:
+def _controlled(
+    samples: int, first_steps: int, controller: diffrax.AbstractStepSizeController, adjoint: object
+) -> ControlledSteps:
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
     instance("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint")
     return ControlledSteps(samples, first_steps, controller, adjoint)
@@ -213,13 +216,13 @@ def _controlled(samples: int, first_steps: int, controller: Any, adjoint: Any) -
 class Peak(NamedTuple):
     """The highest contact force of a run."""
 
-    force: Any
+    force: Real
     """Normal force [N]."""
-    period: Any
+    period: Real
     """When [forcing periods]; NaN without contact."""
-    end: Any
+    end: Whole
     """0 at the front, 1 at the rear."""
-    point: Any
+    point: Whole
     """Index of the point in `Section.names`."""
 
     def text(self, scene: Scene) -> str:
@@ -238,7 +241,7 @@ class Trajectory(eqx.Module):
     """Time in forcing periods [1]."""
     state: State
     """The saved states, with a leading axis of saves."""
-    steps_per_period: Any
+    steps_per_period: Whole
     """Integration steps per forcing period; with adaptive steps, the number of states they were interpolated at."""
     steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, those included that an adaptive controller rejected."""
@@ -307,7 +310,7 @@ def _peak(loads: Loads) -> Peak:
 
 @functools.partial(jit, static_argnames=("saves",))
 def _finished(
-    first: State, passage: Passage, scene: Scene, most_stability_number: Any, epoch: Any, *, saves: int
+    first: State, passage: Passage, scene: Scene, most_stability_number: Real, epoch: Real, *, saves: int
 ) -> tuple:
     """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     ((saved, loads),) = passage.samples
@@ -334,7 +337,7 @@ def simulate(
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
-    start: Any = None,
+    start: object = None,
     begin: float | None = None,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
@@ -454,7 +457,7 @@ def _from_start(
     run: PeriodMap,
     static: tuple,
     start: Motion | State,
-    epoch: Any,
+    epoch: Real,
 ) -> tuple[State, Passage]:
     """Return the state with which a run begins, and the run."""
     periods, records = static
@@ -467,7 +470,7 @@ def _from_start(
 
 
 def run_eagerly(
-    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, like: int | None = None
+    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Real = 0.0, like: int | None = None
 ) -> Passage:
     """Run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for_periods(periods if like is None else like)
@@ -478,12 +481,12 @@ def run_eagerly(
     return passage._replace(samples=cut(passage.samples), steps_taken=cut(passage.steps_taken))
 
 
-def _run(run: PeriodMap, static: tuple, state: State, epoch: Any, used: Any) -> Passage:
+def _run(run: PeriodMap, static: tuple, state: State, epoch: Real, used: Whole) -> Passage:
     periods, records = static
     return run.run(state, epoch, periods=periods, records=records, used=used)
 
 
-def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:
+def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | None) -> tuple[int | np.ndarray, int]:
     """Return integration steps per period, and saves per period, which divide them.
 
     **Arguments:** `default`: gives steps where the caller gave none, which are rounded up to a multiple of the saves;
@@ -504,7 +507,7 @@ def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tupl
     return (np.array(numbers) if np.ndim(steps) else numbers[0]), saves
 
 
-def first_of(start: Any) -> Motion | State:
+def first_of(start: object) -> Motion | State:
     """Return the start of a run: None is Table 2's, a `Trajectory` goes on from its end.
 
     **Raises:** `ValueError` for what is no start, or has a number that is not finite.
@@ -514,7 +517,7 @@ def first_of(start: Any) -> Motion | State:
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
 
 
-def beginning_of(scene: Scene, begin: float | None) -> Any:
+def beginning_of(scene: Scene, begin: float | None) -> Real:
     """Return where a run begins [m]: by default where its rail does.
 
     **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear, that
@@ -539,7 +542,7 @@ def beginning_of(scene: Scene, begin: float | None) -> Any:
     return track.origin
 
 
-def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Any, Motion | State]:
+def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Real, Motion | State]:
     """Return where a run begins [m], and its start, which may be the state of an earlier run there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)

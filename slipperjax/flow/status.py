@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextvars import ContextVar, copy_context
-from typing import Any
 
 import diffrax
 import jax
@@ -17,6 +16,7 @@ from ..model.dynamics import State
 from ..model.scene import Scene
 from ..model.step_size import contact_duration
 from ..solvers.latching import is_explicit
+from ..tools.types import AnyArray, Real
 
 LEAST_PER_CONTACT = 3
 """Steps of a typical impact below which a case is not trusted. The default is 10; at K = 1e12 a case stayed finite
@@ -104,7 +104,7 @@ def status_of(states: State) -> Int[Array, ""]:
     return jnp.where(jnp.all(jnp.isfinite(leaves)), good, int(Status.NOT_FINITE))
 
 
-def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> Int[Array, ""]:
+def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) -> Int[Array, ""]:
     """Return a code of `status_of`, or `UNRESOLVED` where a period's steps are too few for its impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
@@ -124,17 +124,17 @@ def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> 
     )
 
 
-def _unresolved_where(problem: Any, code: Any) -> Array:
+def _unresolved_where(problem: Array, code: Array) -> Array:
     return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
 
 
 def with_loads(
-    code: Any,
-    closed: Any,
-    penetration: Any,
-    stability_number: Any,
+    code: Array,
+    closed: Array,
+    penetration: Array,
+    stability_number: Array,
     scene: Scene,
-    most: Any = jnp.inf,
+    most: Real = jnp.inf,
     pressed: float = 0.5,
 ) -> Int[Array, ""]:
     """Return a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
@@ -158,7 +158,7 @@ def with_loads(
     return _unresolved_where(stability_number > most, code)
 
 
-def with_growth(code: Any, history: Any) -> Int[Array, ""]:
+def with_growth(code: Array, history: Array) -> Int[Array, ""]:
     """Return a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
@@ -171,7 +171,7 @@ def with_growth(code: Any, history: Any) -> Int[Array, ""]:
 
 def most_stability_number(
     solver: diffrax.AbstractSolver,
-    controller: Any = None,
+    controller: object = None,
     explicit: float = 5.0,
 ) -> float:
     """Return the greatest stability number of trusted runs: `explicit` for explicit solvers with constant steps.
@@ -182,7 +182,7 @@ def most_stability_number(
     return explicit if controller is None and is_explicit(solver) else float("inf")
 
 
-def first_problem(earlier: Any, later: Any) -> np.ndarray:
+def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
     """Return codes of two successive stretches of a run as one: the first that is not `FINITE`.
 
     `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
@@ -209,7 +209,7 @@ class Stop(threading.Event):
         """Return the one that this thread's runs were submitted with, by default `ASKED`."""
         return _HERE.get()
 
-    def submit(self, pool: Executor, call: Callable, *args: Any) -> Future:
+    def submit(self, pool: Executor, call: Callable, *args: object) -> Future:
         """Submit a call to threads; runs in it end with this one."""
         # threads start with an empty context of their own
         context = copy_context()
@@ -241,7 +241,7 @@ class Interrupted(KeyboardInterrupt):
     in.
     """
 
-    def __init__(self, result: Any, finished: int, of: int | None = None, unit: str = "cases"):
+    def __init__(self, result: object, finished: int, of: int | None = None, unit: str = "cases"):
         super().__init__(result, finished, of, unit)
         self.result = result
         """The finished part of the function's result: a dataset, where cases that were not finished have
@@ -273,7 +273,9 @@ def blank(result, lanes: int):
     return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))
 
 
-def with_accuracy(status: Any, error: Any, stderr: Any = 0.0) -> Int[np.ndarray, "*cases"]:
+def with_accuracy(
+    status: np.ndarray, error: np.ndarray, stderr: np.ndarray | float = 0.0
+) -> Int[np.ndarray, "*cases"]:
     """Return statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
     **Arguments:** `error`: what half the step changes, over a period in scales, or relative [1], of shape (*cases,);

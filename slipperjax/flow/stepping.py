@@ -2,7 +2,7 @@
 
 import abc
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -16,6 +16,7 @@ from ..model.step_size import given_steps
 from ..solvers.adaptive import AdaptiveSteps
 from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
 from ..tools.one_kernel import in_one_kernel
+from ..tools.types import Whole
 
 
 class Period(NamedTuple):
@@ -26,8 +27,8 @@ class Period(NamedTuple):
     """The states at both ends of all steps, leading axis `most` + 1; None where they were not wanted."""
     rates: Motion | None
     """The motion's derivatives there [per forcing period], where the solver leaves them."""
-    steps_taken: Any  # tried
-    failed: Any  # whether solver or controller gave up
+    steps_taken: Whole  # tried
+    failed: Array  # whether solver or controller gave up
     solver_state: PyTree  # carried over to the next period
 
 
@@ -36,7 +37,7 @@ class AbstractStepping(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def number(self) -> Any:
+    def number(self) -> Whole:
         """Steps per forcing period, or states per period where steps are adaptive."""
 
     @abc.abstractmethod
@@ -44,14 +45,14 @@ class AbstractStepping(eqx.Module):
         """Return the solver in a form that can be differentiated with this stepping."""
 
     @abc.abstractmethod
-    def begin(self, terms: Any, solver: Any, state: State, args: Args) -> PyTree:
+    def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
         """Return the solver state with which a run begins, for its first `period`."""
 
     @abc.abstractmethod
     def period(
         self,
-        terms: Any,
-        solver: Any,
+        terms: diffrax.AbstractTerm,
+        solver: diffrax.AbstractSolver,
         state: State,
         solver_state: PyTree,
         args: Args,
@@ -82,8 +83,8 @@ class ConstantSteps(AbstractStepping):
             given_steps(self.most)
 
     @property
-    def number(self) -> Any:
-        return self.most if self.steps is None else self.steps
+    def number(self) -> Whole:
+        return cast(int, self.most) if self.steps is None else self.steps
 
     def prepared(self, solver):
         kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
@@ -180,7 +181,7 @@ class ControlledSteps(AbstractStepping):
     adjoint: diffrax.AbstractAdjoint = eqx.field(static=True, default=diffrax.ForwardMode())
 
     @property
-    def number(self) -> Any:
+    def number(self) -> Whole:
         return self.samples
 
     def prepared(self, solver):
@@ -251,7 +252,7 @@ class ControlledSteps(AbstractStepping):
         return Period(end, states, None, solution.stats["num_steps"], failed, solver_state)
 
 
-def as_stepping(stepping: Any) -> AbstractStepping:
+def as_stepping(stepping: AbstractStepping | int) -> AbstractStepping:
     """Return a stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 

@@ -1,6 +1,6 @@
 """Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from ..flow.status import Status
 from ..model.quantities import COORDINATE_SCALES
 from ..tools.checks import require, whole
 from ..tools.columns import column
+from ..tools.types import AnyArray
 
 FLOOR = 1e-5
 """Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
@@ -22,8 +23,8 @@ LAST = 200
 class Motions(NamedTuple):
     """Kinds and periods of motions."""
 
-    kind: Int[Any, "*cases"]  # numbers of `slipperjax.analysis.Regime`
-    period: Int[Any, "*cases"]
+    kind: Int[AnyArray, "*cases"]  # numbers of `slipperjax.analysis.Regime`
+    period: Int[AnyArray, "*cases"]
 
 
 def motions_of(strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]) -> Motions:
@@ -54,7 +55,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
     return states if last is None else states[..., -whole("last", last, 1) :, :]
 
 
-def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options: Any) -> Attractors:
+def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options: object) -> Attractors:
     """Classify the motion that each case of a sweep settled to, from its `last` strobe states.
 
     See `slipperjax.analysis.attractor`.

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from diffrax import AbstractSolver
@@ -11,8 +10,19 @@ from ..flow.record import AbstractOutput
 from ..tools.checks import require, whole
 
 
+class AbstractCall:
+    """What a store asks of a call."""
+
+    function: str
+    """Name of the function that was called."""
+    product: bool
+    """Whether the grid is a product of its axes."""
+    steps_per_period: int | Sequence[int] | np.ndarray | None
+    solver: AbstractSolver | str | None
+
+
 @dataclass(frozen=True)
-class Call:
+class Call(AbstractCall):
     """Lengths, records and numerics of a sweep as a user gives them, see `slipperjax.sweep`."""
 
     settled: int
@@ -37,12 +47,12 @@ class Call:
         whole("periods", self.measured, 1)
         refined(self.refine, self.steps_per_period)
 
-    def kept(self, solver: AbstractSolver) -> dict[str, Any]:
+    def kept(self, solver: AbstractSolver) -> dict[str, object]:
         """Return the fields by name as a dataset keeps them, whose variable `steps_per_period` has the steps."""
         return vars(replace(self, solver=solver, steps_per_period=None, refine=1))
 
 
-def refined(refine: int, steps_per_period: Any) -> int:
+def refined(refine: int, steps_per_period: object) -> int:
     """Return the factor of the default steps [1].
 
     **Raises:** `ValueError` where it is none, or steps are given besides.

@@ -22,9 +22,9 @@ from .store import Store
 def explain(
     function: Callable[..., xr.Dataset],
     scene: Scene,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, object],
     *,
-    store: Any = None,
+    store: object = None,
     workers: int | None = None,
     **options: Any,
 ) -> Estimate:
@@ -67,7 +67,7 @@ def explain(
         begin = time.perf_counter()
         ds = function(scene, grid=cases.spread(LARGEST_CHUNK), **options)
         seconds.append(time.perf_counter() - begin)
-    of_store: dict[str, Any] = {}
+    of_store: dict[str, object] = {}
     if store is not None:
         target = Store.of(store)
         of_store["tiles"] = Tiling.of(cases.shape, target.tile)

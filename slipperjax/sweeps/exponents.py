@@ -6,7 +6,7 @@ run for longer. Each stage has chunks of its own.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -125,7 +125,7 @@ def run_longer_motions(
     epoch: int,
     blocks: int,
     count: int,
-    options: Mapping[str, Any],
+    options: Mapping[str, object],
 ) -> tuple[LongerMotions, bool]:
     """Run `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
 

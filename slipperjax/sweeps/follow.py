@@ -1,7 +1,7 @@
 """A parameter followed with memory: each case from its neighbour's last state; and where a motion jumps."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import numpy as np
@@ -30,7 +30,7 @@ DIRECTIONS = {"up": 1, "down": -1}
 
 def follow(
     scene: Scene,
-    path: Mapping[str, Any],
+    path: Mapping[str, object],
     *,
     record: str | AbstractOutput | Sequence[str | AbstractOutput] = "sections",
     transient: int = 30,
@@ -129,7 +129,7 @@ class _HeldMotion(NamedTuple):
 
 def find_jump(
     scene: Scene,
-    path: Mapping[str, Any],
+    path: Mapping[str, object],
     *,
     direction: str = "up",
     within: float = 1.0,

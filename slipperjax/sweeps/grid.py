@@ -34,7 +34,7 @@ class Grid:
     dims: tuple[str, ...]  # dimensions in a dataset
     shape: tuple[int, ...]  # lengths of `dims`
 
-    def __init__(self, scene: Scene, grid: Mapping[str, Any], *, product: bool = True):
+    def __init__(self, scene: Scene, grid: Mapping[str, object], *, product: bool = True):
         """**Arguments:** `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
 
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
@@ -70,7 +70,7 @@ class Grid:
         """Return the name of an axis in a dataset, where y is the displacement and not the start's."""
         return f"start_{name}" if name in STARTS else name
 
-    def coordinates(self) -> dict[str, Any]:
+    def coordinates(self) -> dict[str, object]:
         """Return the axes as coordinates of a dataset."""
         coordinates = {}
         for name, values in self.axes.items():
@@ -96,7 +96,7 @@ class Grid:
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
         return self.part(np.unravel_index(index, self.shape))
 
-    def part(self, index: tuple[Any, ...]) -> dict[str, np.ndarray]:
+    def part(self, index: tuple[slice, ...]) -> dict[str, np.ndarray]:
         """Return the values by name in a part of the grid: a slice, or indices, for each of `dims`."""
         index = index if self.product else index * len(self.axes)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
@@ -107,7 +107,7 @@ def _parameter(scene: Scene, name: str) -> Parameter:
     return STARTS[name] if name in STARTS else parameter(name, scene)
 
 
-def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
+def _values(scene: Scene, name: str, raw: object) -> np.ndarray:
     quantity = _parameter(scene, name)
     quantity.check_exists(scene)
     values = np.atleast_1d(np.asarray(quantity.check(raw)))
@@ -177,7 +177,7 @@ class Cases(Grid):
     start: Motion | State  # the motion or state at time zero, where the grid does not vary it
     starts: Motion | State  # those of the cases, with a leading axis
 
-    def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
+    def __init__(self, scene: Scene, grid: Mapping[str, object], start: Motion | State, *, product: bool = True):
         """**Arguments:** `start`: the motion or state at time zero, where the grid does not vary it; others
         and errors as for `Grid`.
         """
@@ -261,7 +261,7 @@ def filled(index: np.ndarray, least: int) -> np.ndarray:
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
 
-def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndarray]:
+def path_grid(scene: Scene, path: Mapping[str, object]) -> tuple[Grid, str, np.ndarray]:
     """Return the grid along one parameter, its name and its values, which must increase.
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
@@ -280,7 +280,7 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
 
 
 def sample_box(
-    box: Mapping[str, Any],
+    box: Mapping[str, object],
     count: int,
     *,
     log: Sequence[str] = (),
@@ -333,7 +333,7 @@ def sample_box(
     return found
 
 
-def _spread(quantity: Parameter, name: str, ends: Any, share: np.ndarray, log: bool) -> np.ndarray:
+def _spread(quantity: Parameter, name: str, ends: object, share: np.ndarray, log: bool) -> np.ndarray:
     """Return the values of a parameter at shares of 0 to 1 of its range."""
     values = np.asarray(quantity.check(ends), float)
     pair = values.shape == (2,) and values[0] < values[1]
@@ -348,7 +348,7 @@ def _spread(quantity: Parameter, name: str, ends: Any, share: np.ndarray, log: b
     return low * (high / low) ** share if log else low + (high - low) * share
 
 
-def _drawn(name: str, distribution: Any, share: np.ndarray, log: bool) -> np.ndarray:
+def _drawn(name: str, distribution: object, share: np.ndarray, log: bool) -> np.ndarray:
     """Return the values of a parameter below which a distribution has these shares."""
     require(
         not log,

@@ -7,7 +7,7 @@ one after a new Jacobian. So no case waits for another one's line search, and ca
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import jax
@@ -130,7 +130,7 @@ class Maps(NamedTuple):
 
     def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
         stepping = ConstantSteps(capacity, as_argument(self.steps))
-        options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL)
+        options: dict[str, object] = dict(solver=self.solver, periods=PERIODS_PER_CALL)
         seen = advance(
             scenes,
             states,

@@ -3,14 +3,14 @@
 import abc
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from diffrax import AbstractSolver
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Int, PyTree
 
 from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, step_plan
@@ -139,7 +139,7 @@ class Plan:
         for one in self.outputs:
             one.check(self.cases.scene, self.recorded.periods, int(self.steps.min()))
 
-    def label(self, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
+    def label(self, dims: tuple[str, ...], values: tuple[PyTree, ...]) -> Labelled:
         """Return variables and coordinates of a dataset from the values of all outputs, (*dims, ...)."""
         data = {}
         coords = {}
@@ -215,7 +215,7 @@ class AbstractStage(AbstractOutput):
         epoch: float,
         status: Int[np.ndarray, " lanes"],
         strobe: Motion | None,
-    ) -> tuple[Any, Int[np.ndarray, " lanes"]]:
+    ) -> tuple[PyTree, Int[np.ndarray, " lanes"]]:
         """Return arrays (lanes, ...) and `Status` codes of a chunk.
 
         **Arguments:** `states`: at the end of the recorded span, `epoch` forcing periods after distance zero;
@@ -223,8 +223,8 @@ class AbstractStage(AbstractOutput):
         """
 
     def of_all(
-        self, values: Any, status: np.ndarray, plan: Plan, how: Any, interrupted: bool
-    ) -> tuple[Any, np.ndarray, bool]:
+        self, values: PyTree, status: np.ndarray, plan: Plan, how: Mapping[str, object], interrupted: bool
+    ) -> tuple[PyTree, np.ndarray, bool]:
         """Continue from what `of_chunk` gave of all cases; return values, `Status` codes, and whether it was
         interrupted. Cases that were not finished have `Status.NOT_RUN`.
 
@@ -292,7 +292,7 @@ def sampled_plan(
     return plan
 
 
-def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: Any) -> Plan:
+def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
     """Return the plan of a run from a user's arguments, records and stages.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
@@ -310,7 +310,7 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: Any) -> P
     return plan
 
 
-def _steps_and_saves(cases: Cases, call: Call) -> tuple[Any, int]:
+def _steps_and_saves(cases: Cases, call: Call) -> tuple[int | np.ndarray, int]:
     """Return steps per period, one number or one for each case, and saves per period."""
     return step_plan(
         lambda: call.refine * cases.default_steps(),

@@ -1,7 +1,7 @@
 """Records that classify motions or measure exponents after the recorded span, and the values of `record`."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jaxtyping import Float
 
@@ -16,6 +16,7 @@ from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from ..tools.columns import column
+from ..tools.types import AnyArray
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
@@ -88,8 +89,8 @@ class MotionKind(AbstractRecord):
 class OneExponent(NamedTuple):
     """Largest Lyapunov exponents."""
 
-    exponent: Float[Any, "*cases"]
-    stderr: Float[Any, "*cases"]
+    exponent: Float[AnyArray, "*cases"]
+    stderr: Float[AnyArray, "*cases"]
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ NAMES = (*OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
 
-def resolved_record(record: Any, loads: bool | None = None) -> tuple[RecordSet, tuple[AbstractStage, ...]]:
+def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSet, tuple[AbstractStage, ...]]:
     """Return records and stages from a user's argument: a name, a record, or a list of both.
 
     **Arguments:** `loads`: whether contact loads come with the others, None for with sections and histories. Statuses
@@ -187,10 +188,11 @@ OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 
-def _outputs(record: Any) -> tuple[AbstractOutput, ...]:
+def _outputs(record: object) -> tuple[AbstractOutput, ...]:
     """Return the records and stages of a name, or one as it is."""
     if isinstance(record, AbstractOutput):
         return (record,)
     need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
-    require(isinstance(record, str) and record in NAMES, "record", need, record)
+    require(record in NAMES, "record", need, record)
+    record = str(record)
     return OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

@@ -7,13 +7,13 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, PyTree
 
 from ..flow.period_map import advance
 from ..flow.record import RecordedSpan, RecordSet, Samples
@@ -38,7 +38,7 @@ class ChunkRun(NamedTuple):
 
     state: State  # the states at the end, with a leading axis of lanes
     status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
-    record: tuple[Any, ...]  # arrays of the plan's outputs, with a leading axis of lanes
+    record: tuple[PyTree, ...]  # arrays of the plan's outputs, with a leading axis of lanes
     probe: Float[np.ndarray, " lanes"] | None = None  # errors by half the step [1]; None where not measured
 
 
@@ -109,15 +109,15 @@ def run_span(
     calls: Calls,
     stepping: ConstantSteps,
     records: RecordSet,
-    carry: tuple[Any, ...],
+    carry: tuple[PyTree, ...],
     samples: Samples,
-) -> tuple[Passing, tuple[Any, ...]]:
+) -> tuple[Passing, tuple[PyTree, ...]]:
     """Run a chunk over a span with equal steps, call by call; return where it is then, and the records' carry.
 
     **Arguments:** `carry`: of the records before; `samples`: to which those of the span are added.
     """
     states, period, status = at
-    options: dict[str, Any] = dict(solver=part.plan.solver, periods=calls.capacity, records=records)
+    options: dict[str, object] = dict(solver=part.plan.solver, periods=calls.capacity, records=records)
     used = as_argument(calls.length)
     for _ in range(calls.count):
         part.on_progress(0)
@@ -133,7 +133,7 @@ def run_span(
 
 
 def half_step_change(
-    scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: Any
+    scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: object
 ) -> Float[np.ndarray, " lanes"]:
     """Return what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
 
@@ -151,7 +151,7 @@ def _distances(scenes: Batched[Scene], one: Motion, other: Motion) -> jax.Array:
     return scenes.map(size, one, other)
 
 
-def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
+def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> PyTree:
     """Return the carries of records that have seen no period, with a leading axis of lanes."""
 
     def first(tree):
@@ -168,11 +168,11 @@ class Run(NamedTuple):
 
     # A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
     # None where no case was finished.
-    results: Any
+    results: PyTree
     finished: Bool[np.ndarray, " cases"]
     interrupted: bool
 
-    def checked(self, make: Callable[[], Any]) -> Any:
+    def checked(self, make: Callable[[], object]) -> PyTree:
         """Return what `make()` makes of the results; raise `Interrupted` with it where the run was interrupted."""
         made = None if self.results is None else make()
         if self.interrupted:
@@ -182,7 +182,7 @@ class Run(NamedTuple):
 
 def run_cases(
     plan: Plan,
-    work: Callable[[Part], Any],
+    work: Callable[[Part], PyTree],
     *,
     periods: float,
     index: Int[np.ndarray, " some"] | None = None,
@@ -199,7 +199,7 @@ def run_cases(
     listed = np.arange(plan.cases.count) if index is None else index
     chunks, threads = replace(plan, steps=plan.steps[listed]).chunks(chunk, workers, tangents=tangents)
 
-    def of_chunk(chunk: Chunk, on_progress: OnProgress) -> Any:
+    def of_chunk(chunk: Chunk, on_progress: OnProgress) -> PyTree:
         lanes = listed[chunk.index]
         cases = plan.cases.take(lanes)
         return work(Part(plan, *cases, lanes, *chunk, on_progress))
@@ -210,7 +210,7 @@ def run_cases(
 def run_chunks(
     chunks: Sequence[Chunk],
     workers: int,
-    work: Callable[[Chunk, OnProgress], Any],
+    work: Callable[[Chunk, OnProgress], PyTree],
     *,
     periods: float,
     progress: bool | None,
@@ -224,7 +224,7 @@ def run_chunks(
     `on_progress(n)` after n forcing periods. That raises where another chunk failed or the user interrupted, so that
     a chunk stops at its next call. `periods`: of one case in all. `progress`, `name`: of `progress_shown`.
     """
-    parts: list[Any] = [None] * len(chunks)
+    parts: list[PyTree] = [None] * len(chunks)
     cases = sum(chunk.cases for chunk in chunks)
     total = periods * sum(chunk.steps * chunk.cases for chunk in chunks)
     interrupted = False
@@ -248,10 +248,10 @@ def run_chunks(
 
 
 def gather(
-    tasks: Sequence[Callable[[], Any]],
+    tasks: Sequence[Callable[[], object]],
     threads: int,
     executor: Executor | None = None,
-    done: Callable[[int], Any] = lambda k: None,
+    done: Callable[[int], object] = lambda k: None,
     patience: float = 0.0,
 ) -> None:
     """Run tasks on threads of this process, or by an executor, the first ones first.
@@ -291,7 +291,7 @@ def gather(
             pool.shutdown(wait=False)
 
 
-def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) -> Run:
+def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:
     """Return the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
     cases = sum(chunk.cases for chunk in chunks)
     finished = np.zeros(cases, bool)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
+from jaxtyping import Int, PyTree
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
@@ -32,7 +32,8 @@ from ..tools.batching import Batched
 from ..tools.checks import number, positive, require, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
-from .call import refined
+from ..tools.types import Numbers, Real
+from .call import AbstractCall, refined
 from .estimate import Estimate
 from .grid import Cases, Grid, filled
 from .plan import Calls, Part, Plan, check_variables, shared_capacity
@@ -60,7 +61,7 @@ PERCENTILES = (50.0, 90.0, 99.0)
 
 
 @dataclass(frozen=True)
-class RunCall:
+class RunCall(AbstractCall):
     """What `run` was asked besides its scene, cases and start."""
 
     length: float
@@ -81,7 +82,7 @@ class RunCall:
 
 def run(
     scene: Scene,
-    grid: Mapping[str, Any] | None = None,
+    grid: Mapping[str, object] | None = None,
     *,
     length: float,
     speed: SpeedProgramme | float | None = None,
@@ -98,7 +99,7 @@ def run(
     workers: int | None = None,
     progress: bool | None = None,
     store: Store | str | Path | None = None,
-    executor: Any = None,
+    executor: object = None,
 ) -> xr.Dataset:
     """Simulate runs over a length of rail, at a speed that may change along it.
 
@@ -154,7 +155,7 @@ def run(
         grid is None,
         _worn(scene, start, origin),
     )
-    how: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
+    how: dict[str, object] = dict(chunk=chunk, workers=workers, progress=progress)
     if grid is None:
         require(store is None, "store", "come with a grid", store)
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
@@ -190,7 +191,9 @@ def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
     return plan.estimate(grid.count)
 
 
-def _computed(call: RunCall, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
+def _computed(
+    call: RunCall, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
+) -> xr.Dataset:
     """Return the results of runs. Arguments as for `run_cases`."""
     cases = Cases(scene, grid, start, product=call.product)
     plan, profiles = _planned(call, cases)
@@ -211,7 +214,7 @@ class _Results(NamedTuple):
     """A chunk of cases after its run."""
 
     status: Int[np.ndarray, " cases"]
-    record: tuple[Any, ...]  # arrays of the plan's records, (cases, windows or stretches, ...)
+    record: tuple[PyTree, ...]  # arrays of the plan's records, (cases, windows or stretches, ...)
     marks: np.ndarray  # states at the end of each stretch, (cases, stretches, numbers)
     play: np.ndarray | None  # of the faces at the end of each stretch, (cases, stretches, faces) [m]; None unworn
     probe: np.ndarray  # errors, (cases, probes)
@@ -230,7 +233,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     return windows
 
 
-def _records(scene: Scene, record: Any) -> RecordSet:
+def _records(scene: Scene, record: object) -> RecordSet:
     """Return the records of a user's choice, of each window, of each stretch, and of the whole run."""
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     if record is None:
@@ -271,10 +274,10 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
 
 
 @jit
-def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.Array:
+def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Array) -> jax.Array:
     """Return steps per reference length of each stretch, at its least speed, (cases, stretches)."""
 
-    def one(scene: Scene, start: Any) -> jax.Array:
+    def one(scene: Scene, start: Motion | State) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
             return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
         least = jnp.min(scene.speed.at(places), axis=1)
@@ -301,7 +304,7 @@ def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
     return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
 
-def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
+def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     """Return the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
         return None
@@ -315,7 +318,7 @@ def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
 
 
 @jit
-def _opened(scenes: Batched[Scene], play: Any) -> Batched[Scene]:
+def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
     """Return the same scenes with this play more at each face, (1 or cases, faces) [m]."""
     plays = scenes.map(lambda scene: scene.section.play) + play
     at = lambda scene: scene.section.play
@@ -381,7 +384,7 @@ def _run_windows(
     return _Results(status, record, np.stack(marks, axis=1), play, probe)
 
 
-def _worn_in(carry: tuple[Any, ...]) -> list[Worn]:
+def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:
     """Return what wear has done, where slippers wear."""
     return [mine for mine in carry if isinstance(mine, Worn)]
 
@@ -451,13 +454,15 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
 
 
 @jit
-def _times(scenes: Batched[Scene], starts: Any, ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
+def _times(
+    scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Real
+) -> tuple[jax.Array, jax.Array]:
     """Return speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows).
 
     **Arguments:** `ends`: the place where the run begins, and the end of each window [m].
     """
 
-    def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:
+    def one(scene: Scene, start: Motion | State) -> tuple[jax.Array, jax.Array]:
         length = scene.wavelength
         speed = jnp.asarray(scene.travel((ends[1:] - 0.5 * window) / length).speed)
         seconds = jnp.asarray(scene.seconds(ends / length))

@@ -16,7 +16,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -42,6 +42,7 @@ from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
+from .call import AbstractCall
 from .estimate import Estimate
 from .grid import Grid, Tiling
 from .plan import LARGEST_CHUNK
@@ -106,7 +107,7 @@ class Store:
             )
 
     @classmethod
-    def of(cls, store: Any) -> "Store":
+    def of(cls, store: object) -> "Store":
         """Return the store of an argument, a path or a `Store`."""
         require(
             isinstance(store, str | Path | Store),
@@ -126,7 +127,7 @@ class Store:
 # --- the call that a store is of ------------------------------------------------------------------------------------
 
 
-def _fingerprint(call: Any, grid: Grid, start: Motion | State) -> dict[str, Any]:
+def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[str, object]:
     """Return as JSON all that determines the numbers of a store."""
     code = {"slipperjax": IMPORTED}
     code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, vars(call)])}
@@ -140,13 +141,13 @@ def _fingerprint(call: Any, grid: Grid, start: Motion | State) -> dict[str, Any]
     return json.loads(json.dumps(asked))
 
 
-def _summary(values: np.ndarray) -> dict[str, Any]:
+def _summary(values: np.ndarray) -> dict[str, object]:
     """Return the few numbers of an axis that tell it from others."""
     digest = _digest(np.ascontiguousarray(values, float).tobytes())
     return {"values": len(values), "first": float(values[0]), "last": float(values[-1]), "digest": digest}
 
 
-def _described(value: Any) -> Any:
+def _described(value: object) -> object:
     """Return a value as plain data; a function by its name and a digest of its code, an array by a summary."""
     return _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
 
@@ -155,7 +156,7 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+def _leaves(value: object, path: str = "") -> Iterator[tuple[str, str]]:
     """Yield the texts of a call by their paths, such as scene.contact.restitution."""
     if isinstance(value, dict):
         for name, part in value.items():
@@ -276,7 +277,7 @@ def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
     return tuple(lengths[d] for d in variable.dims)
 
 
-def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like: xr.Dataset) -> None:
+def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], like: xr.Dataset) -> None:
     """Write an empty store in the form of one case's results."""
     import zarr
     from zarr.codecs import ZstdCodec
@@ -327,7 +328,7 @@ def _check_replaceable(path: Path) -> None:
         require(good, "store", "have no other files where it is made anew", shown=str(file))
 
 
-def _make_archive(path: Path, *contents: Any) -> Archive:
+def _make_archive(path: Path, *contents: object) -> Archive:
     """Make an empty store, whole or not at all, in place of one of ours that may be there.
 
     **Arguments:** `contents`: as for `_create`.
@@ -343,7 +344,7 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
     return _open_archive(path)
 
 
-def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
+def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archive:
     """Open a store that exists.
 
     **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
@@ -373,7 +374,7 @@ def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
     return archive
 
 
-def open_store(path: Any) -> xr.Dataset:
+def open_store(path: object) -> xr.Dataset:
     """Open a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
 
     It may be complete, or still growing: cases that are not there yet have `Status.NOT_RUN` and NaN.
@@ -405,7 +406,7 @@ class StoreStatus(NamedTuple):
         )
 
 
-def store_status(path: Any) -> StoreStatus:
+def store_status(path: object) -> StoreStatus:
     """Count how much of a store is done, without reading results.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
@@ -422,7 +423,7 @@ def store_status(path: Any) -> StoreStatus:
     )
 
 
-def check_store(path: Any) -> list[int]:
+def check_store(path: object) -> list[int]:
     """Read all of a store, and make damaged tiles absent, so that the same call computes them again.
 
     **Returns:** the numbers of these tiles.
@@ -494,15 +495,15 @@ def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
 
 def run_or_store(
     compute: Callable[..., xr.Dataset],
-    estimate: Callable[[Any, Grid, Motion | State], Estimate],
-    call: Any,
+    estimate: Callable[[AbstractCall, Grid, Motion | State], Estimate],
+    call: AbstractCall,
     scene: Scene,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, object],
     start: Motion | State,
     *,
-    store: Any = None,
-    executor: Executor | Any = None,
-    **how: Any,
+    store: object = None,
+    executor: object = None,
+    **how: object,
 ) -> xr.Dataset:
     """Compute a sweep, or open the store into which it is computed, tile by tile.
 
@@ -530,12 +531,12 @@ def run_or_store(
 
 def _stored(
     compute: Callable[..., xr.Dataset],
-    estimate: Callable[[Any, Grid, Motion | State], Estimate],
-    call: Any,
+    estimate: Callable[[AbstractCall, Grid, Motion | State], Estimate],
+    call: AbstractCall,
     grid: Grid,
     start: Motion | State,
     store: Store,
-    executor: Any,
+    executor: object,
     *,
     chunk: int | None,
     workers: int | None,
@@ -646,7 +647,7 @@ def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset],
         raise OSError(error.errno or errno.EIO, text) from None
 
 
-def _pool_of(executor: Any) -> Any:
+def _pool_of(executor: object) -> object:
     """Return an executor with `concurrent.futures`' interface, which a client of dask has, too."""
     if type(executor).__module__.split(".")[0] != "distributed":
         return executor

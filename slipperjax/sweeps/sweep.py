@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import diffrax
 import jax
@@ -37,7 +36,7 @@ from .store import Store, run_or_store
 
 def sweep(
     scene: Scene,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, object],
     *,
     product: bool = True,
     record: str | AbstractOutput | Sequence[str | AbstractOutput] = "sections",
@@ -55,7 +54,7 @@ def sweep(
     workers: int | None = None,
     progress: bool | None = None,
     store: Store | str | Path | None = None,
-    executor: Any = None,
+    executor: object = None,
 ) -> xr.Dataset:
     """Simulate a scene for every combination of parameter values, as one batch.
 
@@ -105,7 +104,7 @@ def sweep(
     """
     lengths = transient, periods, steps_per_period, saves_per_period, solver, refine, begin
     call = Call(*lengths, record, loads, probe, product)
-    how: dict[str, Any] = dict(
+    how: dict[str, object] = dict(
         chunk=chunk,
         workers=workers,
         progress=progress,
@@ -115,7 +114,9 @@ def sweep(
     return run_or_store(_computed, _estimated, call, scene, grid, first_of(start), **how)
 
 
-def _computed(call: Call, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
+def _computed(
+    call: Call, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
+) -> xr.Dataset:
     """Return the results of a sweep. Arguments as for `run_cases`."""
     cases = Grid(scene, grid, product=call.product)
     lengths, *outputs = _spans(call)
@@ -171,14 +172,14 @@ def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> boo
 
 def lyapunov_sweep(
     scene: Scene,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, object],
     *,
     count: int = 1,
     transient: int = 300,
     periods: int = 500,
     certify: bool = True,
     orbits: bool = True,
-    **options: Any,
+    **options: object,
 ) -> xr.Dataset:
     """Measure Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
@@ -226,13 +227,13 @@ def lyapunov_sweep(
 
 def orbit_sweep(
     scene: Scene,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, object],
     *,
     period: int = 1,
     transient: int = 60,
     tolerance: float = TOLERANCE,
     max_iterations: int = 40,
-    **options: Any,
+    **options: object,
 ) -> xr.Dataset:
     """Find a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
 
@@ -257,7 +258,7 @@ def sweep_dataset(
     steps: Int[np.ndarray, " cases"],
     call: Call,
     first: Mapping[str, list] | None = None,
-    **more: Any,
+    **more: object,
 ) -> xr.Dataset:
     """Return the results of a run as a dataset.
 

@@ -18,6 +18,7 @@ from ..flow.records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, Abst
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import Scene
 from ..tools.columns import column
+from ..tools.types import AnyArray, Real
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
@@ -35,7 +36,7 @@ def _peak(k: int, q: Quantity) -> Record:
     return Record(Quantity(f"peak_{q.name}", q.unit, text, rf"|{q.symbol}|_{{\max}}"), size, "max")
 
 
-def _only(values: Any, axis: int = 0) -> Any:
+def _only(values: Array, axis: int = 0) -> Array:
     """Return the only one of some values along the first axis, NaN for several."""
     return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
 
@@ -120,8 +121,8 @@ class PerWindow(AbstractQuantityRecord):
 class Worn(NamedTuple):
     """The work of friction at each face since the start, and the play that it opened."""
 
-    work: Float[Any, "*cases faces"]  # [J]
-    play: Float[Any, "*cases faces"]  # that wear has added [m]
+    work: Float[AnyArray, "*cases faces"]  # [J]
+    play: Float[AnyArray, "*cases faces"]  # that wear has added [m]
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ class Wearing(Unlabelled):
         return eqx.tree_at(lambda s: s.section.play, scene, play)
 
 
-def _added(scene: Scene, work: Any, epoch: Any) -> Array:
+def _added(scene: Scene, work: Array, epoch: Real) -> Array:
     """Return the play that wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
     assert scene.wear is not None  # looked at before
     return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.wavelength, work)

@@ -7,6 +7,8 @@ from jaxtyping import Array
 
 Real = float | Array
 """A real number, which may be traced."""
+AnyArray = Array | np.ndarray
+"""An array of JAX or NumPy."""
 Whole = int | Array
 """A whole number, which may be traced."""
 Numbers = Sequence[float] | np.ndarray | Array
