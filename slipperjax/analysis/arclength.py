@@ -223,6 +223,7 @@ class Walk:
                     chord = within.z - before.z
                     within = within._replace(tangent=chord / within.length(chord))
                 self.last = within
+                # borders of critical motions follow the curve
                 self.equations = self.equations.update(within.z, within.null_vectors)
                 yield within
 

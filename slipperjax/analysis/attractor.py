@@ -141,6 +141,7 @@ def _scaled(strobe, scales):
 
 def _classified(states, most, tolerance, floor):
     """Return the entries of `Attractors` for one case."""
+    # one number that is not finite makes a case unresolved
     lost = ~np.isfinite(states).all(-1)
     if lost.any():
         text = f"non-finite states from period {int(np.argmax(lost))} on"
@@ -221,7 +222,9 @@ class _Recurrence:
             decay = self.fit(n, self.floor)
             # the period is n, not a divisor of n, only if the residuals over the divisors do not decay
             falls = [self.fit(m, self.floor).fall for m in _divisors(n)]
-            if decay.convincing and all(abs(fall) < 0.3 * decay.fall for fall in falls):
+            # a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate
+            convincing = decay.fall >= math.log(2) and decay.fit >= 0.95 and 0.85 <= decay.steadiness <= 1.5
+            if convincing and all(abs(fall) < 0.3 * decay.fall for fall in falls):
                 speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
                 return self.result(Regime.PERIODIC, n, f"residual over {n} periods decays by {speed}")
         return None
@@ -285,11 +288,6 @@ class _Decay(NamedTuple):
     """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for an algebraic one and
     for a limit above zero."""
 
-    @property
-    def convincing(self):
-        """True for a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
-        return self.fall >= math.log(2) and self.fit >= 0.95 and 0.85 <= self.steadiness <= 1.5
-
 
 def _decay(residual, windows, floor):
     """Return the fit of exp(-rate k) to the maxima of a residual over windows of equal length.
@@ -306,6 +304,7 @@ def _decay(residual, windows, floor):
     slope, offset = np.polyfit(k, y, 1)
     spread = np.sum((y - y.mean()) ** 2)
     fit = 1 - np.sum((y - offset - slope * k) ** 2) / spread if spread > 0 else 0.0
+    # a decay to zero has the same rate in both halves
     half = len(k) // 2
     first = np.polyfit(k[:half], y[:half], 1)[0]
     second = np.polyfit(k[half:], y[half:], 1)[0]
@@ -316,6 +315,7 @@ def _growth_of_displacement(series, c):
     """Return K of the 0-1 test for one series: the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
+    # of a constant series only rounding errors vary
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
         return 0.0
     series = series / np.abs(series).max()

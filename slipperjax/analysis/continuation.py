@@ -182,6 +182,7 @@ def _extended(branch, walk, search, most, until, on_point):
             nodes.extend(event.node for event in between)
             # the first points are near the start because the walk begins there
             closed = len(nodes) > 3 and passes(nodes[0], last, new)
+            # the last point of a closed curve is beyond its start, and would repeat the first ones
             if not closed:
                 nodes.append(new)
             if on_point is not None:

@@ -81,6 +81,7 @@ class CriticalMotions(AbstractEquations):
         if self.angled:
             slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
+        # v and w are in weighted components, so that these are weighted lengths of one
         unit = lambda a: a / jnp.linalg.norm(a)
         return Linearisation(
             jnp.concatenate([motion.residual, self._parts(g)]),

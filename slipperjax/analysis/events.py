@@ -108,6 +108,7 @@ class EventSearch(NamedTuple):
         row = near.weights**2 * chord
         # well below the tolerance, because test functions near zero are as accurate as the point
         node = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * 1e-3)
+        # a point farther off than the chord is long belongs to another branch
         found = node.residual <= self.tolerance and node.length(node.z - guess) <= node.length(chord)
         return observed(node, self.observe) if found else None
 
@@ -121,6 +122,7 @@ class EventSearch(NamedTuple):
             return []
         if labels == ["BP"]:
             return [self.crossing(a, b) or self.inseparable(labels, a, b, width)]
+        # a pitchfork: the branch turns back where another one crosses it
         if labels == ["LP", "BP"] and (event := self.crossing(a, b, turning=True)) is not None:
             return [event]
         if labels in (["LP"], ["PD"], ["NS"]):

@@ -90,6 +90,7 @@ def multipliers(
         mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
         return mu[jnp.argsort(-jnp.abs(mu))]
     matrices = numbers("matrices", matrices, 3)
+    # a single matrix needs no separation, and NaN cannot be separated
     blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
     mu = np.concatenate([_eigenvalues(product(block)) for block in blocks])
     return mu[np.argsort(-np.abs(mu), kind="stable")]

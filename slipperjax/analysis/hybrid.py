@@ -62,8 +62,13 @@ def share_before(
     height = lambda share: surface(t + share * dt, flow(share))
     # where there is no crossing, a function with a root at 1 stands in
     sought = lambda share: jnp.where(crosses, height(share), share - 1)
-    slope = lambda line, miss: miss / (lambda steep: jnp.where(steep == 0, jnp.inf, steep))(line(jnp.ones_like(miss)))
-    return jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, slope)
+
+    # the implicit derivative of the share, from the linearised function; zero where that is flat
+    def tangent(line, miss):
+        slope = line(jnp.ones_like(miss))
+        return miss / jnp.where(slope == 0, jnp.inf, slope)
+
+    return jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, tangent)
 
 
 def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
@@ -231,16 +236,19 @@ class ImpactStep(AbstractCrossingStep):
     def _reaction(self, t, y):
         """Return the change of the state by an impact, scaled to change the rate of the gap by one."""
         slope = jax.grad(lambda y: self._rate(t, y))(y)
+        # the change by an impact for a change of the state along the gradient of the rate
         jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
         return jump / (slope @ jump)
 
     def _held(self, t, y):
         """Return the field of a motion that stays on the surface."""
+        # the reaction cancels the acceleration of the gap
         return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
     def _settled(self, t, y):
         """Return the state moved onto the surface, with no rate of the gap."""
         slope = jax.grad(lambda y: self.surface(t, y))(y)
+        # to the surface along its normal, then no rate across it
         y = y - self.surface(t, y) / (slope @ slope) * slope
         return y - self._rate(t, y) * self._reaction(t, y)
 
@@ -269,15 +277,16 @@ class ReturnStep(eqx.Module):
             return jnp.where(falls, i, i + 1), jnp.where(falls, y, end), risen | (height > 0), falls
 
         # Rounding puts a start on the surface above or below it, so the surface must have risen before it can fall.
-        if self.reset is None:
-            begin = 0, state, jnp.zeros((), bool), False
-        else:
+        risen = jnp.zeros((), bool)
+        if self.reset is not None:
             state = self.reset(start, state)
-            begin = 0, state, _along(self.field, self.surface)(start, state) > 0, False
+            risen = _along(self.field, self.surface)(start, state) > 0
+        begin = 0, state, risen, False
         i, y, risen, falls = jax.lax.while_loop(lambda c: (c[0] < self.most) & ~c[3], whole_step, begin)
         t = i * self.dt
         flow = lambda share: rk4(self.field, t, y, share * self.dt)
         end = flow(share_before(self.surface, flow, t, self.dt, falls))
+        # NaN where the motion sticks, or does not return within the most steps
         return jnp.where(falls & risen, end, jnp.nan)
 
 
@@ -315,6 +324,7 @@ class _Linearised(eqx.Module):
     def __call__(self, state, k) -> tuple[PyTree, Array]:
         primals = self.function, state, k
         moving, fixed = eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moving))
+        # all numbers that are differentiated, as one vector
         flat, unravel = ravel_pytree(moving)
 
         def end(flat):

@@ -28,6 +28,7 @@ class Regime(enum.IntEnum):
 
     def __new__(cls, code: int, kind_name: str, regime_name: str) -> "Regime":
         member = int.__new__(cls, code)
+        # as an IntEnum a member is its code, with the names as attributes
         member._value_, member.kind_name, member.regime_name = code, kind_name, regime_name
         return member
 

@@ -105,6 +105,7 @@ def weights_of(state: PyTree, scale: Scale | None) -> Float[Array, " size"]:
     """Return the weights of all components in one array; by default all are one."""
     if scale is None:
         return jnp.ones_like(ravel_pytree(state)[0])
+    # a scale may return one number for a whole leaf
     full = lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape)
     return ravel_pytree(jax.tree.map(full, state, scale(state)))[0]
 
@@ -305,11 +306,7 @@ def is_chaotic(exponent: Numbers, stderr: Numbers) -> np.ndarray:
 
 
 def regime(
-    exponent: float | Numbers,
-    stderr: float | Numbers,
-    kind: str | Sequence[str] | np.ndarray,
-    trusted: bool | Numbers,
-    escapes: int | Numbers = 0,
+    exponent: Numbers, stderr: Numbers, kind: Sequence[str] | np.ndarray, trusted: Numbers, escapes: Numbers | int = 0
 ) -> np.ndarray:
     """Return the regime of each case, one of `slipperjax.analysis.REGIMES`.
 
@@ -391,10 +388,12 @@ def standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
     history = numbers("history", history, 2)
     if history.shape[-2] < 8:
         return np.full(history.shape[:-2] + history.shape[-1:], np.nan)
+    # number of blocks: 100 to 199, or the intervals themselves where these are fewer
     n = history.shape[-2] // max(1, history.shape[-2] // 100)
     means = _means_of_parts(history, n)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         x = means - means.mean(axis=-2, keepdims=True)
+        # highest order of the autoregressions
         top = min(int(10 * np.log10(n)), n // 4)
         covariance = [np.sum(x[..., lag:, :] * x[..., : n - lag, :], axis=-2) / n for lag in range(top + 1)]
         noise = covariance[0]

@@ -52,6 +52,7 @@ class OdeStep(eqx.Module):
             max_steps=self.steps + 1,
             throw=False,
         )
+        # the only state that is saved is that at the end
         return jax.tree.map(lambda ys: ys[0], solution.ys)
 
 

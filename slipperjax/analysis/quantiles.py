@@ -13,9 +13,6 @@ from jaxtyping import Float
 
 from ..tools.checks import require, warn
 
-Fit = Callable[[Float[np.ndarray, " groups"]], Float[np.ndarray, " numbers"]]
-"""Function that estimates numbers, given the weight of each condition."""
-
 
 def quantile_plane(
     system: Float[np.ndarray, "rows columns"],
@@ -48,12 +45,13 @@ def mean_plane(
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
     """Return coefficients by weighted least squares."""
+    # rows times the roots of their weights make an unweighted problem
     root = np.sqrt(weights)
     return np.linalg.lstsq(system * root[:, None], values * root, rcond=None)[0]
 
 
 def bootstrap(
-    fit: Fit,
+    fit: Callable[[np.ndarray], np.ndarray],
     groups: int,
     *,
     resamples: int = 100,
@@ -61,8 +59,8 @@ def bootstrap(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers that `fit` estimates from all conditions, and from each resample, (resamples, numbers).
 
-    **Arguments:** `groups`: number of conditions; `resamples`: number of draws with replacement; 100 give a standard
-    error to 7 %.
+    **Arguments:** `fit`: estimates numbers, given the weight of each condition; `groups`: number of conditions;
+    `resamples`: number of draws with replacement; 100 give a standard error to 7 %.
     """
     # how often each condition is drawn is its weight
     draws = np.random.default_rng(seed).multinomial(groups, np.full(groups, 1 / groups), size=resamples)

@@ -129,6 +129,7 @@ def _residuals(functions, static, state):
 
     run = lambda state: jax.lax.scan(interval, state, jnp.arange(float(intervals)))[1]
     residuals = in_one_kernel(run, state)
+    # residuals are those after 1, 2, ... intervals
     return {n: residuals[n - 1] for n in range(1, intervals + 1) if intervals % n == 0}
 
 

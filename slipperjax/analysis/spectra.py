@@ -95,6 +95,7 @@ def find_line(
     # half the width of the main lobe of a Hann window [bins]
     lobe = 2
     peaks, _ = scipy.signal.find_peaks(level, distance=lobe, prominence=6.0, wlen=65)
+    # peaks near the ends have no complete main lobe
     inside = (peaks > lobe) & (peaks < size - 1 - lobe)
     peaks = peaks[inside & (height[peaks] >= 15.0)]
     # half a bin more, because a line at the limit of the tolerance may have its peak in the next bin

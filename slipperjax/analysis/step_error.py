@@ -34,6 +34,7 @@ def with_step_error(
     require(callable(function), "function", "be a function of the number of steps", function)
     steps = whole("steps", steps, 1)
     results = [function(times * steps) for times in finer]
+    # errors of second order fall by this ratio from one difference to the next
     ratio = (finer[-1] / finer[-2]) ** 2
 
     # the error of one leaf of the pytree, from its values with each number of steps

@@ -34,6 +34,7 @@ class Case(NamedTuple):
 def all_cases() -> list[Case]:
     """Return the scenes, from easy to hard. All but the last have the same structure, and so share programs."""
     weightless = lambda **options: paper_scene(**options).replace(gravity=0.0)
+    # straight rails, on which the slipper comes to rest
     still = dict(amplitude=0.0, roll_amplitude=0.0)
     resting = Motion(z=-5e-4, v_z=-1e-3, w_x=1e-2, w_y=1e-2)
     start = table_2_start()
@@ -62,6 +63,7 @@ class Method(NamedTuple):
 
     def setting(self, case: Case, value: float) -> float:
         """Return steps per period, or the tolerance, for one of `settings`."""
+        # a tolerance does not depend on the scene
         if self.adaptive:
             return value
         return float(max(1, round(value * default_steps_per_period(case.scene))))

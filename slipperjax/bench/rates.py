@@ -97,6 +97,7 @@ def program(engine: str, lanes: int) -> functools.partial:
     arguments = (scenes, states)
     # __wrapped__ is the function itself, which is compiled here once for its shapes
     run = lambda scenes, states: advance.__wrapped__(scenes, states, 0.0, **options).state
+    # exponents need a tangent beside the state
     if engine == "Lyapunov":
         tangent = lambda state: first_tangents(state, 1, tangent_weights(scene))
         arguments = (scenes, states, jax.vmap(tangent)(states))

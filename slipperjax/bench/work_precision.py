@@ -164,6 +164,7 @@ def _drawable(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarr
     drawn = []
     for point in points:
         cost, _ = point.cost.get(lanes, point.cost.get(1, (np.nan, np.nan)))
+        # zero and infinity have no logarithm
         if cost > 0 and 0 < point.error < np.inf:
             drawn.append((cost, point.error))
     # the shape also suits an empty list

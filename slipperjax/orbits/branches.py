@@ -154,9 +154,6 @@ class OrbitBranch(OrbitPoints):
         """Return the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
 
-    def __repr__(self) -> str:
-        return self.summary()
-
     def summary(self) -> str:
         """Return a description of the branch in words, with a table of its events."""
         varied = self.parameter
@@ -184,6 +181,8 @@ class OrbitBranch(OrbitPoints):
                 f"  {event.note}".rstrip()
             )
         return "\n".join(lines)
+
+    __repr__ = summary
 
     def events_dataframe(self) -> "pd.DataFrame":
         """Return a `pandas.DataFrame` with a row per event, in the order of `events`."""
@@ -363,6 +362,7 @@ class _Settings:
         nodes = branch.nodes
         scene = self.scene
         views: list[OrbitView] = [node.view.data for node in nodes]
+        # a bifurcation, with a multiplier on the unit circle, counts as unstable
         stable = [not node.outside and not node.critical for node in nodes]
         call = {
             "function": "continue_orbit",
@@ -374,6 +374,7 @@ class _Settings:
             "tolerance": self.tolerance,
         }
         ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
+        # contact points of both ends, the front ones first, get an axis of ends
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
         signatures = [view.signature for view in views]
         data = {
@@ -401,6 +402,7 @@ class _Settings:
         # crossings of all orbits, with a leading axis of points
         together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
         sections, _ = Sections().label(scene, ("point",), together)
+        # the state at the start of the orbit is its one strobe state
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}
         ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
@@ -532,6 +534,7 @@ def bounds_of(varied: Parameter, bounds: object) -> tuple[float, float]:
 
 def labels(until: Sequence[str]) -> tuple[str, ...]:
     """Return `until` as a tuple; raise `ValueError` unless all are labels of events."""
+    # at the other two a way ends anyway
     choices = [label for label in MEANINGS if label not in ("EP", "MX")]
     known_labels = not isinstance(until, str) and all(label in choices for label in until)
     require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)

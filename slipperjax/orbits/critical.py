@@ -101,6 +101,7 @@ def _critical_orbit(
 def _angle(orbit: PeriodicOrbit) -> float:
     """Return the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
     mu = np.asarray(orbit.multipliers)
+    # one multiplier of each complex pair
     upper = mu[mu.imag > 0]
     return float(np.angle(min(upper, key=lambda mu: abs(abs(mu) - 1)))) if len(upper) else 0.0
 
@@ -227,6 +228,7 @@ class GapExtreme(eqx.Module):
         index = jnp.arange(gap.shape[1] - 1)
         turns = (sign * slope[:, :-1] > 0) & (sign * slope[:, 1:] <= 0) & (index < steps)[None]
         middle = jnp.arange(self.period)[:, None] + ((index + 0.5) / steps)[None]
+        # distance in time around the orbit, in which the end is the start
         away = jnp.abs((middle - self.time + self.period / 2) % self.period - self.period / 2)
         k, n = jnp.unravel_index(jnp.argmin(jnp.where(turns, away, jnp.inf)), turns.shape)
         cubic = Cubic.through(gap[k, n], slope[k, n], gap[k, n + 1], slope[k, n + 1])

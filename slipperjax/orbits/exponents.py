@@ -80,6 +80,7 @@ def lyapunov_spectrum(
     total = whole("periods", periods, 1) + whole("transient", transient, 0) + whole("align", align, 0)
     check_rail(scene, total, origin)
     count = check_count(scene, count)
+    # the cost of a traced number of steps is not known
     if not is_traced(steps):
         seconds = SECONDS_PER_STEP * steps * total
         refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * periods * count, seconds)

@@ -176,6 +176,7 @@ def periodic_orbit(
     # a further transient only if Newton's method finds no orbit after the first
     for count in tries:
         state = _simulated(step, state, count, traced)
+        # a residual of zero leaves the status of the motion itself
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
             # a motion that is not finite has no Jacobians
             size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
@@ -183,6 +184,7 @@ def periodic_orbit(
             shot = Shot(state, nothing[0, 0, 0], jnp.asarray(0), nothing)
             break
         shot = shoot(step, state, intervals=period, **options)
+        # a traced residual cannot be compared, so the first result is the last
         if traced or float(shot.residual) <= tolerance:
             break
     if not traced and period > 1 and float(shot.residual) <= tolerance:
@@ -193,6 +195,7 @@ def periodic_orbit(
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
+    # without the smallest multipliers, which are those of the contacts' memory
     in_flight = not traced and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
     if in_flight and np.isfinite(state.motion.y):
         # In free flight all multipliers have modulus one, and Newton's method stays or goes anywhere: did the motion

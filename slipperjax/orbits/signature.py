@@ -150,6 +150,7 @@ def signature(scene: Scene, gaps: Gaps) -> Signature:
         is_open = cubic.value(middle) >= 0
         low = np.where(is_open, middle, low)
         high = np.where(is_open, high, middle)
+    # slopes of the cubics are per step
     rates = cubic.slope_at(low) / gaps.step
     touchdowns = []
     for part, step, point in zip(*np.nonzero(falls), strict=True):

@@ -360,11 +360,9 @@ def rows(found: Mapping[str, Answer]) -> list[dict[str, str]]:
     table = []
     for key, claim in CLAIMS.items():
         if key in found:
+            ours, good, why = found[key]
             row = {"claim": key, "where": claim.figure, "says": claim.says, "paper": claim.paper}
-            row["ours"] = found[key].ours
-            row["verdict"] = "reproduced" if found[key].good else "differs"
-            row["evidence"] = found[key].why
-            table.append(row)
+            table.append(row | {"ours": ours, "verdict": "reproduced" if good else "differs", "evidence": why})
     return table
 
 

@@ -69,6 +69,7 @@ def _figure_4(data: Data) -> Figure:
         time = case["period"].values - case["period"].values[0]
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
+        # histories have 50 samples per forcing period
         density = power_spectral_density(case["alpha_x"].values, 50 * forcing)
         spectrum(density.frequency / forcing, density.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
         top = float(np.max(density.density))
@@ -152,6 +153,7 @@ def _diagram(name: str, data: Data) -> Figure:
         found, labels = ax.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))
         ax.get_legend().remove()
+    # only the lowest panels label the shared axis
     plt.setp(panels[:3], xlabel="")
     # limits of the whole diagram, of which a branch covers a part
     first.set_xlim(PARAMETERS[name].shown(data[name][name].values[[0, -1]]))

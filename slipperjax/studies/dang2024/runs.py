@@ -89,6 +89,7 @@ def run_lists(
     # the slower the sled, the longer a period, and the shorter the part of it that an impact takes
     steps = np.where(grid["speed"] < 500.0, 2 * STEPS, STEPS)
     ds = run(scene, grid, product=False, steps_per_period=steps, **options)
+    # cut the result into the lists again
     parts = {}
     first = 0
     for name, part in lists.items():
@@ -112,6 +113,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
         if name == "histories":
             data["sections"] = data[name]
             data[name] = _histories(paper_scene(), part, effort.transient, effort.progress)
+            # the forcing frequency follows from the wavelength of 8 m
             found |= answers(name, Singles(data[name], part["speed"] / 8, data["sections"], effort.judged))
             continue
         evidence = _jumps(part["speed"], effort.progress) if name == "speed" else ""
@@ -223,6 +225,7 @@ def _reading(plays: int, clamp: bool, progress: bool | None) -> dict[str, str]:
     fast = Diagram(parts["fast"], "speed", 200)
     # back to the paper's C, for the claims
     wide = parts["wide"].assign_coords(clearance=parts["wide"]["clearance"] / plays)
+    # both cases are forced at 156.25 Hz: 1250 m/s over 8 m
     history = Singles(_histories(scene, lists["lengths"], **options), [156.25, 156.25])
     # the nearest of the speeds
     at_900 = int(np.argmin(abs(slow.values - 900)))
@@ -275,6 +278,7 @@ def reproduce(
     if transient is not None:
         effort = effort._replace(transient=whole("transient", transient, 20))
     wanted = {one_of("figures", str(figure), FIGURES) for figure in figures}
+    # a generator of its own, so that wrong arguments raise at the call, not at the first `next`
     return _finished_runs(wanted, effort)
 
 

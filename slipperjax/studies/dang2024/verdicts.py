@@ -50,6 +50,7 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
     # percentiles leave out outliers
     extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
     gaps = np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1)
+    # n gaps lie between n + 1 points, unless there are none
     return gaps + np.isfinite(ordered[..., 0])
 
 
@@ -65,6 +66,7 @@ def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     # False at both ends gives each range two edges, at which the mask changes
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
+    # edges alternate: the first case of a range, and the first one after it
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
@@ -82,6 +84,7 @@ class Diagram:
     def __init__(self, ds: xr.Dataset, name: str, judged: int = 0, evidence: str = ""):
         """**Arguments:** `name`: of the parameter; `judged`: number of the last periods by which attractors are
         named; `evidence`: that of answers which have none of their own."""
+        # the paper's unit over the SI unit, the step of the paper's grid, and the unit's name
         per_unit, paper_step, self.unit = {
             "speed": (1.0, 10.0, "m/s"),
             "clearance": (1e3, 0.025, "mm"),
@@ -136,6 +139,7 @@ class Diagram:
         """Return whether a place on the axis agrees with the paper's within `steps`, with no flagged case near it."""
         # next to a flagged case, where a range is cut off, the place may be that of the flag
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
+        # a little more than whole steps, because values of a grid are rounded
         return bool(abs(ours - paper) <= 1.001 * steps * self.step and np.all(self.good[around]))
 
 
@@ -260,6 +264,7 @@ class Singles:
 def motion(of: Singles, k: int, wanted: str, lines: Mapping[str, float] | None = None) -> Answer:
     """Return the kind of a motion; it agrees if it is the `wanted` one and its roll acceleration has all `lines`."""
     text = named(of.kinds, k)
+    # what is not periodic may be a torus, chaos or unresolved
     good = not text.startswith("period") if wanted == "not periodic" else text == wanted
     if lines:
         has = spectral_lines(of, k, "alpha_x", lines)
