@@ -236,7 +236,18 @@ class Walk:
         on_bound = (self.last.z == self.low) | (self.last.z == self.high)
         if np.any(beyond & on_bound):  # the step began on the bound
             return None
-        point = self._at_bound(point)
+        edges = np.clip(point.z, self.low, self.high)
+        chord = point.z - self.last.z
+        # share of the chord at which each bound is met
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(beyond, (edges - self.last.z) / chord, np.inf)
+        k = int(np.argmin(shares))
+        # correct in the plane of the bound that is met first
+        row = np.zeros_like(chord)
+        row[k] = np.sign(chord[k])
+        guess = self.last.z + shares[k] * chord
+        guess[k] = edges[k]
+        point = correct(self.equations, guess, row, point.z, tolerance=self.tolerance)
         if point.residual <= self.tolerance:
             return point
         self.ended = "no convergence"
@@ -259,21 +270,6 @@ class Walk:
         # branch point, whose tangent is undetermined.
         arched = chord @ mean > 0.995 * np.linalg.norm(chord) * np.linalg.norm(mean)
         return bool(point.row @ self.last.tangent > LEAST_TURN and near and arched)
-
-    def _at_bound(self, beyond: Node) -> Node:
-        """Return the curve's point on the first bound that a step beyond it meets; look at its `residual`."""
-        edges = np.clip(beyond.z, self.low, self.high)
-        chord = beyond.z - self.last.z
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # share of the chord at which each bound is met
-            shares = np.where(edges == beyond.z, np.inf, (edges - self.last.z) / chord)
-        k = int(np.argmin(shares))
-        # correct in the plane of the bound that is met first
-        row = np.zeros_like(beyond.z)
-        row[k] = np.sign(chord[k])
-        guess = self.last.z + shares[k] * chord
-        guess[k] = edges[k]
-        return correct(self.equations, guess, row, beyond.z, tolerance=self.tolerance)
 
 
 def checked_bounds(bounds: object, text: str = "numbers") -> tuple[float, float]:

@@ -343,11 +343,8 @@ def _mean_square_displacement(z, steps):
     return (moved + square[:, [count - 1]] - 2 * product) / count
 
 
-def _neighbours(x, most=30, window=10):
+def _neighbours(x):
     """Return how fast neighbouring states diverge, and how evenly the states fill the section.
-
-    **Arguments:** `most`: number of periods over which neighbours are followed, at most a fifth of the record;
-    `window`: states fewer than this many periods apart in time do not count as neighbours (Theiler).
 
     **Returns:** four numbers. The mean growth of the logarithm of the distance of nearest neighbours in the first
     period, and its further growth over later periods (Rosenstein, Collins and De Luca 1993,
@@ -359,11 +356,11 @@ def _neighbours(x, most=30, window=10):
     for state in x.T:  # one state at a time, to save memory
         np.maximum(distance, np.abs(state[:, None] - state), out=distance)
     tiny = 1e-12 * distance.max()
-    ahead = min(most, periods // 5)
-    # nearest neighbours of states that can be followed ahead: near in space, but not in time
+    ahead = min(30, periods // 5)
+    # nearest neighbours of states that can be followed ahead: near in space, but ten periods apart in time (Theiler)
     index = np.arange(periods)
     lag = np.abs(index[:, None] - index)
-    apart = np.where(lag < window, np.inf, distance)
+    apart = np.where(lag < 10, np.inf, distance)
     count = periods - ahead
     other = np.argmin(apart[:count, :count], axis=1)
     steps = np.arange(ahead + 1)[:, None]

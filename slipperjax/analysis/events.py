@@ -20,6 +20,10 @@ MEANINGS = {
     "MX": "end: no convergence at the least step",
 }
 """Labels of events, as in AUTO and COCO, with their meanings."""
+NARROWEST = 1e-10
+"""Share of a step at which halving ends."""
+BRACKET = 1e-9
+"""Share of a step before and after a root of a test function at which its sign is confirmed."""
 
 
 def resonance(angle: float) -> str:
@@ -91,10 +95,6 @@ class EventSearch(NamedTuple):
     conserved: bool = False
     """True where the map is conservative at both ends of the step. At one end alone the product of all multipliers
     may be 1 by chance, at an event."""
-    narrowest: float = 1e-10
-    """Share of the step at which halving ends."""
-    bracket: float = 1e-9
-    """Share of the step before and after a root of a test function at which its sign is confirmed."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
         """Return the located events in the step of a branch from a to b, in their order."""
@@ -128,11 +128,11 @@ class EventSearch(NamedTuple):
         if labels in (["LP"], ["PD"], ["NS"]):
             event = self.located(labels[0], a, b)
             # not converged: a Neimark-Sacker and a flip may look like a single flip from both ends
-            if event.converged or width <= self.narrowest:
+            if event.converged or width <= NARROWEST:
                 return [event]
         if labels == ["GR"] and (event := self.grazing(a, b)) is not None:
             return [event]
-        middle = self.at(0.5, a, b) if width > self.narrowest else None
+        middle = self.at(0.5, a, b) if width > NARROWEST else None
         if middle is None:
             return [self.inseparable(labels, a, b, width)]
         return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
@@ -158,9 +158,9 @@ class EventSearch(NamedTuple):
         root = None
         with contextlib.suppress(ValueError):
             # where the test jumps, Brent's method may end with a wide bracket: two more points close in on the root
-            root = float(brentq(value, 0.0, 1.0, xtol=self.narrowest / 100, rtol=1e-14, maxiter=60, disp=False))
-            value(max(root - self.bracket, 0.0))
-            value(min(root + self.bracket, 1.0))
+            root = float(brentq(value, 0.0, 1.0, xtol=NARROWEST / 100, rtol=1e-14, maxiter=60, disp=False))
+            value(max(root - BRACKET, 0.0))
+            value(min(root + BRACKET, 1.0))
         tests = {share: test(node) for share, node in nodes.items()}
         if root is None:
             root = min(tests, key=lambda share: abs(tests[share]))
@@ -176,7 +176,7 @@ class EventSearch(NamedTuple):
         on_circle = complex(np.exp(1j * np.angle(critical)))
         expected = {"LP": 1.0, "PD": -1.0, "NS": on_circle}[label]
         near = abs(critical - expected) < CRITICAL_DISTANCE + CONSERVED * self.conserved
-        converged = width <= 4 * self.bracket and near and (label != "NS" or critical.imag != 0)
+        converged = width <= 4 * BRACKET and near and (label != "NS" or critical.imag != 0)
         near_to = resonance(np.angle(critical)) if label == "NS" else ""
         note = f"near the strong resonance {near_to}: a torus need not branch off" if near_to else ""
         node = nearest._replace(label=label)
@@ -233,9 +233,9 @@ class EventSearch(NamedTuple):
             return (1.0 if counts == before else -1.0) * min(node.view.margins[k] for k in kinds)
 
         low, high, _, width = self.narrowed(test, a, b)
-        if width > 4 * self.bracket or changes(low, high, self.conserved) != ["GR"]:
+        if width > 4 * BRACKET or changes(low, high, self.conserved) != ["GR"]:
             return None
-        return self.inseparable(["GR"], low, high, self.narrowest)
+        return self.inseparable(["GR"], low, high, NARROWEST)
 
     def index(self, a: Node, b: Node) -> int:
         """Return the index of the critical multiplier; sorted by modulus, multipliers keep it along the branch."""
@@ -258,7 +258,7 @@ class EventSearch(NamedTuple):
             # the two largest multipliers on both sides
             one, other = (", ".join(f"{m:.4g}" for m in node.multipliers[:2]) for node in (a, b))
             notes.append(f"multipliers jump from {one} to {other}")
-        alone = width <= self.narrowest
+        alone = width <= NARROWEST
         if not alone:
             notes.append(f"{width:.1g} of a step could not be divided")
         low, high = sorted((float(a.z[-1]), float(b.z[-1])))

@@ -106,21 +106,12 @@ def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.eigvals(matrix).astype(complex)
 
 
-def _blocks(
-    matrices: np.ndarray,
-    passes: int = 30,
-    separated: float = 1e-12,
-) -> list[np.ndarray]:
-    """Return the diagonal blocks (intervals, k, k) of the matrices in bases that make all of them block triangular.
-
-    **Arguments:** `passes`: passes of the QR factors through all intervals; `separated`: two blocks are separate
-    where the entries that couple them are below this share of the norm of the first. Rounding errors over many
-    intervals grow to this; a larger block because of them would cost more accuracy.
-    """
+def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
+    """Return the diagonal blocks (intervals, k, k) of matrices, in bases that make all of them block triangular."""
     size = matrices.shape[1]
-    # orthogonal iteration: the bases converge to subspaces in the order of falling moduli
+    # orthogonal iteration: in 30 passes the bases converge to subspaces in the order of falling moduli
     basis = np.eye(size)
-    for _ in range(passes):
+    for _ in range(30):
         bases = [basis]
         for matrix in matrices:
             bases.append(np.linalg.qr(matrix @ bases[-1])[0])
@@ -130,10 +121,11 @@ def _blocks(
         # the last interval ends in the basis in which the first one begins
         then = bases[(k + 1) % len(matrices)]
         inside.append(then.T @ matrix @ bases[k])
-    # a cut is good where the entries below left of it are about rounding error in all matrices
+    # Blocks are separate where the entries below left, which couple them, are small in all matrices: 1e-12 of the
+    # norm, to which rounding errors grow over many intervals. Larger blocks would cost more accuracy.
     cuts = [0]
     for k in range(1, size):
-        if all(np.abs(m[k:, :k]).max() <= separated * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
+        if all(np.abs(m[k:, :k]).max() <= 1e-12 * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
             cuts.append(k)
     blocks = []
     for begin, end in itertools.pairwise([*cuts, size]):

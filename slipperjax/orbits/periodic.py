@@ -175,7 +175,11 @@ def periodic_orbit(
     options = dict(scale=scale, consistent=consistent_state, tolerance=tolerance, max_iterations=limit)
     # a further transient only if Newton's method finds no orbit after the first
     for count in tries:
-        state = _simulated(step, state, count, traced)
+        if count:
+            # the transient, without derivatives
+            fixed, state = without_derivatives((step, state))
+            later = fixed.run(state, periods=count) if traced else run_eagerly(fixed, state, count, RecordSet())
+            state = later.state
         # a residual of zero leaves the status of the motion itself
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
             # a motion that is not finite has no Jacobians
@@ -219,11 +223,3 @@ def _status(state: State, residual: Array, tolerance) -> Array:
         int(Status.NO_ORBIT),
         code,
     )
-
-
-def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
-    """Return the state some forcing periods later, without derivatives."""
-    if not periods:
-        return state
-    step, state = without_derivatives((step, state))
-    return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, RecordSet()).state

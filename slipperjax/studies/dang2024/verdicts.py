@@ -37,10 +37,10 @@ def good_cases(ds: xr.Dataset) -> np.ndarray:
     return ds["status"].values == Status.FINITE
 
 
-def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
+def section_points(values: np.ndarray) -> np.ndarray:
     """Return the number of distinct points of each case on a section, 0 where all its values are NaN.
 
-    Points count as one where no gap between them exceeds `tolerance` of the whole diagram's extent.
+    Points count as one where no gap between them exceeds 1 % of the whole diagram's extent.
 
     **Arguments:** `values`: (cases, crossings), NaN where a case has fewer crossings.
     """
@@ -49,7 +49,7 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
     present = values[np.isfinite(values)]
     # percentiles leave out outliers
     extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
-    gaps = np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1)
+    gaps = np.sum(np.diff(ordered, axis=-1) > 0.01 * extent, axis=-1)
     # n gaps lie between n + 1 points, unless there are none
     return gaps + np.isfinite(ordered[..., 0])
 
