@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from ..model.parameters import PARAMETERS, parameter
 from ..tools.checks import require
@@ -26,7 +27,6 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    import numpy
     import xarray
 
     from ..design.objectives import Objective
@@ -174,26 +174,21 @@ def _margins(best: "Design") -> "xarray.Dataset | None":
         print(f"nearest events were not found: {error}")
         return None
     print("nearest events:")
-    # a line for each parameter, way and case
-    for row in range(ds.sizes["margin"]):
-        at = ds.isel(margin=row)
-        quantity = parameter(str(at["parameter"].item()), best.problem.scene)
+    columns = ds[["case", "parameter", "label", "value", "relative"]].to_dataframe()
+    # a line for each case, parameter and way that it changes
+    for case, name, event, value, relative in columns.itertuples(index=False):
+        quantity = parameter(name, best.problem.scene)
         where = ", ".join(
-            f"{name} {PARAMETERS[name].shown(values[int(at['case'])]):.5g} {PARAMETERS[name].display_unit}"
-            for name, values in best.problem.cases.items()
+            f"{over} {PARAMETERS[over].shown(values[case]):.5g} {PARAMETERS[over].display_unit}"
+            for over, values in best.problem.cases.items()
         )
-        event = str(at["label"].item()) or "none up to"
-        value = (
-            f"{quantity.shown(float(at['value'])):.6g} {quantity.display_unit} ({100 * float(at['relative']):+.3g} %)"
-        )
-        print(f"  {where or 'the case'}: {quantity.name} {event} {value}", flush=True)
+        change = f"{quantity.shown(value):.6g} {quantity.display_unit} ({100 * relative:+.3g} %)"
+        print(f"  {where or 'the case'}: {quantity.name} {event or 'none up to'} {change}", flush=True)
     return ds
 
 
-def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> "numpy.ndarray":
+def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> np.ndarray:
     """Return the speeds of --speeds [m/s]."""
-    import numpy as np
-
     alone = not given("speed") and "speed" not in variables
     require(alone, "--speeds", "not be given with --speed or --vary speed", shown="given")
     # one speed alone has two equal ends

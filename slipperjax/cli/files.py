@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..flow.status import Interrupted
 from ..model.scene import Scene
 from ..tools.files import Content, listed, write_each
@@ -14,10 +16,9 @@ from ..tools.types import Numbers
 
 if TYPE_CHECKING:
     import matplotlib.axes
-    import numpy
     import xarray
 
-Draw = Callable[["xarray.Dataset"], "matplotlib.axes.Axes | numpy.ndarray"]
+Draw = Callable[["xarray.Dataset"], "matplotlib.axes.Axes | np.ndarray"]
 """Draws a dataset; returns Axes, or an array of them."""
 
 PARTIAL = "_partial"
@@ -38,7 +39,7 @@ def make_folder(folder: Path, out: Path) -> None:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
-def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | numpy.ndarray":
+def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | np.ndarray":
     """Draw the picture that fits a dataset; import matplotlib only now, so that help and errors need not wait."""
     from ..plots.picture import plot
 
@@ -48,7 +49,6 @@ def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | 
 def _picture(ds: "xarray.Dataset", draw: Draw) -> bytes:
     """Return the content of a PNG file of a dataset, drawn by `draw`."""
     import matplotlib
-    import numpy as np
 
     matplotlib.use("Agg")  # which needs no screen
     from ..plots.style import png
@@ -116,8 +116,6 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
 
 def step_error(scene: Scene, changes: Numbers) -> str:
     """Return in words the largest of the changes of a forcing period by half the step, in `accuracy_scales`."""
-    import numpy as np
-
     from ..model.kinematics import share_of_scale
 
     most = float(np.max(changes))

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
+from ..flow.status import Status
 from ..model.parameters import Parameter
 from ..tools.checks import require
 from .files import Outputs, keeping, step_error
@@ -56,10 +58,7 @@ def simulate(
     case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Path
 ) -> int:
     """Simulate one case and write its trajectory."""
-    import numpy as np
-
     from ..flow.simulate import simulate as run
-    from ..flow.status import Status
 
     scene = case.scene
     files = Outputs(out, ".nc", ".png")
@@ -112,8 +111,6 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
 
 def _is_lost(motion: "PeriodicOrbit") -> bool:
     """Return whether Newton's method found no orbit, and print why."""
-    from ..flow.status import Status
-
     status = Status(int(motion.status))
     if status != Status.FINITE:
         print(f"no file is written; residual {float(motion.residual):.2g}; status: {status}")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import click
 import diffrax
+import numpy as np
 
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
@@ -360,8 +361,6 @@ def make_bounds(
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
-    import numpy as np
-
     quantity = parameter(name, scene)
     low = shown_value(quantity, low)
     high = shown_value(quantity, high)

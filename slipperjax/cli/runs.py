@@ -4,14 +4,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
+from ..flow.status import Status
 from ..model.scene import Scene
 from ..tools.units import STANDARD_GRAVITY
 from .files import Outputs, keeping, step_error
 from .options import FILE, LOST, Case, app, begin, given, result, takes_case
 
 if TYPE_CHECKING:
-    import numpy
     import xarray
 
 
@@ -26,7 +27,6 @@ def run(case: Case, begin: float | None, out: Path) -> int:
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km".
     """
     from ..flow.datasets import load_run
-    from ..flow.status import Status
     from ..sweeps.runs import run as over_rail
 
     table = load_run(click.get_current_context().params["scene"])
@@ -43,7 +43,6 @@ def run(case: Case, begin: float | None, out: Path) -> int:
 
 def report(ds: "xarray.Dataset", scene: Scene) -> str:
     """Return a run in words, a line for each result that it has."""
-    from ..flow.status import Status
     from ..model.quantities import ACCELERATIONS
     from ..plots.runs import edges_of
 
@@ -89,7 +88,7 @@ def _peak(ds: "xarray.Dataset", scene: Scene) -> list[str]:
     return [f"highest contact force {peak / 1e3:.4g} kN at {place}{times}"]
 
 
-def _worst(words: str, values: "numpy.ndarray", unit: str, edges: "numpy.ndarray") -> str:
+def _worst(words: str, values: np.ndarray, unit: str, edges: np.ndarray) -> str:
     """Return in words the largest of the stretches' values, and that stretch."""
     k = int(values.argmax())
     return f"worst {words}: {_with_g(values[k], unit)} from {edges[k]:.6g} to {edges[k + 1]:.6g} m"
@@ -102,8 +101,6 @@ def _with_g(value: float, unit: str) -> str:
 
 def static_load(scene: Scene, speed: float) -> float:
     """Return the resultant of weight and applied load across the rail at a speed [N]."""
-    import numpy as np
-
     from ..model.dynamics import driven_mass
 
     # gravity pulls downward, a load in any direction

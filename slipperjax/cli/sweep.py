@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from ..analysis.attractor import MIN_TEST
 from ..model.parameters import PARAMETERS, STARTS, parameter
@@ -37,7 +38,6 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    import numpy
     import xarray
 
     from ..sweeps.store import Store
@@ -166,9 +166,7 @@ def sweep(
         return _swept(run, case, grid, files, show, **options)
 
 
-def make_grid(
-    scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None
-) -> "dict[str, numpy.ndarray]":
+def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, np.ndarray]:
     """Return values in SI units by parameter name, logarithmically spaced for the names in `log`.
 
     **Arguments:** `axes`: of `--over` and of each `--by`; `sample`: number of points spread over the box that they
@@ -176,8 +174,6 @@ def make_grid(
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
-    import numpy as np
-
     from ..sweeps.estimate import Estimate
     from ..sweeps.grid import sample_box
 
@@ -249,7 +245,7 @@ def _executor(count: int | None, address: str | None) -> AbstractContextManager:
 def _swept(
     function: "Callable[..., xarray.Dataset]",
     case: Case,
-    grid: "dict[str, numpy.ndarray]",
+    grid: dict[str, np.ndarray],
     files: Outputs | None,
     show: str | None = None,
     **options,
@@ -305,8 +301,6 @@ def _write(ds: "xarray.Dataset", files: Outputs, show: str | None) -> None:
 
 def summary(ds: "xarray.Dataset", seconds: float) -> str:
     """Return a sweep in one line: numbers of cases, periods and steps, time, regimes and statuses."""
-    import numpy as np
-
     from ..analysis.kinds import REGIMES, lasting
     from ..flow.status import Status
 

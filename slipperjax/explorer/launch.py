@@ -51,13 +51,13 @@ class Explorer:
         self._secret = secrets.token_urlsafe()
         self._opened = threading.Event()
         self._workers: list[Worker] = []
-        # sockets are opened from pages of these hosts only, and computations end soon after their window was closed
         started = threading.Event()
 
         # all in one thread, because loops of asyncio and tornado belong to the thread that made them
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
             self._loop = IOLoop.current()
+            # sockets are opened from pages of these hosts only, and computations end soon after their window
             pages = BokehTornado(
                 {"/": self._open},
                 prefix=self._secret,

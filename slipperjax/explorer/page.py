@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import html
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any
 
@@ -222,7 +222,7 @@ class Page:
         self.bar.visible = not picture.colors
         if picture.colors:
             missing = {NOT_RUN_LABEL: "#ffffff"} if np.isnan(picture.values).any() else {}
-            self.legend.text = _legend((picture.colors | missing).items())
+            self.legend.text = _legend(picture.colors | missing)
             palette = list(picture.colors.values())
             self.mapper.update(palette=palette, low=-0.5, high=len(palette) - 0.5)
         else:
@@ -321,11 +321,11 @@ class Page:
         self.texts.data = {"python": [python_of(self.session)], "toml": [toml]}
 
 
-def _legend(colors: Iterable[tuple[str, str]]) -> str:
+def _legend(colors: dict[str, str]) -> str:
     """Return names and their colours as HTML."""
     square = '<span style="display:inline-block;width:12px;height:12px;background:{};border:1px solid #777"></span>'
     entry = f'<span style="white-space:nowrap">{square} {{}}</span>'
-    return " &ensp; ".join(entry.format(color, html.escape(name)) for name, color in colors)
+    return " &ensp; ".join(entry.format(color, html.escape(name)) for name, color in colors.items())
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

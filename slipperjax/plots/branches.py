@@ -1,7 +1,5 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -56,7 +54,10 @@ def branches(
     """
     check_quantity(quantity)
     points = _datasets(ds, "continue_orbit", "stable", "event_point")
-    name = _parameter(points)
+    names = {varied_names(one)[0] for one in points}
+    if len(names) > 1:
+        raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
+    (name,) = names
     lines = [_lines_of(one, quantity) for one in points]
     if brute is not None:
         check_brute(brute, name, quantity)
@@ -202,14 +203,6 @@ def _datasets(ds: object, source: str, *names: str) -> list[xr.Dataset]:
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
     require(several, "ds", f"be one result of {source} or more", ds)
     return [check_dataset(one, source, *names) for one in several]
-
-
-def _parameter(points: Sequence[xr.Dataset]) -> str:
-    """Return the one parameter that all branches are over."""
-    names = {varied_names(one)[0] for one in points}
-    if len(names) > 1:
-        raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
-    return names.pop()
 
 
 def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:

@@ -95,9 +95,8 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> np.ndarray:
 
 
 def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
-    """Return the edges [m] of the windows or stretches of a run, which are coordinates `along` it."""
-    ends = ds[along].values
-    return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
+    """Return the edges [m] of the windows (`along` is "distance") or stretches ("stretch") of a run."""
+    return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ds[along].values)
 
 
 def _stretches_of(ds: xr.Dataset) -> xr.Dataset:

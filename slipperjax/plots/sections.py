@@ -227,18 +227,12 @@ def animate(
     **Raises:** `ValueError` that names the argument, for a dataset of several cases or without its scene.
     """
     every = whole("every", every, 1)
-    interval = 1e3 / number(positive, "fps", fps)
+    interval = 1e3 / number(positive, "fps", fps)  # in ms
     picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
-    frames = range(0, len(picture.frames.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
-    return FuncAnimation(
-        picture.figure,
-        picture.show,
-        frames,
-        init_func=lambda: [],
-        interval=interval,
-    )
+    frames = range(0, len(picture.frames.period), every)
+    return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
 
 
 def instant(
