@@ -58,7 +58,7 @@ def _picture(ds: "xarray.Dataset", draw: Draw) -> bytes:
 
 
 class Outputs:
-    """The files of a command: OUT with endings."""
+    """The files that a command writes: OUT with each of its endings."""
 
     def __init__(self, out: Path, *endings: str):
         """Make the folder, and print which files will be replaced.
@@ -115,7 +115,7 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
 
 
 def step_error(scene: Scene, changes: Numbers) -> str:
-    """Return in words the largest of the changes of a forcing period by half the step, in `accuracy_scales`."""
+    """Return in words the largest change of a forcing period by half the step, in units of `accuracy_scales`."""
     from ..model.kinematics import share_of_scale
 
     most = float(np.max(changes))

@@ -94,7 +94,7 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **optio
 @result("lyapunov")
 @takes_case
 def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Path, **options) -> int:
-    """Compute the largest Lyapunov exponent over one parameter, or over two as a regime map."""
+    """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
     grid = make_grid(case.scene, *filter(None, (over, by)), log=log)
@@ -290,7 +290,7 @@ def _draw(ds: "xarray.Dataset", show: str | None) -> Draw | None:
 
 
 def _write(ds: "xarray.Dataset", files: Outputs, show: str | None) -> None:
-    """Write the files of a sweep."""
+    """Write the dataset and the picture of a sweep, as far as it has them."""
     draw = _draw(ds, show)
     if draw is None:
         print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")

@@ -80,7 +80,7 @@ class Explorer:
 
     @property
     def url(self) -> str:
-        """Its address, whose secret lets in whoever knows it."""
+        """Address of the page, with the secret that opens it."""
         return f"http://{ADDRESS}:{self.port}/{self._secret}/"
 
     def open_browser(self) -> None:

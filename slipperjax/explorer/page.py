@@ -177,7 +177,7 @@ class Page:
     # --- the map ----------------------------------------------------------------------------------------------------
 
     def _show_view(self) -> None:
-        """Draw the left side anew."""
+        """Draw the left side again."""
         view = self.session.view
         self.back.disabled = len(self.session.views) == 1
         options = pictures.choices(view)
@@ -329,7 +329,7 @@ def _legend(colors: dict[str, str]) -> str:
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:
-    """Return the least and the greatest finite value, apart from one another."""
+    """Return the smallest and the largest finite value, moved apart where they are equal."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     return (low, high) if high > low else (low - 0.5, low + 0.5)

@@ -25,12 +25,12 @@ CODE = {part.partition("\n")[0].partition(":")[0]: part.partition("\n")[2] for p
 
 
 def source(*columns: str) -> ColumnDataSource:
-    """Return an empty source."""
+    """Return an empty data source with these columns."""
     return ColumnDataSource(data={name: [] for name in columns})
 
 
 def panel(title: str, across: str = "", up: str = "", **options: object) -> figure:
-    """Return a small figure."""
+    """Return a small figure with labelled axes."""
     options = dict(width=346, height=212, tools="wheel_zoom,pan,reset", toolbar_location=None) | options
     f: Any = figure(title=title, x_axis_label=across, y_axis_label=up, **options)
     f.title.text_font_size = "12px"
@@ -40,7 +40,7 @@ def panel(title: str, across: str = "", up: str = "", **options: object) -> figu
 
 
 class Panels:
-    """The right side."""
+    """The right side of the page: one case."""
 
     def __init__(self, chosen: Callable[[], None]):
         """**Arguments:** `chosen`: called when another motion is chosen."""
@@ -111,7 +111,7 @@ class Panels:
         return [row(*figures), row(self.play, self.instant, self.scale)]
 
     def show(self, shown: Shown | None) -> None:
-        """Draw the case."""
+        """Draw a case, if there is one already."""
         if shown is None:
             return
         velocity = self.motion.value

@@ -22,7 +22,7 @@ def label(q: Quantity) -> str:
 
 
 def choices(view: View) -> list[str]:
-    """Return the choices of the left side: kinds of motions, sections, and numbers of each case."""
+    """Return what the left side can show of a view: kinds of motions, sections, and numbers of each case."""
     ds = view.ds
     plane = len(view.names) == 2
     found = []
@@ -43,7 +43,7 @@ def choices(view: View) -> list[str]:
 
 
 class Picture(NamedTuple):
-    """Values of each case over the dimensions of a view, for colours."""
+    """Values of a map, one for each case, with their colours."""
 
     values: np.ndarray
     """Indices of `colors`, or numbers in the display unit; NaN for what is not there."""
@@ -53,7 +53,7 @@ class Picture(NamedTuple):
 
 
 def picture_of(view: View, choice: str) -> Picture:
-    """Return the colours of a map."""
+    """Return the values and colours of a map."""
     ds = view.ds
     dims = view.names
     if choice not in ("motion", "regime"):
@@ -110,7 +110,7 @@ def along(view: View, choice: str) -> dict[str, np.ndarray]:
 
 
 def slipper_columns(drawn: Frames, unit: float) -> dict[str, np.ndarray]:
-    """Return corners, points, ends of arrows [mm] and forces [kN] of both ends, by column (instants, numbers).
+    """Return by column (instants, values) corners, points, tips of arrows [mm] and forces [kN] of both ends.
 
     **Arguments:** `unit`: of the column `x`, which is the time.
     """

@@ -13,7 +13,7 @@ from .session import PERIODS, SLIDERS, Session, sweep_options
 
 
 def python_of(session: Session) -> str:
-    """Return the script: the map or the run, and the case."""
+    """Return a script that computes what the page shows: the map or the run, and the case."""
     case = session.case
     lines = ["import jax.numpy as jnp", "import numpy as np", "import slipperjax as sj", ""]
     lines += [*_left(session), "", "# the case that was looked at"]
@@ -32,7 +32,7 @@ def python_of(session: Session) -> str:
 
 
 def _left(session: Session) -> list[str]:
-    """Return the lines of the map or the run."""
+    """Return the lines that make the map or the run."""
     view = session.view
     if not view.grid:
         source = "ds  # that with which the page was opened"
@@ -45,7 +45,7 @@ def _left(session: Session) -> list[str]:
 
 
 def _state_at(session: Session, distance: float) -> list[str]:
-    """Return the lines of `Session.state_at`."""
+    """Return the lines that compute what `Session.state_at` returns."""
     kept, begin = session.way(distance)
     start = "given" if kept in session.run["stretch"] else "sj.load_start(given)"
     # the run kept its state there

@@ -81,7 +81,7 @@ class View:
 
     @property
     def growing(self) -> bool:
-        """Whether it is a store that lacks cases."""
+        """Whether it is a store in which cases are missing."""
         return self.source is not None and bool((self.ds["status"] == Status.NOT_RUN).any())
 
     def axis(self, name: str) -> np.ndarray:
@@ -99,7 +99,7 @@ class View:
 
 @dataclass(frozen=True)
 class Case:
-    """One case that is looked at."""
+    """One case, which the right side of a page shows."""
 
     scene: Scene
     start: Start = None
@@ -136,7 +136,7 @@ class Shown(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """Unit of the axis over time: a forcing period, which is one, or of a run its length [m]."""
+        """Unit of time axes: a forcing period, which is 1; in a run its length [m], so that they show distance."""
         return 1.0 if self.case.window is None else _wavelength(self.case.scene)
 
 
@@ -372,13 +372,13 @@ def _wavelength(scene: Scene) -> float:
 
 
 def _opened(path: Path) -> xr.Dataset:
-    """Return a store or a file as a dataset, with statuses in memory."""
+    """Return the dataset of a store or a file, with statuses in memory."""
     ds = open_store(path) if path.is_dir() else dataset_of(path)
     return ds.assign(status=ds["status"].load()) if "status" in ds else ds
 
 
 def _check_drawable(view: View) -> None:
-    """Raise `ValueError` for a dataset that is no run, and no grid of one or two parameters of the scene."""
+    """Raise `ValueError` unless a dataset is one run, or a grid of one or two parameters of the scene."""
     dims = ", ".join(map(str, view.ds["status"].dims)) if "status" in view.ds else "no cases"
     if view.is_run:
         require(not dims, "source", "be one run, as is ds.isel(...)", shown=f"over {dims}")
@@ -392,7 +392,7 @@ def _check_drawable(view: View) -> None:
 
 
 def _on_grid(pieces: list[xr.Dataset], places: np.ndarray, cases: Cases) -> xr.Dataset:
-    """Return cases that were computed side by side as a grid, of which others are not run yet.
+    """Return computed cases as a dataset over the whole grid, where all others are marked as not run.
 
     **Arguments:** `places`: their numbers in the grid, the last parameter fastest.
     """

@@ -32,18 +32,18 @@ class Worker:
         return bool(self._jobs)
 
     def submit(self, name: str, job: Iterator[object]) -> None:
-        """Run the pieces that an iterator computes, in place of the job before."""
+        """Run a job, an iterator that computes its pieces, in place of the one of that name before."""
         with self._changed:
             self._jobs[name] = job
             self._changed.notify()
 
     def stop(self) -> None:
-        """Leave all jobs at their next piece."""
+        """Drop all jobs; a piece that is being computed is no longer wanted."""
         with self._changed:
             self._jobs.clear()
 
     def close(self) -> None:
-        """Leave all jobs, and end the thread."""
+        """Drop all jobs, and end the thread."""
         with self._changed:
             self._jobs.clear()
             self._closed = True

@@ -157,7 +157,7 @@ def _finish_plane(
     total: np.ndarray,
     drawn: ScalarMappable | None,
 ) -> None:
-    """Mark the best design, and label a plane of two variables, or of one with the objective upwards."""
+    """Mark the best design, and label the axes: two variables, or one and the objective."""
     place = [one.shown(ds["design"].sel(variable=one.name).item()) for one in variables]
     labels = [name_label(one) for one in variables]
     objective = _smooth_label(ds)
@@ -327,7 +327,7 @@ def _draw_map(ds: xr.Dataset, ax: Axes, surroundings: xr.Dataset) -> None:
 
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
-    """Return the parameter that differs between the cases, and its label; their numbers for none or several."""
+    """Return the values of the parameter that differs between cases, and its label; else the cases' numbers."""
     names = varied_names(ds)
     if len(names) == 1:
         return shown(ds, names[0]), axis_label(names[0], ds)

@@ -148,7 +148,7 @@ def map_over(
     norm: Callable[[np.ma.MaskedArray], Normalize] | None = None,
     bad_color: str = COLORS["grey"],
 ) -> ScalarMappable:
-    """Draw values over two parameters as colours of cells; return what a colour bar needs.
+    """Draw values over two parameters as colours of cells; return the mesh, for a colour bar.
 
     Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
     store does not have yet, are white.

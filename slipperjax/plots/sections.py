@@ -177,7 +177,7 @@ def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[n
 
 
 def frame(ax: Axes, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
-    """Set axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
+    """Set equal scales in mm, and limits that leave a margin [mm] around all points [m]."""
     low = 1e3 * points.min(axis=(0, 1)) - margin
     high = 1e3 * points.max(axis=(0, 1)) + margin
     ax.set(
@@ -279,7 +279,7 @@ def frames_of(
     magnify: float | None = None,
     last: float | None = 2.0,
 ) -> Frames:
-    """Return what `animate` draws, with the same arguments and errors."""
+    """Return what `animate` draws; arguments and errors are those of `animate`."""
     ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
     over = ds["contact_force"].dims
     one = set(over) == {"time", "end", "point"}

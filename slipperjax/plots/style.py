@@ -84,7 +84,7 @@ def styled() -> Iterator[None]:
 
 
 def line_color(number: int) -> str:
-    """Return the colour of a line by its number: blue, red, green, orange, and anew."""
+    """Return the colour of a line by its number: blue, red, green, orange, then again."""
     return COLORS[("blue", "red", "green", "orange")[number % 4]]
 
 
@@ -178,7 +178,7 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
 def drawing(
     ax: Axes | None, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
 ) -> Iterator[Axes]:
-    """Yield `ax`, or in `STYLE` the Axes of a new figure [inches] with the fixed parameters of `ds` as its title."""
+    """Yield `ax`, or the Axes of a new figure [inches] in `STYLE`, whose title is the fixed parameters of `ds`."""
     if ax is not None:
         yield instance("ax", ax, Axes, "Axes of matplotlib")
         return
@@ -257,7 +257,7 @@ def fit_scale(ax: Axes, values: np.ndarray) -> None:
 
 
 def set_log_ticks(axis: Axis) -> None:
-    """Put plain numbers at 1, 2, 5, 10, ... of a logarithmic axis."""
+    """Label a logarithmic axis with plain numbers at 1, 2, 5, 10, ..."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())

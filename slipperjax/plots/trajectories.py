@@ -27,6 +27,7 @@ from .style import (
 )
 
 Result = Trajectory | xr.Dataset
+"""One case over time."""
 TIME_LABEL = "time [forcing periods]"
 TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
 """Kind of the datasets drawn here, for errors."""
@@ -93,7 +94,7 @@ def contact_forces(
 
 
 class PointForce(NamedTuple):
-    """Contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known."""
+    """Contact force of one point [kN] in the saved states, and its peak over every step where that is known."""
 
     name: str
     """The point's letter, and 1 at the front or 2 at the rear."""
@@ -106,7 +107,7 @@ class PointForce(NamedTuple):
 
 
 def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
-    """Return forces of the points with the highest peaks within a dataset's times, the highest first."""
+    """Return the forces of the `most` points with the highest peaks in a dataset, the highest first."""
     most = whole("most", most, 1)
     period = ds["period"].values
     force = ds["contact_force"].fillna(-np.inf)

@@ -86,4 +86,5 @@ def test_pictures_of_a_trajectory_take_it_as_it_is():
     ],
 )
 def test_datasets_draw_themselves_as_soon_as_there_are_any(first):
-    subprocess.run([sys.executable, "-c", f"{first}; xarray.Dataset().slipper"], check=True)
+    then = "xarray.Dataset().slipper; import sys; assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", f"{first}; {then}"], check=True)
