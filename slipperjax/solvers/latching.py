@@ -10,7 +10,6 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from equinox.internal import ω
 
 from ..model.dynamics import State, VectorField, fill_frozen
 from ..tools.checks import require
@@ -52,8 +51,8 @@ def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> d
     return dict(
         y0=y0,
         y1=y1,
-        k0=(dt * fill_frozen(rates0, y0) ** ω).ω,
-        k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
+        k0=jax.tree.map(lambda rate: dt * rate, fill_frozen(rates0, y0)),
+        k1=jax.tree.map(lambda rate: dt * rate, fill_frozen(rates1, y1)),
         frozen=frozen,
     )
 

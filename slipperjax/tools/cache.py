@@ -35,8 +35,8 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     chosen = os.environ.get("SLIPPERJAX_CACHE", "") if folder is None else str(user_path(folder, "folder"))
     if chosen.lower() == "off":
         return None
-    if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
-        return Path(jax.config.jax_compilation_cache_dir)  # type: ignore[attr-defined]
+    if jax.config.jax_compilation_cache_dir:
+        return Path(jax.config.jax_compilation_cache_dir)
     root = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("slipperjax"))
     place = root / _processor()
     try:
@@ -59,7 +59,7 @@ def keep_programs(place: Path) -> None:
     # On processors with AVX-512, XLA logs an error for each program that it takes from the cache, and takes it all
     # the same (jax #38445). The first line silences XLA's log. The second restores Python's loggers, but XLA's log
     # only to a level that the user has chosen: the default leaves it as it is.
-    level = jax.config.jax_logging_level  # type: ignore[attr-defined]
+    level = jax.config.jax_logging_level
     jax.config.update("jax_logging_level", "CRITICAL")
     jax.config.update("jax_logging_level", level)
     # an entry that cannot be read or written is compiled, of which JAX would warn each time

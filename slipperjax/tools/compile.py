@@ -148,7 +148,7 @@ def need_64_bits() -> None:
 
     They are too few for the phase epoch + t, and for penetrations of micrometres beside metres.
     """
-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+    if not jax.config.jax_enable_x64:
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
 
 
