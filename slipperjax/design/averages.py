@@ -7,7 +7,7 @@ All corners have the same disturbances.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,12 +29,12 @@ from .objectives import Evaluation, EvaluationPlan
 
 def ensemble_averages(
     plan: EvaluationPlan,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, np.ndarray],
     evaluation: Evaluation,
 ) -> Evaluation:
     """Return an evaluation with objectives and derivatives from ensembles in place of its own.
 
-    Where too few of the runs stay on the rail, the status is that of a run that does not.
+    Where too few runs stay on the rail, values are NaN and the status is the worst of the runs.
 
     **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
     attractors.
@@ -48,10 +48,10 @@ def ensemble_averages(
     # corner by corner for each case, and run by run for each corner
     runs = {}
     for name, values in grid.items():
-        runs[name] = np.repeat(np.asarray(values, float), members)
+        runs[name] = np.repeat(values, members)
     offsets = np.tile(signs, (cases, 1, 1))  # in multiples of the reach
     for k, name in enumerate(plan.names):
-        here = np.asarray(grid[name], float)[:, None]
+        here = grid[name][:, None]
         reach = plan.reach[name]
         low, high = plan.bounds.get(name, (-np.inf, np.inf))
         # corners beyond a bound are moved to it
@@ -67,6 +67,7 @@ def ensemble_averages(
     values, status = _run_members(plan, runs, motions)
     values = values.reshape(cases, len(signs), repeats, -1)
     stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
+    # one fit for each case, of whose planes the parts are stacked
     fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
     plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
     share = stayed.mean(axis=(1, 2))
@@ -92,7 +93,7 @@ def _disturbances(seed: int, repeats: int) -> np.ndarray:
     Displacements are left as they are: they could lie outside the play.
     """
     changes = 0.1 * np.random.default_rng(seed).normal(size=(repeats, len(MOTION_NUMBERS)))
-    changes[:, :5] = 0.0
+    changes[:, :5] = 0.0  # the displacements; velocities follow them
     return changes * np.array(jax.tree.leaves(MOTION_SCALES))
 
 
@@ -105,12 +106,12 @@ class _RunValues(NamedTuple):
 
 def _run_members(
     plan: EvaluationPlan,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, np.ndarray],
     motions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
     courses = plan.of_courses
-    # all numbers of courses as one record
+    # objectives of courses are one record; exponents are measured after the record, by stages
     records = RecordSet((PeriodValues(courses),) if courses else ())
     stages = tuple(plan.objectives[k] for k in plan.exponents)
     ensemble = plan.ensemble

@@ -1,7 +1,6 @@
 """Checks of a design: simulations of its neighbours, and distances to the nearest events."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,15 +30,15 @@ def surroundings(
     width: float = 0.1,
     transient: int = 300,
     periods: int = 64,
-    **options: Any,
+    **options: object,
 ) -> xr.Dataset:
     """Compute the objective around a design by simulation alone, as one batch: an independent check.
 
-    Designs over rails are judged by ensembles on other rails, with their errors.
+    Designs over rails that do not recur are judged by ensembles on other rails, with standard errors.
 
     **Arguments:** `points`: designs along each variable, rounded up to an odd number so that the design itself is
-    one; `width`: their greatest distance on both sides, as a share of the box; those beyond a bound are moved to it.
-    `transient`, `periods`, `options`: of `sweep`; the steps are those of the search.
+    one; `width`: their greatest distance to either side, as a share of the box; those beyond a bound are moved to it.
+    `transient`, `periods`, `options`: as for `sweep`; the steps are those of the search.
 
     **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form,
     and `total`, the worst or the mean of the cases, over the variables. Attribute `lower`: difference of the lowest
@@ -50,7 +49,7 @@ def surroundings(
     problem = design.problem
     count = whole("points", points, 1) | 1
     far = number(positive, "width", width)
-    grid: dict[str, Any] = {}
+    grid: dict[str, np.ndarray] = {}
     # around each variable, its own value included
     for name, (low, high) in problem.bounds.items():
         around = design.design[name] + far * (high - low) * np.linspace(-1, 1, count)
@@ -61,7 +60,7 @@ def surroundings(
         ds = _on_other_rails(problem, grid)
     else:
         kinds = MotionKind(min(max(whole("periods", periods, 1), LEAST_PERIODS), LAST))
-        call: dict[str, Any] = dict(
+        call = dict(
             steps_per_period=problem.steps,
             solver=problem.solver,
             start=problem.start,
@@ -85,7 +84,7 @@ def surroundings(
 
 
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
-    """Judge designs of a grid by ensembles on rails that no search takes: a million batches further."""
+    """Judge designs of a grid by ensembles on rails that no search uses: those a million batches further."""
     other = problem.with_seed(problem.ensemble.seed + 1_000_000)
     # every combination of the variables, design by design
     mesh = np.meshgrid(*grid.values(), indexing="ij")
@@ -117,7 +116,7 @@ def event_margins(
 ) -> xr.Dataset:
     """Find how far a parameter may change, either way, before the orbit of a case meets an event.
 
-    The orbits are followed by `continue_orbit` from the design, one parameter at a time.
+    `continue_orbit` follows each orbit from the design, one parameter at a time.
 
     **Arguments:** `names`: of the parameters, default the variables and those of `over`; `cases`: by number,
     default the worst, and the one with the largest multiplier; `width`: greatest change, over the parameter's value
@@ -134,7 +133,7 @@ def event_margins(
     names = [*problem.names, *problem.over] if names is None else list(names)
     cases = _telling_cases(design) if cases is None else list(cases)
     # steps half as long, to resolve events
-    steps: dict[str, Any] = dict(steps_per_period=2 * problem.steps, solver=problem.solver)
+    steps = dict(steps_per_period=2 * problem.steps, solver=problem.solver)
     rows = []
     for case in cases:
         period = int(design.cases["period"].values[case])

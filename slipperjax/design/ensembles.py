@@ -1,7 +1,7 @@
 """Ensembles of runs around a design: their sizes, their rails, and the planes through their values."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -65,8 +65,8 @@ class EnsembleSettings:
     ) -> Plane:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
-        **Arguments:** `corners`: from the design, in multiples of the reach; `kept`: whether each run stayed on the
-        rail, shape (corners, runs).
+        **Arguments:** `corners`: differences from the design, in the reach; `kept`: whether each run stayed
+        on the rail, shape (corners, runs).
         """
         _, runs, objectives = values.shape
         rows = values.reshape(-1, objectives)
@@ -80,7 +80,9 @@ class EnsembleSettings:
         fits, stderr = self._planes(system, rows, used, runs)
         return Plane(fits[:, 0], stderr[:, 0], fits[:, 1:], stderr[:, 1:])
 
-    def _planes(self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int) -> tuple[np.ndarray, Any]:
+    def _planes(
+        self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return planes (objectives, unknowns) and their standard errors, here by least squares."""
         del runs
         system = system[used]
@@ -107,6 +109,7 @@ class RailEnsemble(EnsembleSettings):
     members: int = 400
     """Runs of each case, at all corners of a box together."""
     transient: int = 5
+    """Reference lengths before recording."""
     quantile: float | None = 0.99
     """Share of rails on which the objective is lower [1]; None for the mean."""
 
@@ -126,11 +129,13 @@ class RailEnsemble(EnsembleSettings):
     def enough(self, share: float) -> bool:
         return super().enough(share) if self.quantile is None else share > self.quantile
 
-    def _planes(self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int) -> tuple[np.ndarray, Any]:
+    def _planes(
+        self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         planes = []
         errors = []
         for column in rows.T:
-            # only on which side of the plane a lost run lies counts
+            # a quantile depends on which side of the plane a lost run lies, not on how far
             above = 2 * np.max(np.abs(column[used]), initial=0.0)
             column = np.where(used, column, above)
 
@@ -158,7 +163,7 @@ def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
 
 
 def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSettings:
-    """Return a user's ensemble, by default that which a scene's track needs.
+    """Return a user's ensemble, by default the one that a scene's track needs.
 
     **Raises:** `ValueError` for one without rails where the track does not recur, or a rail that is too short.
     """
@@ -182,5 +187,6 @@ def box_corners(parameters: int) -> Float[np.ndarray, "corners parameters"]:
     Columns of a Hadamard matrix: about as many corners as parameters (Plackett and Burman 1946,
     doi:10.1093/biomet/33.4.305).
     """
+    # the least power of 2 above the number of parameters; the first column, all ones, stands for the mean
     count = 2 ** int(parameters).bit_length()
     return -scipy.linalg.hadamard(count)[:, parameters:0:-1].astype(float)

@@ -7,13 +7,13 @@ method leaves the inverse. Forward mode pushes the parameters through the motion
 
 import functools
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..analysis.floquet import jacobians
 from ..flow.period_map import PeriodMap
@@ -25,6 +25,7 @@ from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.compile import jit
+from ..tools.types import Real
 
 Objectives = tuple[AbstractNumber, ...]
 
@@ -55,9 +56,9 @@ class PeriodDerivatives(NamedTuple):
 
     end: Float[Array, "cases size"]
     end_slopes: Float[Array, "cases directions size"]
-    kept: Any
+    kept: PyTree
     """For each objective, arrays (cases, ...)."""
-    kept_slopes: Any
+    kept_slopes: PyTree
     """For each objective, arrays (cases, directions, ...)."""
 
 
@@ -66,30 +67,30 @@ def push_period(
     scenes: Batched[Scene],
     states: State,
     slopes: Float[Array, "cases directions size"],
-    epoch: Any,
+    epoch: Real,
     stepping: AbstractStepping,
     *,
     names: tuple[str, ...],
     objectives: Objectives,
     solver: diffrax.AbstractSolver,
 ) -> PeriodDerivatives:
-    """Run one forcing period, differentiated by the parameters `names`.
+    """Run one forcing period, and differentiate it by the parameters `names`.
 
-    **Arguments:** `slopes`: derivatives of the states at the start.
+    **Arguments:** `slopes`: derivatives of the states at the start; `epoch`: forcing periods from distance zero.
     """
     records = period_values(objectives)
 
     def one(scene: Scene, state: State, slopes: Array) -> PeriodDerivatives:
         flat, unravel = ravel_pytree(state)
 
-        def run(x: Array, p: Array) -> tuple[Array, Any]:
+        def run(x: Array, p: Array) -> tuple[Array, PyTree]:
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
             passage = step.run(unravel(x), epoch, periods=1, records=records)
             # the only record, without its axis of periods
             kept = jax.tree.map(lambda a: a[0], passage.samples[0])
             return ravel_pytree(passage.state)[0], kept
 
-        # along each parameter, with what it changes at the start
+        # Along each parameter, with its change of the start. Values are the same for all parameters: no axis.
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
         every = jax.vmap(push, out_axes=((None, None), 0))
@@ -100,7 +101,7 @@ def push_period(
 
 
 @functools.partial(jit, static_argnames=("objectives",))
-def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"]:
+def totals(objectives: Objectives, kept: PyTree) -> Float[Array, "cases objectives"]:
     """Return the objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
     return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
 
@@ -108,16 +109,16 @@ def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"
 @functools.partial(jit, static_argnames=("objectives",))
 def total_slopes(
     objectives: Objectives,
-    kept: Any,
-    slopes: Any,
+    kept: PyTree,
+    slopes: PyTree,
 ) -> tuple[Array, Array]:
-    """Return objectives, and their derivatives (cases, objectives, directions) from those of `kept`.
+    """Return objectives (cases, objectives), and their derivatives (cases, objectives, directions).
 
     **Arguments:** `kept`: values in each period, arrays (cases, periods, ...); `slopes`: their derivatives, arrays
     (cases, directions, periods, ...).
     """
 
-    def one(kept: Any, slopes: Any) -> tuple[Array, Array]:
+    def one(kept: PyTree, slopes: PyTree) -> tuple[Array, Array]:
         of_rows = functools.partial(_totals, objectives)
         push = lambda along: jax.jvp(of_rows, (kept,), (along,))
         return jax.vmap(push, out_axes=(None, 1))(slopes)
@@ -125,7 +126,7 @@ def total_slopes(
     return jax.vmap(one)(kept, slopes)
 
 
-def _totals(objectives: Objectives, kept: Any) -> Float[Array, " objectives"]:
+def _totals(objectives: Objectives, kept: PyTree) -> Float[Array, " objectives"]:
     return jnp.stack([one.total(rows) for one, rows in zip(objectives, kept, strict=True)])
 
 
@@ -134,7 +135,7 @@ def matrix_slopes(
     scenes: Batched[Scene],
     states: State,
     slopes: Float[Array, "cases directions size"],
-    epoch: Any,
+    epoch: Real,
     stepping: AbstractStepping,
     *,
     names: tuple[str, ...],

@@ -7,7 +7,6 @@ stays on the rail by an ensemble.
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -39,8 +38,8 @@ from .gradients import PeriodDerivatives, matrix_slopes, push_period, total_slop
 from .objectives import Evaluation, EvaluationPlan
 
 LANES_PER_CALL = VECTOR_LANES
-"""Cases in one call, however many there are: a search asks for many cases first and for few later on, of which each
-number would be programs of its own."""
+"""Cases in each call, filled with copies: a search asks for many cases first and for few later on, and each number of
+cases would need programs of its own."""
 JACOBIAN = 35.0
 """Cost of a period with its Jacobian, in unrecorded ones: measured."""
 SLOPES_COST = 8.0
@@ -49,7 +48,7 @@ SLOPES_COST = 8.0
 
 def judge(
     plan: EvaluationPlan,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, np.ndarray],
     warm_start: Evaluation | None = None,
 ) -> Evaluation:
     """Evaluate cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
@@ -59,7 +58,7 @@ def judge(
     # motions that are not periodic, but stay on the rail
     index = np.flatnonzero((evaluation.period == 0) & (evaluation.status == Status.FINITE))
     if len(index):
-        of_cases = {name: np.asarray(values)[index] for name, values in grid.items()}
+        of_cases = {name: values[index] for name, values in grid.items()}
         averages = ensemble_averages(plan, of_cases, evaluation.take(index))
         for array, rows in zip(evaluation, averages, strict=True):
             array[index] = rows
@@ -68,7 +67,7 @@ def judge(
 
 def judge_on_orbits(
     plan: EvaluationPlan,
-    grid: Mapping[str, Any],
+    grid: Mapping[str, np.ndarray],
     warm_start: Evaluation | None = None,
 ) -> Evaluation:
     """Evaluate cases on the stable periodic orbits that they settle to; values of the others are NaN.
@@ -79,7 +78,7 @@ def judge_on_orbits(
     """
     options = Call(0, 1, plan.steps, None, plan.solver)
     settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
-    # from fewer periods it cannot be told that an orbit was reached
+    # fewer periods do not show whether an orbit was reached
     transient = settling.strobes(max(plan.transient, 20))
     cases = transient.cases
     # the last chunk is filled with copies
@@ -102,7 +101,7 @@ def judge_on_orbits(
     return run.checked(lambda: run.results)
 
 
-def at_starts(plan: EvaluationPlan, grid: Mapping[str, Any]) -> Evaluation:
+def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluation:
     """Return an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
     cases = Cases(plan.scene, grid, plan.start, product=False)
     scenes, starts = cases.take(np.arange(cases.count))
@@ -119,13 +118,13 @@ class _Batch:
     on_progress: OnProgress
 
     def no_slopes(self) -> np.ndarray:
-        """Return derivatives of the starts where these are held, (lanes, parameters, size)."""
+        """Return zero derivatives of the states, (lanes, parameters, size): starts that no parameter moves."""
         lanes, size = self.cases.state.shape
         return np.zeros((lanes, len(self.plan.names), size))
 
     def compile_ahead(self) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
-        # programs that call LAPACK must run one at a time
+        # programs that call LAPACK must run one at a time, see `calls_lapack`
         if self.plan.names and not calls_lapack(self.plan.solver):
             state = self.cases.state.copy()
             ahead(functools.partial(self.push, state, self.no_slopes(), self.plan.epoch))
@@ -138,7 +137,7 @@ class _Batch:
         index = np.flatnonzero(cases.period)
         if len(index) and self.plan.names:
             self.differentiate(index)
-        # on orbits nothing is left to chance
+        # on orbits there is no chance, and so no standard error
         cases.stderr[index] = 0.0
         cases.gradient_stderr[index] = 0.0
         return cases
@@ -154,7 +153,7 @@ class _Batch:
     ) -> None:
         """Find periodic orbits near the states, of cases whose `period` is not 0; the stable ones are their motions.
 
-        **Arguments:** `inverse`: those of a warm start, whose orbits must be near the states.
+        **Arguments:** `inverse`: of I - P_x, from a warm start, whose orbits must be near the states.
         """
         cases = self.cases
         maps = self.maps(period)
@@ -168,6 +167,7 @@ class _Batch:
             moved = np.abs(weights * (rows - cases.state))[:, : len(MOTION_NUMBERS)]
             # an orbit further away than one unit of the scales is another one
             found &= np.max(moved, axis=1) <= 1.0
+        # the other cases keep what they had
         cases.period[found] = period[found]
         cases.kind[found] = Regime.PERIODIC
         cases.state[found] = rows[found]
@@ -180,7 +180,7 @@ class _Batch:
         state = self.cases.state
         finite = np.all(np.isfinite(warm_start.state), axis=1)
         state[finite] = warm_start.state[finite]
-        # gaps change with the parameters, so that the contacts' memory must be made to agree with them
+        # gaps change with the parameters, and the contacts' memory must agree with them
         state[:] = self.maps(self.cases.period).settled(np.arange(len(state)), state, state)
         self.find_orbits(np.where(finite, warm_start.period, 0), warm_start.inverse)
 
@@ -234,12 +234,12 @@ class _Batch:
             self.set_exponents(index, slopes, spans)
         cases.simulated[index] += 2 * SLOPES_COST * cases.period[index]
 
-    def pushed(self, slopes: Any) -> list[PeriodDerivatives]:
-        """Return the forcing periods from the states on, as many as the longest `period`, of all cases.
+    def pushed(self, slopes: np.ndarray | jax.Array) -> list[PeriodDerivatives]:
+        """Run all cases on from their states, for as many forcing periods as the longest `period`.
 
         **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
         """
-        rows: Any = self.cases.state
+        rows = self.cases.state
         spans = []
         for epoch in self.plan.epoch + np.arange(float(self.cases.period.max())):
             span = self.push(rows, slopes, epoch)
@@ -252,7 +252,7 @@ class _Batch:
     def push(
         self,
         rows: np.ndarray,
-        slopes: np.ndarray,
+        slopes: np.ndarray | jax.Array,
         epoch: float,
     ) -> PeriodDerivatives:
         """Run one forcing period from states and their derivatives."""
@@ -291,7 +291,7 @@ class _Batch:
     def set_exponents(
         self,
         index: np.ndarray,
-        slopes: Any,
+        slopes: np.ndarray | jax.Array,
         spans: Sequence[PeriodDerivatives],
     ) -> None:
         """Set ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives.
@@ -302,7 +302,7 @@ class _Batch:
         cases = self.cases
         maps = self.maps(cases.period)
         changes = []
-        rows: Any = cases.state
+        rows = cases.state
         # from states and derivatives at the beginning of each period
         for epoch, span in enumerate(spans):
             change = matrix_slopes(
@@ -317,6 +317,7 @@ class _Batch:
             changes.append(np.asarray(change))
             rows = span.end
             slopes = span.end_slopes
+        # each Jacobian once for its value, and about twice more for each derivative
         cost = (1 + 2 * len(plan.names)) * JACOBIAN
         cases.simulated[index] += cost * cases.period[index]
         jacobians = maps.jacobians(index, cases.state[index])

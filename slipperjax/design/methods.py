@@ -56,17 +56,17 @@ class CaseValues(NamedTuple):
 
 
 class AbstractMethod(abc.ABC):
-    """A way to move designs."""
+    """Method by which a start moves from design to design."""
 
     @abc.abstractmethod
     def moves(
         self,
         at: Float[np.ndarray, " parameters"],
         values: CaseValues,
-    ) -> Generator[Any, Any, None]:
-        """Yield in turn a design to try and, once its values were sent, whether it is taken, until no way leads on.
+    ) -> Generator[Any, CaseValues, None]:
+        """Yield a design to try; when its `CaseValues` were sent, yield whether it is taken; and so on until the end.
 
-        **Arguments:** `at`: where the way begins, with its `values`.
+        **Arguments:** `at`: the first design, with its `values`.
         """
 
 
@@ -94,7 +94,7 @@ class TrustRegion(AbstractMethod):
         radius = self.radius
         while radius >= self.least:
             trial, predicted = _linear_step(at, values, values, radius, size)
-            # nothing more to gain by first order
+            # the linear model promises nothing more
             if not predicted > 1e-9 * size:
                 return
             found = yield trial
@@ -107,6 +107,7 @@ class TrustRegion(AbstractMethod):
                 found = yield trial
                 share = _true_share(values, found, predicted, size)
             yield share > 0.1
+            # a trial that came out worse than that is forgotten
             if share > 0.1:
                 at = trial
                 values = found
@@ -158,13 +159,14 @@ def _linear_step(
         value = np.array([values.total])
         slope = values.weight[None, finite] @ slope
     # slope @ step + value <= bound for every case or the mean, and slope @ step + excess <= slack for constraints
+    # columns: the step, the bound, the slack
     bound_rows = np.hstack([slope / size, np.tile([-1.0, 0.0], (len(slope), 1))])
     slack_rows = np.hstack([excess_slope, np.tile([0.0, -1.0], (len(excess_slope), 1))])
     rows = np.vstack([bound_rows, slack_rows])
     limits = -np.concatenate([value / size, excess])
     aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
     # the region and the unit box; the bound is free, the slack positive
-    box: list[Any] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
+    box: list[tuple[float | None, float | None]] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
     box += [(None, None), (0.0, None)]
     solution = linprog(aim, rows, limits, bounds=box, method="highs").x
     # without a solution the design stays
@@ -187,7 +189,7 @@ def _total_slope(values: CaseValues) -> np.ndarray:
 class Descent(AbstractMethod):
     """An optimiser of optax on the derivative of the worst case or the mean, projected to the box."""
 
-    optimiser: Any = None
+    optimiser: optax.GradientTransformation | None = None
     """An `optax.GradientTransformation`; default Adam with a rate that falls from 0.05 to 0.001 [unit box]."""
     steps: int = 60
 

@@ -1,8 +1,8 @@
 """Objectives, and their values and derivatives in cases."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import jax
@@ -22,6 +22,8 @@ from .ensembles import EnsembleSettings
 
 Objective = AbstractNumber | LargestExponent
 """A number that a motion is judged by. Equal ones share compiled programs."""
+ObjectiveLike = Objective | str | Callable
+"""An objective, a name in `OBJECTIVES`, or a function of a course."""
 
 
 def _scalar(record: AbstractNumber) -> AbstractNumber:
@@ -44,8 +46,8 @@ OBJECTIVES["exponent"] = LargestExponent()
 """Objectives by name; with a point behind, such as peak_force_A1, of one contact point."""
 
 
-def objective_named(objective: Any) -> Objective:
-    """Return the objective of a name, a record, or a function of a course, averaged over periods.
+def objective_named(objective: object) -> Objective:
+    """Return the objective of a name, a record, or a function of a course, whose average over periods it is.
 
     **Raises:** `ValueError` for anything else, with the names.
     """
@@ -76,9 +78,9 @@ class EvaluationPlan:
     objectives: tuple[Objective, ...]
     solver: diffrax.AbstractSolver
     steps: int
-    """Per forcing period, the same for all cases, so that objectives have no jumps where it would change."""
+    """Steps per forcing period, the same for all cases: objectives would jump where the number changes."""
     most_steps: int
-    """The most with which cases are judged again, for which programs have room."""
+    """Most steps with which cases are judged again; programs have room for them."""
     start: Motion | State
     reach: Mapping[str, float]
     """Distance of ensembles' parameters from a case's, by name [their SI units]."""

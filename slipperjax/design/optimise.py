@@ -2,9 +2,10 @@
 
 import dataclasses
 import math
+import os
 from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import diffrax
 import jax
@@ -22,10 +23,14 @@ from ..tools.checks import instance, warn, whole
 from ..tools.columns import column
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
+from ..tools.types import Numbers
 from .ensembles import EnsembleSettings
 from .methods import AbstractMethod, CaseValues, TrustRegion
-from .objectives import Evaluation, Objective
-from .problem import Problem, checked_problem, first_designs, spread_designs
+from .objectives import Evaluation, ObjectiveLike
+from .problem import Limits, Problem, checked_problem, first_designs, spread_designs
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 VIOLATED = 1e-6
 """Violation from which a design counts as infeasible, in multiples of the limit."""
@@ -153,12 +158,12 @@ class Design:
         )
         return xr.merge(parts, join="exact", compat="equals").assign_attrs(attrs)
 
-    def to_netcdf(self, path: Any) -> None:
+    def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write `to_xarray()`, whole or not at all; `load_scene` reads the best design's scene from it."""
         write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
 
 
-def _call(problem: Problem) -> dict[str, Any]:
+def _call(problem: Problem) -> dict[str, object]:
     """Return the arguments of `optimise_design` that state a problem, as `load_call` gives them."""
     # JSON has no infinity
     finite = lambda v: v if math.isfinite(v) else None
@@ -181,12 +186,12 @@ def _call(problem: Problem) -> dict[str, Any]:
 
 def optimise_design(
     scene: Scene,
-    objective: Objective | str | Any,
+    objective: ObjectiveLike,
     variables: Mapping[str, tuple[float, float]],
     *,
-    over: Mapping[str, Any] | None = None,
+    over: Mapping[str, float | Numbers] | None = None,
     robust: str = "worst",
-    constraints: Mapping[Any, Any] | None = None,
+    constraints: Mapping[Any, Limits] | None = None,
     starts: int | Sequence[Mapping[str, float]] = 5,
     method: AbstractMethod | None = None,
     max_trials: int = 60,
@@ -212,9 +217,9 @@ def optimise_design(
     - `over`: values of other parameters that the design must serve, such as `{"speed": [...]}`; every combination.
     - `robust`: "worst" minimises the worst case, "mean" the mean of the cases.
     - `constraints`: by objective, the highest value, or `(low, high)` with None for no limit; in every case.
-    - `starts`: how many designs to begin from: the scene's own if it lies within the bounds, and the best that lie
-        apart of the box's corners and of four times as many designs in a Latin hypercube of `seed`; or the designs
-        themselves, as mappings.
+    - `starts`: number of designs to begin from, or these designs as mappings. Of a number, the first is the scene's
+        own if it lies within the bounds; the others are the best, apart from each other, of the box's corners and a
+        Latin hypercube of `seed` with four times as many designs.
     - `method`: how designs move, default `TrustRegion()`; `Descent(...)` takes an optimiser of optax. `max_trials`:
         of each start.
     - `transient`: forcing periods before an orbit is looked for; `start`: as for `simulate`; `ensemble`: sizes of
@@ -271,7 +276,7 @@ class Trial(NamedTuple):
 class _Search:
     """Several starts on their way, judged together."""
 
-    def __init__(self, problem: Problem, bar: Any):
+    def __init__(self, problem: Problem, bar: "tqdm"):
         self.problem = problem
         self.bar = bar
         self.moves: dict[int, Generator] = {}  # of the starts that move
@@ -470,7 +475,7 @@ def _cases(
     }
     for one, _, _ in problem.constraints:
         data[f"constraint_{one.name}"] = ("case", value[:, problem.index(one)], _labels(one.quantity))
-    coords: dict[str, Any] = {"variable": list(problem.names)}
+    coords: dict[str, object] = {"variable": list(problem.names)}
     for name, values in problem.cases.items():
         coords[name] = ("case", values, parameter(name, problem.scene).attributes)
     return xr.Dataset(data, coords)
@@ -499,6 +504,6 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     return xr.Dataset(data, {"variable": list(problem.names)})
 
 
-def _labels(q: Quantity) -> dict[str, Any]:
+def _labels(q: Quantity) -> dict[str, str]:
     """Return attributes from which pictures label and scale a variable, whatever its name."""
     return q.attributes | {"quantity": q.name, "symbol": q.symbol, "shown_unit": q.display_unit}

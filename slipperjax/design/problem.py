@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import scipy.stats.qmc
@@ -17,10 +16,14 @@ from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import in_unit, known, one_of, require, whole
+from ..tools.types import Numbers
 from .ensembles import RailEnsemble, ensemble_for
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, objective_named
+
+Limits = float | tuple[float | None, float | None]
+"""Highest value of a constraint, or lowest and highest, of which None sets no limit."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -163,7 +166,7 @@ def checked_problem(
     )
 
 
-def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, float]]:
+def _checked_bounds(scene: Scene, variables: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
     require(isinstance(variables, Mapping) and variables, "variables", "name parameters with their bounds", variables)
     bounds = {}
     for name, pair in variables.items():
@@ -179,7 +182,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     return bounds
 
 
-def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], ...]:
+def _checked_limits(constraints: Mapping | None) -> tuple[tuple[Objective, float, float], ...]:
     constraints = {} if constraints is None else constraints
     require(isinstance(constraints, Mapping), "constraints", "map objectives to limits", constraints)
     limits = []
@@ -200,10 +203,13 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
 
 
 def first_designs(
-    problem: Problem, starts: Any, seed: int
+    problem: Problem, starts: int | Sequence[Mapping[str, float]], seed: int
 ) -> tuple[Float[np.ndarray, "designs parameters"], int, int]:
-    """Return designs of the unit box to judge first; how many of them a search begins from; and of these how many
-    are the first ones, whatever the others are like. See `optimise_design`."""
+    """Return what a search begins with, see `optimise_design`.
+
+    **Returns:** designs of the unit box to judge first; the number of them to begin from; and how many of these are
+    the first ones in any case, not the best.
+    """
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
         need = f"be designs that give {', '.join(names)}"
@@ -221,7 +227,7 @@ def first_designs(
     if inside and count == 1:
         return own[None], 1, 1
     # the scene's own design, the corners where they are few, and others spread over the box
-    screened: list[Any] = [own] if inside else []
+    screened: list[Numbers] = [own] if inside else []
     if len(names) <= 3:
         screened += itertools.product((0.0, 1.0), repeat=len(names))
     hypercube = scipy.stats.qmc.LatinHypercube(len(names), rng=seed)

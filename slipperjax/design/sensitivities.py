@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import diffrax
 import numpy as np
@@ -23,12 +22,12 @@ from ..tools.columns import column
 from .averages import ensemble_averages
 from .ensembles import EnsembleSettings, RailEnsemble, ensemble_for
 from .judge import at_starts, judge_on_orbits
-from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, objective_named
+from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, objective_named
 
 
 def sensitivities(
     scene: Scene,
-    objectives: Any,
+    objectives: ObjectiveLike | Sequence[ObjectiveLike],
     names: Sequence[str] = ("speed", "clearance", "length"),
     *,
     method: str | None = None,
@@ -146,7 +145,7 @@ def _dataset(
     plan: EvaluationPlan,
     evaluation: Evaluation,
     domain: np.ndarray,
-    facts: dict[str, Any],
+    facts: dict[str, object],
 ) -> xr.Dataset:
     """Return the dataset of an evaluation of one case, which may have further objectives, with `facts`."""
     parameters = [parameter(name, plan.scene) for name in plan.names]
