@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..flow.period_map import states_and_penetrations
@@ -119,6 +118,7 @@ def _run_members(
     cases = Grid(plan.scene, grid, product=False)
     runs = make_plan(cases, plan.start, options, records, stages)
     structure = jax.tree.structure(MOTION_SCALES)
+    # each run has its own start, in place of the plan's
     runs.cases.starts = jax.tree.unflatten(structure, list(motions.T))
 
     def work(part: Part) -> _RunValues:
@@ -127,8 +127,8 @@ def _run_members(
         run = run_chunk(part, states)
         values = np.empty((len(run.status), len(plan.objectives)))
         if courses:
-            kept = jax.tree.map(jnp.asarray, run.record[0])
-            values[:, plan.courses] = totals(courses, kept)
+            values[:, plan.courses] = totals(courses, run.record[0])
+        # what stages have measured follows the record of courses, if there is one
         for k, record in zip(plan.exponents, run.record[bool(courses) :], strict=True):
             values[:, k] = record.exponent
         return _RunValues(values, run.status)

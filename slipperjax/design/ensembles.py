@@ -118,6 +118,7 @@ class RailEnsemble(EnsembleSettings):
         check_quantile(self.quantile, self.members)
 
     def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
+        # batches of different seeds have no rail in common
         numbers = self.seed * count + np.arange(count, dtype=float)
         chosen = {}
         for path, part in _of_many(track, "track").items():

@@ -43,11 +43,6 @@ class PeriodValues(Unlabelled):
         return tuple(one.of(course) for one in self.numbers)
 
 
-def period_values(objectives: Objectives) -> RecordSet:
-    """Return the record of objectives' values in each forcing period."""
-    return RecordSet((PeriodValues(objectives),))
-
-
 class PeriodDerivatives(NamedTuple):
     """States of a batch after a forcing period, the objectives' values in it, and derivatives of both.
 
@@ -78,7 +73,7 @@ def push_period(
 
     **Arguments:** `slopes`: derivatives of the states at the start; `epoch`: forcing periods from distance zero.
     """
-    records = period_values(objectives)
+    records = RecordSet((PeriodValues(objectives),))
 
     def one(scene: Scene, state: State, slopes: Array) -> PeriodDerivatives:
         flat, unravel = ravel_pytree(state)

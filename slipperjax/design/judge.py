@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
@@ -192,6 +191,7 @@ class _Batch:
         # a program of the batch's size, whatever the number of cases
         lanes = filled(index, min(LANES_PER_CALL, len(cases.state)))
         scenes = self.scenes.take(lanes)
+        # rows of numbers become states again
         states = self.maps(cases.period).states(cases.state[lanes])
         part = Part(transient, scenes, states, lanes, lanes, count, plan.steps, self.on_progress)
         run = run_chunk(part, states)
@@ -260,7 +260,7 @@ class _Batch:
         span = push_period(
             self.scenes,
             self.maps(self.cases.period).states(rows),
-            jnp.asarray(slopes),
+            slopes,
             float(epoch),
             dynamic_steps(plan.steps, most=plan.most_steps),
             names=plan.names,
@@ -308,7 +308,7 @@ class _Batch:
             change = matrix_slopes(
                 self.scenes,
                 maps.states(rows),
-                jnp.asarray(slopes),
+                slopes,
                 float(epoch),
                 dynamic_steps(plan.steps),
                 names=plan.names,

@@ -129,6 +129,7 @@ def _true_share(
 
 def _with_curvature(values: CaseValues, found: CaseValues, move: np.ndarray) -> CaseValues:
     """Return values at a design with what a trial found there beyond the linear prediction added."""
+    # a case without a value adds nothing
     value = found.value - values.value - values.slope @ move
     excess = found.excess - values.excess - values.excess_slope @ move
     return values._replace(value=values.value + np.nan_to_num(value), excess=values.excess + np.nan_to_num(excess))
@@ -164,6 +165,7 @@ def _linear_step(
     slack_rows = np.hstack([excess_slope, np.tile([0.0, -1.0], (len(excess_slope), 1))])
     rows = np.vstack([bound_rows, slack_rows])
     limits = -np.concatenate([value / size, excess])
+    # least bound, and the slack at the price of a violation
     aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
     # the region and the unit box; the bound is free, the slack positive
     box: list[tuple[float | None, float | None]] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]

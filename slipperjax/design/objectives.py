@@ -145,6 +145,7 @@ class Evaluation(NamedTuple):
         count, size = state.shape
         objectives = len(plan.objectives)
         parameters = len(plan.names)
+        # NaN wherever nothing is known
         nan = lambda *shape: np.full((count, *shape), np.nan)
         return cls(
             status=np.zeros(count, int),

@@ -86,6 +86,7 @@ class Design:
     def several(self) -> bool:
         """Whether starts ended at different designs that are about equally good."""
         values = self.starts["smooth"].values
+        # starts without a motion have no value, and are not near the lowest
         lowest = float(self.starts["smooth"].min())
         # within 0.5 % of the objective, and further apart than 2 % of the box
         ends = self.starts["end"].values[values <= lowest + 0.005 * abs(lowest)]
@@ -347,6 +348,7 @@ class _Search:
         """Add a trial and show it."""
         self.trials.append(trial)
         q = self.problem.objective.quantity
+        # the bar shows the lowest objective of designs that keep all constraints
         feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
         best = q.shown(min(feasible, default=np.nan))
         text = f"{len(self.moves)} starts move, lowest {best:.5g} {q.display_unit}"
@@ -410,6 +412,7 @@ class _Search:
         values = best.values
         evaluation, change = self._with_half_step(best) if checked else _unchecked(best.evaluation)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
+        # the error of the worst case, or of the mean of independent ones
         if problem.robust == "worst":
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
             stderr = errors[np.argmax(known)]
@@ -423,6 +426,7 @@ class _Search:
             status = "not converged" if best.start in self.moves else "converged"
         history = _history(problem, self.trials)
         last = {trial.start: k for k, trial in enumerate(self.trials) if trial.taken}
+        # the trial that each start took last
         starts = history[["design", "smooth", "violation"]].isel(trial=list(last.values()))
         starts = starts.rename(trial="start", design="end")
         starts["converged"] = ("start", [start not in self.moves for start in last])

@@ -98,11 +98,13 @@ class Problem(EvaluationPlan):
     def case_values(self, evaluation: Evaluation) -> CaseValues:
         """Return objective and constraints of one design from the evaluation of its cases."""
         value = evaluation.value
+        # derivatives by variables become those by coordinates of the unit box
         slope = evaluation.gradient * self.width
         excess = [np.empty(0)]
         excess_slope = [np.empty((0, len(self.names)))]
         for objective, low, high in self.constraints:
             k = self.index(objective)
+            # violations of different constraints are compared in multiples of their limits
             scale = max(abs(limit) for limit in (low, high) if math.isfinite(limit)) or 1.0
             # how far above the upper and below the lower limit
             for sign, limit in ((1.0, high), (-1.0, low)):
@@ -141,6 +143,7 @@ def checked_problem(
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
+    # a trajectory stands for its end, None for Table 2's start
     start = first_of(start)
     # the corner that needs most steps decides for all
     if steps is None:
@@ -223,6 +226,7 @@ def first_designs(
     count = whole("starts", starts, 1)
     value = np.array([float(problem.scene.value(name)) for name in names])
     own = (value - problem.low) / problem.width
+    # a scene outside of the bounds is no design
     inside = bool(np.all((own >= 0) & (own <= 1)))
     if inside and count == 1:
         return own[None], 1, 1

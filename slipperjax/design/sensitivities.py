@@ -110,6 +110,7 @@ def sensitivities(
         return _dataset(plan, motion, np.array(list(plan.reach.values())), facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
     # where a linear estimate has the orbit graze
+    # the distance over its derivative by each parameter
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])

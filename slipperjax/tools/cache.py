@@ -37,6 +37,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
         return None
     if jax.config.jax_compilation_cache_dir:
         return Path(jax.config.jax_compilation_cache_dir)
+    # programs use all instructions of the processor that compiled them: each kind has a folder
     root = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("slipperjax"))
     place = root / _processor()
     try:
@@ -67,6 +68,7 @@ def keep_programs(place: Path) -> None:
         "ignore",
         message="Error (reading|writing) persistent compilation cache entry",
     )
+    # all programs, small ones, too
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_dir", str(place))

@@ -33,6 +33,7 @@ class CompileNotices:
     def begin(self) -> None:
         """Show that this thread compiles a program; further calls before its `end` change nothing."""
         thread = threading.get_ident()
+        # several threads compile at once
         with self.lock:
             if thread not in self.threads:
                 self.threads.add(thread)
@@ -70,6 +71,7 @@ def ahead(call: Callable[[], object]) -> None:
         with suppress(Exception):
             call()
 
+    # with the context variables of this thread, such as the notices
     threading.Thread(target=copy_context().run, args=(compiled,)).start()
 
 

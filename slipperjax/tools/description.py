@@ -20,8 +20,9 @@ TYPE = "type"
 OPAQUE = "opaque"
 """Key in place of a value that plain data cannot hold, such as a function."""
 
-_NORMS = (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)
-NORMS = {f"optimistix.{norm.__name__}": norm for norm in _NORMS}
+NORMS = {
+    f"optimistix.{norm.__name__}": norm for norm in (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)
+}
 """Functions that solvers of diffrax hold, by the names that descriptions give them."""
 
 
@@ -111,13 +112,11 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
             raise ValueError(f"Argument `{where}` must have a `{TYPE}`, but has {names}.")
         kind = known_type(str(description[TYPE]), bases, where)
         taken = arguments_of(kind)
-        fields = {}
-        for name, part in description.items():
-            if name == TYPE:
-                continue
+        fields = {name: part for name, part in description.items() if name != TYPE}
+        for name in fields:
             if name not in taken:
                 raise ValueError(f"Argument `{where}` must have only {', '.join(taken)}, but has `{name}`.")
-            fields[name] = part
+        # fields with a default may be left out, as in files of older versions
         for name, default in taken.items():
             if default is inspect.Parameter.empty and name not in fields:
                 given = ", ".join(fields) or "nothing"
@@ -135,6 +134,7 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
     **Raises:** `ValueError` where no concrete subclass of `bases` has it.
     """
     classes = {}
+    # a class that was defined again, as in a notebook, replaces the one of that name
     for base in bases:
         for kind in (base, *subclasses(base)):
             if not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None):

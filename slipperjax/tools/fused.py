@@ -81,6 +81,7 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
 
     def jvp(primals, tangents, **parameters):
         results = primitive.bind(*primals, **parameters)
+        # symbolic zeros: nothing is computed for them
         out = [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in results]
         # only operands that have a tangent
         live = [k for k, t in enumerate(tangents) if type(t) is not ad.Zero]
@@ -150,6 +151,7 @@ def _passed_on(context, *operands):
 
     LLVM gets some four instructions for each value, where it gets fifty for the reduction.
     """
+    # one function for each call, which the symbol table gives a name of its own
     types = [x.type for x in operands]
     module = context.module_context
     with ir.InsertionPoint.at_block_begin(module.module.body):

@@ -8,7 +8,6 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from itertools import compress
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +16,6 @@ from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import Array, ArrayLike, PyTree
 
 from .compile import split_arrays
-
-Tree = TypeVar("Tree")
 
 MOST_FORWARD = 16
 """Numbers up to which a derivative in reverse mode is a product with the Jacobian.
@@ -69,9 +66,9 @@ def _push(*operands: Array, program: Jaxpr, live: tuple[bool, ...]) -> tuple[lis
     return results, pushed
 
 
-def _called_at(*operands: Array, program: Jaxpr, live: tuple[bool, ...]) -> list[ArrayLike]:
+def _called_at(*operands: Array, **parameters: object) -> list[ArrayLike]:
     """Return results and tangents of `_push` in one list, as results of a primitive are."""
-    results, pushed = _push(*operands, program=program, live=live)
+    results, pushed = _push(*operands, **parameters)
     return [*results, *pushed]
 
 
@@ -90,6 +87,7 @@ def _linearised(
         directions = [direction[where].reshape(p.shape).astype(p.dtype) for where, p in parts]
         return _push(*operands, *directions, program=program, live=live)
 
+    # columns of a unit matrix are one direction each
     results, jacobians = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(end))
     return results, [[j[where].reshape(*p.shape, *j.shape[1:]) for where, p in parts] for j in jacobians]
 
@@ -135,6 +133,7 @@ def _evaluated_partially(trace, *tracers, program, live):
     Where arguments are known and their tangents are not, the Jacobian is computed now, and the tangents of results
     are products with it.
     """
+    # None in place of values that are not known yet
     known = [t.pval.get_known() for t in tracers]
     if all(k is not None for k in known):
         return _called.bind(*known, program=program, live=live)
@@ -195,7 +194,7 @@ mlir.register_lowering(_called, mlir.lower_fun(_called_at, multiple_results=True
 
 
 @jax.custom_jvp
-def moving_with(state: Tree, numbers: PyTree) -> Tree:
+def moving_with(state: PyTree, numbers: PyTree) -> PyTree:
     """Return `state`, with tangents if `numbers` have any, which are batched if theirs are.
 
     The state of a loop gets tangents from `numbers` in its first pass. Where it has them from the start, JAX traces

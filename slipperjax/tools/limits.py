@@ -24,6 +24,7 @@ def available_memory() -> int | None:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
+    # a scheduler may give a process fewer cores than there are; not all systems tell
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
@@ -56,6 +57,7 @@ def shown_bytes(count: float) -> str:
 
 def shown_time(seconds: float) -> str:
     """Return a duration as text, with three digits at most: "40 s", "2.08 min", "3.33 h", "5.2 days", "17 years"."""
+    # a unit serves up to two of the next one
     size = 1.0
     for unit, next_size in (("s", 60.0), ("min", 3600.0), ("h", 86400.0), ("days", LONGEST)):
         if seconds < 2 * next_size:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.gradients import period_values
+from slipperjax.design.gradients import PeriodValues
 from slipperjax.design.objectives import OBJECTIVES, objective_named
 from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS, OnePoint, PowerMean, Record
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.quantities import Quantity
@@ -144,7 +145,7 @@ def test_on_a_motion_they_agree_with_its_loads():
     run = fine(scene)
     objectives = PEAK, OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
     step = PeriodMap(scene, ConstantSteps(FINE))
-    records = period_values(objectives)
+    records = RecordSet((PeriodValues(objectives),))
     start = jax.tree.map(lambda a: a[0], run.state)
     (kept,) = sj.jit(lambda: step.run(start, periods=PERIODS, records=records).samples)()
     peak, impulse, load = (float(one.total(rows)) for one, rows in zip(objectives, kept, strict=True))

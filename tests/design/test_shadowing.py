@@ -10,8 +10,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.design.gradients import period_values
+from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.record import RecordSet
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
@@ -86,7 +87,7 @@ TRAJECTORIES, SEGMENTS, LENGTH, ALIGN, TANGENTS = 4, 80, 5, 4, 4
 
 def slipper_slopes(cases):
     """OBJECTIVES and their slopes by length from one trajectory each, (cases, objectives)."""
-    records = period_values(OBJECTIVES)
+    records = RecordSet((PeriodValues(OBJECTIVES),))
     start = initial_state(sj.paper_scene(), sj.table_2_start())
     _, unravel = ravel_pytree(start)
     # 1 m/s of a contact's memory counts as one
