@@ -5,8 +5,8 @@ from .datasets import dataset_of as dataset_of, load_call as load_call, versions
 from .record import (
     AbstractRecord as AbstractRecord,
     History as History,
+    PoincareSections as PoincareSections,
     RecordedSpan as RecordedSpan,
-    Sections as Sections,
     Strobe as Strobe,
 )
 from .records import (

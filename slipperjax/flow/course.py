@@ -243,7 +243,7 @@ def _cubics(values: Array, slopes: Array) -> Cubic:
 # --- the course -----------------------------------------------------------------------------------------------------
 
 
-class Curve:
+class StepCubics:
     """A quantity over a period, a cubic in each step. Each property is computed once for all records."""
 
     def __init__(
@@ -319,8 +319,8 @@ class Curve:
         return jnp.min(store(sizes), axis=0)  # as in `greatest`
 
     @functools.cached_property
-    def _falling(self) -> "Curve":
-        return Curve(
+    def _falling(self) -> "StepCubics":
+        return StepCubics(
             -self.values,
             -self.slopes,
             self._course,
@@ -439,28 +439,28 @@ class Course:
         return jax.vmap(of_one)(self._instants, self._acting)
 
     @functools.cached_property
-    def coordinates(self) -> Curve:
+    def coordinates(self) -> StepCubics:
         """(ends, coordinates), in the order of `slipperjax.model.COORDINATES`."""
         # Euler angles follow from the quaternion, and so do their slopes
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
-        return Curve(store(values), store(slopes), self)
+        return StepCubics(store(values), store(slopes), self)
 
     @functools.cached_property
-    def acceleration(self) -> Curve:
+    def acceleration(self) -> StepCubics:
         """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
         travel = self.args.travel(self._instants)
         m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
         return self._curve(store(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property
-    def force(self) -> Curve:
+    def force(self) -> StepCubics:
         """Normal contact forces at the front and the rear points [N], (ends, 2, points)."""
         return self._where_closed(self._curve(self._of_points(self._forces)))
 
     @functools.cached_property
-    def gap(self) -> Curve:
+    def gap(self) -> StepCubics:
         """Gaps there, negative where penetrating [m], (ends, 2, points)."""
         return self._curve(self._of_points(self._contacts[1].gap))
 
@@ -470,13 +470,13 @@ class Course:
         return self._of_points(self._contacts[1].rate)
 
     @functools.cached_property
-    def power(self) -> Curve:
+    def power(self) -> StepCubics:
         """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
         rate."""
         return self._where_closed(self._curve(store(-self.force.values * self.gap_rate)))
 
     @functools.cached_property
-    def drive_force(self) -> Curve:
+    def drive_force(self) -> StepCubics:
         """Force along x that keeps the speed or its programme [N], (ends,); acceleration's share is its `level`."""
         travel = self.args.travel(self._instants)
 
@@ -488,10 +488,10 @@ class Course:
         if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
             energy = 0.5 * driven_mass(self.scene) * travel.speed**2
             level = store(jnp.diff(energy) * (self.steps / travel.wavelength))
-        return Curve(curve.values, curve.slopes, self, level)
+        return StepCubics(curve.values, curve.slopes, self, level)
 
     @functools.cached_property
-    def friction_power(self) -> Curve:
+    def friction_power(self) -> StepCubics:
         """Power that friction turns into heat [W], (ends, 2, points); zero without friction."""
         friction = self.scene.friction
         power = jnp.zeros_like(self._forces)
@@ -506,7 +506,7 @@ class Course:
         return self._where_closed(self._curve(self._of_points(power)))
 
     @functools.cached_property
-    def spring_force(self) -> Curve:
+    def spring_force(self) -> StepCubics:
         """Lateral and vertical force of the sled's springs, dampers and stops on the slipper [N], (ends, 2)."""
         sled = self.scene.sled
         require(sled is not None, "record", "be another one where the scene has no sled", "spring_force")
@@ -559,10 +559,10 @@ class Course:
     def _of_points(self, values: Array) -> Array:
         return values.reshape(len(values), 2, -1)
 
-    def _curve(self, values: Array) -> Curve:
-        return Curve(values, step_slopes(values, self.steps), self)
+    def _curve(self, values: Array) -> StepCubics:
+        return StepCubics(values, step_slopes(values, self.steps), self)
 
-    def _where_closed(self, curve: Curve) -> Curve:
+    def _where_closed(self, curve: StepCubics) -> StepCubics:
         """Set slopes to zero where the force is zero: it begins or ends there, or is zero throughout."""
         closed = self._of_points(self._forces) > 0
-        return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)
+        return StepCubics(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

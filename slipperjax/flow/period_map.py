@@ -30,7 +30,7 @@ from ..tools.one_kernel import call_plainly, in_one_kernel
 from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet
-from .status import Status, status_of, with_growth, with_resolution
+from .status import Status, judge_states, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
 
 
@@ -149,7 +149,7 @@ class PeriodMap(eqx.Module):
 
             def recorded(end: State, inside: State | None, rates: Motion | None, carried: tuple) -> tuple:
                 course = Course(end, inside, args, self.stepping.number, rates)
-                return records.add(carried, course), records.sample(course), status_of(end)
+                return records.add(carried, course), records.sample(course), judge_states(end)
 
             carried, sample, code = part(recorded, end, inside, done.rates, carried)
             return (end, done.solver_state, carried), (sample, code, jnp.asarray(done.steps_taken, int))
@@ -271,7 +271,7 @@ def advance_tangents(
 
         epochs = epoch + jnp.arange(float(periods))
         (state, tangents), (history, strobe) = jax.lax.scan(period, (state, tangents), epochs)
-        code = with_resolution(status_of(state), scene, jnp.full(periods, stepping.number), epoch)
+        code = with_resolution(judge_states(state), scene, jnp.full(periods, stepping.number), epoch)
         code = with_growth(code, history)
         return TangentPassage(state, tangents, history, strobe, code)
 

@@ -271,7 +271,7 @@ class SectionPoints(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Sections(AbstractRecord):
+class PoincareSections(AbstractRecord):
     """Poincare sections: velocities at the upward zero crossings of each coordinate, and when they were.
 
     `crossings_<velocity>` says how many there were. Where a period has more of them than `capacity`, its later ones

@@ -317,7 +317,7 @@ def judged_by_contacts(
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """No variable, but the statuses that follow from loads: no contact, pressed in, and unresolved damping."""
+    """No variable, but the statuses that follow from loads: no contact, pressed in, too few steps."""
 
     def values(self, scene, periods):
         return 3

@@ -31,7 +31,7 @@ from ..tools.types import AnyArray, Real, Whole
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap
 from .record import RecordSet, Unlabelled
-from .status import Status, most_stability_number, status_of, with_accuracy, with_loads
+from .status import Status, judge_states, most_stability_number, with_accuracy, with_loads
 from .stepping import (
     AbstractStepping,
     ConstantSteps,
@@ -321,7 +321,7 @@ def _finished(
     )
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
-    code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
+    code = jnp.where(passage.status == int(Status.FINITE), judge_states(states), passage.status)
     if loads is not None:
         total = over_periods(loads)
         closed = jnp.sum(total.contact_fraction)

@@ -45,10 +45,10 @@ class Status(enum.IntEnum):
         "derailed: the slipper turned by more than 90 degrees, where the contact model has no meaning",
         "reduce the clearance or the initial spin",
     )
-    UNRESOLVED = (
+    TOO_FEW_STEPS = (
         3,
-        f"unresolved: a typical impact takes less than {LEAST_PER_CONTACT} steps, or a contact's damping is too fast "
-        "for the steps",
+        f"too few steps: a typical impact takes less than {LEAST_PER_CONTACT}, or a contact's damping is too fast for "
+        "them",
         "raise steps_per_period, or take an implicit solver such as ROS34PW2",
     )
     PRESSED_IN = (
@@ -77,7 +77,7 @@ class Status(enum.IntEnum):
     POINTS_DROPPED = (
         9,
         "points dropped: a coordinate crossed zero upwards more often in a forcing period than points are kept",
-        "keep more, by slipperjax.flow.Sections(capacity)",
+        "keep more, by slipperjax.flow.PoincareSections(capacity)",
     )
 
     def __new__(cls, code: int, meaning: str, remedy: str):
@@ -95,7 +95,7 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 """All codes with meaning and remedy, for the attributes of datasets."""
 
 
-def status_of(states: State) -> Int[Array, ""]:
+def judge_states(states: State) -> Int[Array, ""]:
     """Judge a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
     m = states.motion
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(m)])
@@ -105,9 +105,9 @@ def status_of(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) -> Int[Array, ""]:
-    """Return a code of `status_of`, or `UNRESOLVED` where a period's steps are too few for its impacts.
+    """Return a code of `judge_states`, or `TOO_FEW_STEPS` where a period's steps are too few for its impacts.
 
-    `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
+    `TOO_FEW_STEPS` comes before `DERAILED`, which too few steps can bring about.
 
     **Arguments:** `steps`: of each period, from the period number `begin` on.
     """
@@ -118,14 +118,14 @@ def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) 
 
     # each period by the speed that it had
     steps = jnp.atleast_1d(steps)
-    return _unresolved_where(
+    return _too_few_where(
         jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))),
         code,
     )
 
 
-def _unresolved_where(problem: Array, code: Array) -> Array:
-    return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
+def _too_few_where(problem: Array, code: Array) -> Array:
+    return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.TOO_FEW_STEPS), code)
 
 
 def with_loads(
@@ -155,15 +155,15 @@ def with_loads(
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > pressed * extent, code, Status.PRESSED_IN)
     # before the two of above, which too long steps can bring about
-    return _unresolved_where(stability_number > most, code)
+    return _too_few_where(stability_number > most, code)
 
 
 def with_growth(code: Array, history: Array) -> Int[Array, ""]:
-    """Return a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
+    """Return a code, or `TOO_FEW_STEPS` where a tangent grew faster in some period than any motion's can.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
-    return _unresolved_where(
+    return _too_few_where(
         jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH,
         code,
     )
@@ -185,11 +185,11 @@ def most_stability_number(
 def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
     """Return codes of two successive stretches of a run as one: the first that is not `FINITE`.
 
-    `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
+    `NOT_FINITE` comes before `TOO_FEW_STEPS`, as within a stretch.
     """
     earlier = np.asarray(earlier)
     later = np.asarray(later)
-    lost = (earlier == Status.UNRESOLVED) & (later == Status.NOT_FINITE)
+    lost = (earlier == Status.TOO_FEW_STEPS) & (later == Status.NOT_FINITE)
     return np.where((earlier == Status.FINITE) | lost, later, earlier)
 
 

@@ -18,7 +18,7 @@ from ..analysis.events import MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
-from ..flow.record import RecordedSpan, RecordSet, SectionPoints, Sections, Strobe
+from ..flow.record import PoincareSections, RecordedSpan, RecordSet, SectionPoints, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import Interrupted, Stop
 from ..model.dynamics import State, initial_state
@@ -307,7 +307,7 @@ class _Settings:
         # the equations once more, as a program that keeps samples inside the periods
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
         equations = dataclasses.replace(self.equations, family=family)
-        sections = Sections()
+        sections = PoincareSections()
         records = RecordSet((GapSamples(), sections))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
         # records finish a batch of cases, here of one
@@ -401,7 +401,7 @@ class _Settings:
         }
         # crossings of all orbits, with a leading axis of points
         together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
-        sections, _ = Sections().label(scene, ("point",), together)
+        sections, _ = PoincareSections().label(scene, ("point",), together)
         # the state at the start of the orbit is its one strobe state
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}

@@ -19,7 +19,7 @@ from ..flow.simulate import (
     dynamic_steps,
     first_of,
 )
-from ..flow.status import status_of, with_growth, with_resolution
+from ..flow.status import judge_states, with_growth, with_resolution
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -97,7 +97,7 @@ def lyapunov_spectrum(
         index=epoch,
         period=scene.period,
     )
-    code = with_growth(with_resolution(status_of(spectrum.state), scene, steps), spectrum.history)
+    code = with_growth(with_resolution(judge_states(spectrum.state), scene, steps), spectrum.history)
     # Chaos of slippers is known to change over 2000 periods: at 2100 m/s many motions begin in a band that they leave
     # after some 2000, and its exponent is 0.31 instead of 0.26.
     return dataclasses.replace(spectrum, status=code, slowest=2000.0)

@@ -23,7 +23,7 @@ from ..flow.simulate import (
     run_eagerly,
     simulate,
 )
-from ..flow.status import Status, status_of
+from ..flow.status import Status, judge_states
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -217,7 +217,7 @@ def periodic_orbit(
 @jit
 def _status(state: State, residual: Array, tolerance) -> Array:
     """Return the `Status` of a state with the residual of its recurrence, as one program."""
-    code = status_of(state)
+    code = judge_states(state)
     return jnp.where(
         (code == int(Status.FINITE)) & ~(residual <= tolerance),
         int(Status.NO_ORBIT),

@@ -27,7 +27,9 @@ class Motions(NamedTuple):
     period: Int[AnyArray, "*cases"]
 
 
-def motions_of(strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]) -> Motions:
+def classify_motions(
+    strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]
+) -> Motions:
     """Return the kinds of motions by their states once per period; nothing is concluded from cases with a status."""
     finite = (status == Status.FINITE)[:, None, None]
     motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)

@@ -33,7 +33,7 @@ from ..model.layout import coordinates
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
-from .attractors import LAST, motions_of
+from .attractors import LAST, classify_motions
 from .orbits import Maps, rows_of
 from .plan import PERIODS_PER_CALL, AbstractStage, Calls, Part, Plan
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
@@ -161,7 +161,7 @@ def run_longer_motions(
     first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
     # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
-    regular = (motions_of(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
+    regular = (classify_motions(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
     return LongerMotions(
         chosen,
         by_case(history),
@@ -451,7 +451,7 @@ class LyapunovExponents(AbstractStage):
         maps = Maps.of(part, np.zeros(len(status), int), start + measured_periods(blocks))
         pressed = maps.contact_status(np.arange(len(rows)), rows, part.capacity)
         status = np.asarray(first_problem(first_problem(status, local.status), pressed))
-        motion = motions_of(local.strobe, status)
+        motion = classify_motions(local.strobe, status)
         checks = None
         if self.certify:
             half = measure(part, states, start, blocks, 1, finer=2)

@@ -21,7 +21,7 @@ from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import Labelled, RecordSet
 from ..flow.records import ContactChecks, judged_by_contacts
 from ..flow.simulate import dynamic_steps
-from ..flow.status import Status, first_problem, most_stability_number, status_of
+from ..flow.status import Status, first_problem, judge_states, most_stability_number
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.layout import StateLayout, coordinates
@@ -183,7 +183,7 @@ def _weights(scenes: Batched[Scene], states: State) -> State:
 
 @jit
 def _statuses(states: State) -> jax.Array:
-    return jax.vmap(status_of)(states)
+    return jax.vmap(judge_states)(states)
 
 
 # --- Newton's method ------------------------------------------------------------------------------------------------

@@ -8,7 +8,16 @@ from jaxtyping import Float
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import one_motion_standard_error
-from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
+from ..flow.record import (
+    AbstractOutput,
+    AbstractRecord,
+    History,
+    Labelled,
+    PoincareSections,
+    RecordedSpan,
+    RecordSet,
+    Strobe,
+)
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State
@@ -17,7 +26,7 @@ from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from ..tools.columns import column
 from ..tools.types import AnyArray
-from .attractors import LAST, Motions, motions_of
+from .attractors import LAST, Motions, classify_motions
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
 from .plan import AbstractStage, LastStrobes
@@ -71,7 +80,7 @@ class MotionKind(AbstractRecord):
             )
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
-        return motions_of(coordinates(State(samples, None)), span.status)
+        return classify_motions(coordinates(State(samples, None)), span.status)
 
     def label(self, scene, dims, values: Motions) -> Labelled:
         words = Regime.kind_names(values.kind)
@@ -148,7 +157,7 @@ class LargestExponent(AbstractStage):
 
 
 OTHERS: dict[str, tuple[AbstractOutput, ...]] = {
-    "sections": (Sections(), Strobe(from_start=True)),
+    "sections": (PoincareSections(), Strobe(from_start=True)),
     "strobe": (Strobe(),),
     "history": (History(),),
     "motion": (MotionKind(),),
@@ -172,7 +181,7 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
     listed = list(record) if isinstance(record, list | tuple) else [record]
     require(listed, "record", f"name at least one of {', '.join(NAMES)}", record)
     outputs = [one for item in listed for one in _outputs(item)]
-    series = any(isinstance(one, Sections | History) for one in outputs)
+    series = any(isinstance(one, PoincareSections | History) for one in outputs)
     if yes_or_no("loads", series if loads is None else loads):
         outputs += [RECORDS[name] for name in LOADS]
     if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in outputs):

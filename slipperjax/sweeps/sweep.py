@@ -84,7 +84,7 @@ def sweep(
     - `solver`, `start`, `begin`, `saves_per_period`: as for `simulate`.
     - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
         the others, default with sections and histories. With any load come the statuses that follow from loads: no
-        contact, pressed in, and unresolved for damping that is too fast for the steps.
+        contact, pressed in, and too few steps where damping is too fast for them.
     - `chunk`: cases per call, rounded up to 16, 24, 32, 40, 48, 56, 64, 80, ..., or 8 where there are no more;
         `workers`: threads, default one per core, and never more than one where `solver` is one of diffrax's implicit
         ones, see `solvers.calls_lapack`. Neither changes any result.

@@ -193,7 +193,7 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     # the clearance depends on what is varied
     case = "speed 1250 m/s, length 0.2 m, from Table 2's start"
     assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
-    assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.UNRESOLVED})\n")
+    assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.TOO_FEW_STEPS})\n")
     xr.testing.assert_identical(dataset(out), made)
     assert share(picture(out, 7.2, 5.5), COLORS["grey"]) > 0
     made["status"][:] = int(Status.NOT_FINITE)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
-from slipperjax.flow.course import Course, Crossings, Curve, contact_loads
+from slipperjax.flow.course import Course, Crossings, StepCubics, contact_loads
 
 STEPS = 64
 
@@ -31,7 +31,7 @@ def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any
         if name == "crossings":
             course.crossings = Crossings(*parts)
         else:
-            setattr(course, name, Curve(*map(jnp.asarray, parts), course))
+            setattr(course, name, StepCubics(*map(jnp.asarray, parts), course))
     if {"force", "gap"} <= set(given):
         course.loads = contact_loads(course.force.values, course.gap.values, jnp.zeros(steps + 1), course.args, steps)
     return course

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 import slipperjax as sj
 from slipperjax.flow.course import Course, Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import History, RecordedSpan, RecordSet, Sections, Strobe
+from slipperjax.flow.record import History, PoincareSections, RecordedSpan, RecordSet, Strobe
 from slipperjax.flow.records import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
@@ -104,7 +104,7 @@ def span(periods, steps, cases=1):
 
 def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     """Three crossings in a period, of which two are kept."""
-    record = Sections(2)
+    record = PoincareSections(2)
     time = np.full((5, 64), np.nan)
     time[:, [5, 20, 40]] = [0.1, 0.3, 0.6]
     course = made_up_course(64, crossings=(jnp.asarray(time), jnp.asarray(10 * time)))
@@ -163,7 +163,7 @@ def with_faces(count):
 KEPT = (
     History(8),
     Strobe(),
-    Sections(),
+    PoincareSections(),
     PerWindow(RECORDS["impulse"]),
     PerWindow(RECORDS["drive_force"]),
 )
@@ -179,7 +179,7 @@ def test_memory_is_counted_by_the_points_of_the_section(record, faces):
     kept = sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(of_period)))
     found = record.values(scene, 7) / 7
     # counts of crossings are left out, one in 17
-    assert found == pytest.approx(kept, rel=0.06 if isinstance(record, Sections) else 1e-12)
+    assert found == pytest.approx(kept, rel=0.06 if isinstance(record, PoincareSections) else 1e-12)
 
 
 def test_memory_of_numbers_of_a_run_is_counted_by_their_dimensions():

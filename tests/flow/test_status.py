@@ -45,14 +45,14 @@ BRAKED = dataclasses.replace(sj.paper_scene(), speed=DIP)
     ("begin", "steps", "code"),
     [
         (0, [40] * 100, Status.FINITE),  # far from the slow place
-        (0, [40] * 102, Status.UNRESOLVED),
+        (0, [40] * 102, Status.TOO_FEW_STEPS),
         (102, [320], Status.FINITE),
-        (102, [40], Status.UNRESOLVED),
+        (102, [40], Status.TOO_FEW_STEPS),
         (101, [320] * 3, Status.FINITE),
         (99, [40, 320, 320, 320, 320, 40], Status.FINITE),  # as of adaptive steps: each period has its own
-        (99, [320, 320, 320, 40, 320, 320], Status.UNRESOLVED),
+        (99, [320, 320, 320, 40, 320, 320], Status.TOO_FEW_STEPS),
         (105, [40] * 100, Status.FINITE),  # behind it
-        (0, [40] * 200, Status.UNRESOLVED),  # fast at both ends
+        (0, [40] * 200, Status.TOO_FEW_STEPS),  # fast at both ends
     ],
     ids=lambda value: getattr(value, "name", None),
 )
@@ -65,7 +65,7 @@ def test_steps_are_judged_where_they_are(begin, steps, code):
     ("begin", "periods", "code"),
     [
         (784.0, 3, Status.FINITE),  # a program of four periods, the last of which is slower
-        (784.0, 4, Status.UNRESOLVED),
+        (784.0, 4, Status.TOO_FEW_STEPS),
         (848.0, 3, Status.FINITE),
     ],
     ids=lambda value: getattr(value, "name", None),

@@ -100,7 +100,7 @@ SMALL = CLEARANCES[CLEARANCES < 2.575] * 1e-3
         ("speed", 1650.0, 2, NAN, {"N6"}, {"N6": "1660..1810 m/s"}),
         # far from every place that a claim names
         ("speed", [300.0, 1740.0], 3, NAN, (), {"N6": "1660..1730, 1750..1810 m/s"}),
-        # whatever its numbers are: DERAILED and UNRESOLVED cases have finite ones
+        # whatever its numbers are: DERAILED and TOO_FEW_STEPS cases have finite ones
         ("speed", [300.0, 1400.0], 2, 1e9, (), {}),
         (
             *("speed", SPEEDS, 1, NAN, {"N4 period-3", "N4 period-1", "N4 jump", "N5", "N6", "N7"}),

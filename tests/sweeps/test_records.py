@@ -11,7 +11,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_call
-from slipperjax.flow.record import History, Sections, Strobe
+from slipperjax.flow.record import History, PoincareSections, Strobe
 from slipperjax.flow.records import RECORDS, PowerMean, Record
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
@@ -30,7 +30,7 @@ RECORD = [
     "extremes",
     "strobe",
     "motion",
-    Sections(4),
+    PoincareSections(4),
 ]
 # the first begins on its orbit, the last is lost at its first contact
 CASES = {"speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1e-3])}
@@ -226,7 +226,7 @@ def test_batches_of_other_sizes_differ_by_rounding_only():
 def test_long_records_in_several_calls_are_those_of_one():
     """100 periods are two calls of 50, and 97, which nothing divides, one."""
     grid = {"speed": [1250.0, 1500.0]}
-    record = ["extremes", "contact_fraction", Sections(3), Strobe()]
+    record = ["extremes", "contact_fraction", PoincareSections(3), Strobe()]
     long = swept(record, grid, periods=100, transient=10)
     exact = swept("history", grid, periods=100, transient=10, saves_per_period=STEPS)
     assert np.all(long["largest_z"].values >= exact["z"].max("time").values)
@@ -238,7 +238,7 @@ def test_long_records_in_several_calls_are_those_of_one():
 
 @pytest.mark.slow
 def test_following_with_records():
-    record = ["peak_period", Sections(3), "rms"]
+    record = ["peak_period", PoincareSections(3), "rms"]
     path = {"speed": [1240.0, 1250.0]}
     options = dict(transient=10, periods=10)
     ds = sj.follow(sj.paper_scene(), path, record=record, **options)
@@ -329,7 +329,7 @@ def drive(course):
         (bad(number(lambda c: 1j * c.drive_force.mean)), "`function` of `odd` must give real numbers"),
         (bad(number(lambda c: c.force.mean)), "of the shape of `dims`, (), but gives float64[2,10]"),
         (lambda: PowerMean(RECORDS["peak_force"], -1), "`order` must be positive"),
-        (lambda: Sections(0), "`capacity` must be a whole number of 1 or more, but is 0"),
+        (lambda: PoincareSections(0), "`capacity` must be a whole number of 1 or more, but is 0"),
         (lambda: MotionKind(10), "`latest` must be a whole number of 16 or more, but is 10"),
         (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
         (lambda: number("max"), "`function` must be a function of a course, but is 'max'"),
