@@ -47,8 +47,8 @@ class Status(enum.IntEnum):
     )
     TOO_FEW_STEPS = (
         3,
-        f"too few steps: a typical impact takes less than {LEAST_PER_CONTACT}, or a contact's damping is too fast for "
-        "them",
+        f"too few steps: a typical impact takes less than {LEAST_PER_CONTACT}, or a contact's damping is too fast "
+        "for them",
         "raise steps_per_period, or take an implicit solver such as ROS34PW2",
     )
     PRESSED_IN = (

@@ -182,7 +182,7 @@ def test_single_cases_take_their_own_answers_alone():
     lost = {"N3 motion", "N3 line", "N14 A2 0.1", "N14 C2 0.1", "N14 J2 0.1", "N15"}
     check(found, lost, {"N3 line": "1 of 1 cases flagged", "N15": "1 of 2 cases flagged"})
     assert found["N3 line"].why.startswith("not finite")
-    assert found["N15"].why.startswith("unresolved")
+    assert found["N15"].why.startswith("too few steps")
 
 
 def test_lines_of_two_waves():
