@@ -20,3 +20,7 @@ def main() -> None:
 
 def _leave(number: int, frame: Any) -> None:
     os._exit(128 + number)
+
+
+if __name__ == "__main__":
+    main()

@@ -5,7 +5,9 @@ Commands import what they need when they are called: help is quick.
 
 import dataclasses
 import functools
+import importlib
 import inspect
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -86,10 +88,23 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
     expose_value=False,
     callback=_print_versions,
 )
-def app(cache: bool) -> None:
+@click.option(
+    "--import",
+    "modules",
+    help="Python module with classes of your own that a scene's file names, such as my_laws; repeat for several.",
+    multiple=True,
+)
+def app(cache: bool, modules: tuple[str, ...]) -> None:
     """Nonlinear dynamics of rocket-sled slippers."""
     if cache:
         compile_cache()
+    for name in modules:
+        # where `python` would look, too
+        sys.path[:0] = [str(Path.cwd())]
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise ValueError(f"Option --import must be a Python module, but is {name}: {error}.") from None
 
 
 class FilePath(click.Path):

@@ -40,8 +40,6 @@ from .status import MEANINGS
 if TYPE_CHECKING:
     import xarray as xr
 
-    from .simulate import Trajectory
-
 
 @functools.cache
 def versions() -> dict[str, str]:
@@ -108,7 +106,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
 _over_periods = jit(over_periods)
 
 
-def trajectory_dataset(trajectory: "Trajectory") -> "xr.Dataset":
+def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     """Return a `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,

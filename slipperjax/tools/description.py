@@ -129,7 +129,7 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
 
 
 def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
-    """Return the class of a name in descriptions: the one defined last.
+    """Return the class of a name in descriptions, with or without its package: the one defined last.
 
     **Raises:** `ValueError` where no concrete subclass of `bases` has it.
     """
@@ -139,10 +139,14 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
         for kind in (base, *subclasses(base)):
             if not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None):
                 classes[type_name(kind)] = kind
+    # a class of a user's module is known by its bare name, too, where no other one has it
+    fitting = [full for full in classes if full == name or full.endswith(f".{name}")]
+    if len(fitting) == 1:
+        name = fitting[0]
     if name not in classes:
         own = ", ".join(sorted(k for k in classes if "." not in k))
         raise ValueError(
             f"Argument `{where}.{TYPE}` must be one of {own}, but is {brief(name)}. A class of your own must be "
-            f"imported before."
+            f"imported before, on the command line by --import."
         )
     return classes[name]

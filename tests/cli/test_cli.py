@@ -21,7 +21,7 @@ from slipperjax.model.quantities import SECTIONS
 from slipperjax.plots.style import COLORS
 
 from ..orbits.nominal import STEPS
-from .commands import TEN, call, dataset, names, picture, share
+from .commands import TEN, call, dataset, error_of, names, picture, share
 
 SCENE = sj.paper_scene()
 NOTHING = dict.fromkeys(CASE) | {"set": (), "wavelength": (), "solver": "RK4"}
@@ -309,3 +309,20 @@ def test_commands_that_travel_begin_where_they_are_told(words, function, replace
     for more, place in (([], 8.0 if words[0] == "run" else None), (["--begin", "0.3 km"], 300.0)):
         assert call([*words, *out, *more], capsys, 2)[1].endswith("error: seen\n")
         assert called.call_args[1]["begin"] == place
+
+
+def test_laws_of_ones_own_are_imported(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own_laws.py").write_text(
+        "import slipperjax as sj\n"
+        "class Doubled(sj.HertzSpring):\n"
+        "    def force(self, gap, rate, rate_ratio):\n"
+        "        return 2 * super().force(gap, rate, rate_ratio)\n"
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text('base = "paper"\n[contact]\ntype = "Doubled"\nstiffness = "1e8 N/m^1.5"\n')
+    monkeypatch.chdir(tmp_path)
+    command = ["simulate", "--scene", scene, "--periods", 1, "--probe", 0, "--out", tmp_path / "own"]
+    assert "imported before, on the command line by --import" in error_of(command, capsys)
+    call(["--import", "own_laws", *command], capsys)
+    assert type(sj.load_scene(dataset(tmp_path / "own")).contact).__name__ == "Doubled"
+    assert "--import must be a Python module" in error_of(["--import", "no_such_module", *command], capsys)

@@ -156,7 +156,7 @@ def test_failures_say_what_happened(nominal):
     lost = sj.periodic_orbit(SCENE.replace(speed=1e-3), steps_per_period=STEPS)
     assert int(lost.status) == Status.NOT_FINITE
     assert np.all(np.isnan(lost.multipliers))
-    with pytest.raises(ValueError, match="must have a track that recurs with its first wavelength"):
+    with pytest.raises(ValueError, match="must have a track that recurs with the forcing period"):
         sj.periodic_orbit(sj.paper_scene(wavelengths=(8.0, 3.0)))
     with pytest.raises(ValueError, match="`period` must be a whole number of 1 or more, but is 0"):
         sj.periodic_orbit(SCENE, period=0)
