@@ -138,7 +138,7 @@ tests/flow/test_status.py -k first_problem
 runs judged where the whole programme is slowest
 tests/flow/test_status.py -k judged_where
 -slowest = scene.slowest_between(epoch, epoch + 1)
-+slowest = scene.slowest
++slowest = scene.slowest_travel
 
 periods judged that were not run
 tests/flow/test_status.py -k over_their_stretch

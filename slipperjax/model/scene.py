@@ -124,7 +124,7 @@ class Scene(ShapeChecked):
         return Travel(self.speed.at(distance), self.wavelength, self.speed.acceleration(distance))
 
     @property
-    def slowest(self) -> Travel:
+    def slowest_travel(self) -> Travel:
         """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)

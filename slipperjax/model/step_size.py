@@ -49,7 +49,7 @@ def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""
 
 def _approach(scene: Scene, travel: Travel | None = None, least: float = 0.1) -> Float[Array, ""]:
     """Return the approach speed of a typical impact [m/s], `least` at least."""
-    travel = scene.slowest if travel is None else travel
+    travel = scene.slowest_travel if travel is None else travel
     return jnp.maximum(scene.track.approach_speed(travel.speed), least)
 
 
@@ -83,7 +83,7 @@ def steps_needed(scene: Scene, per_wave: int = 10, damped: float = 2.0) -> Float
     """
     law = scene.contact
     damping = jnp.asarray(law.damping(-_approach(scene), jnp.ones(()) if law.has_memory else None))
-    impacts = scene.slowest.period / contact_duration(scene)
+    impacts = scene.slowest_travel.period / contact_duration(scene)
     waves = scene.wavelength / scene.track.shortest_wavelength
     per_impact = PER_CONTACT * impacts * jnp.maximum(damping / damped, 1.0)
     return jnp.maximum(per_impact, per_wave * waves * damped_waves(damping))
