@@ -1,14 +1,13 @@
 """The layout of a scene's state: its numbers by name, unit and scale, and states as rows of arrays."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.compile import is_traced, jit
+from ..tools.compile import jit
 from .dynamics import State
 from .kinematics import Motion, SledMotion, euler_angles
 from .quantities import MOTION_NUMBERS, SLED_NUMBERS, Quantity
@@ -59,14 +58,15 @@ class StateLayout:
         return np.array([q.scale for q in self.numbers])
 
     @staticmethod
-    def pack(states: State) -> Any:
-        """Return states (*batch) as rows of all their numbers (*batch, size), in NumPy unless traced."""
+    def pack(states: State) -> Float[np.ndarray, "*batch size"]:
+        """Return states (*batch), which are known, as rows of all their numbers."""
         # in NumPy nothing is compiled
-        xp = jnp if is_traced(states) else np
-        columns = [xp.asarray(v)[..., None] for v in vars(states.motion).values()]
-        return xp.concatenate(columns if states.memory is None else [*columns, xp.asarray(states.memory)], axis=-1)
+        columns = [np.asarray(v)[..., None] for v in vars(states.motion).values()]
+        if states.memory is not None:
+            columns.append(np.asarray(states.memory))
+        return np.concatenate(columns, axis=-1)
 
-    def unpack(self, rows: Any) -> State:
+    def unpack(self, rows: Array | np.ndarray) -> State:
         """Return states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
         kind = Motion if count == len(MOTION_NUMBERS) else SledMotion
