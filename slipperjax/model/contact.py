@@ -12,7 +12,7 @@ g'_0 is the contact's memory: one number per point, which changes at touchdowns 
 """
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import converted, fraction, not_negative, number, positive, warn_unless_within, yes_or_no
 from ..tools.fields import ShapeChecked, field
 from ..tools.hermite import Cubic, sign_change
+from ..tools.types import Real
 
 
 class AbstractContactLaw(ShapeChecked):
@@ -154,7 +155,7 @@ class AbstractMemory(ShapeChecked):
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
         """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
-    def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
+    def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Real, ratio: Real) -> Array:
         """Return the memory after a step, shape (points,): `at_touchdown` where a gap closed, zero where it is open.
 
         **Arguments:** `memory` and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end; `step`: its
@@ -231,7 +232,7 @@ class Before(NamedTuple):
     earlier_rate: Array
     """Gap rate at the start of the previous step [m/s]."""
 
-    def touchdown_rate(self, gap: Array, rate: Array, step: Any, ratio: Any, entered: Array) -> Array:
+    def touchdown_rate(self, gap: Array, rate: Array, step: Real, ratio: Real, entered: Array) -> Array:
         """Return the gap rate of the points that `entered` at the instants of their touchdown [m/s].
 
         The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the

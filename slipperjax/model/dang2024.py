@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
+from ..tools.types import Real
 from .contact import AbstractMemory, EventLatch, Flores
 from .kinematics import Motion
 from .parameters import PARAMETERS, half_play
@@ -27,7 +27,7 @@ _TABLE_1 = (
 )
 
 
-def paper_section(clearance: Any) -> Section:
+def paper_section(clearance: Real) -> Section:
     """Return the section of Table 1 with a total play of `clearance` [m], half of it per face.
 
     **Raises:** `ValueError` for a negative clearance.
@@ -39,15 +39,15 @@ def paper_section(clearance: Any) -> Section:
 
 
 def paper_scene(
-    speed: Any = 1250.0,
-    clearance: Any = 1e-3,
-    length: Any = 0.2,
+    speed: Real = 1250.0,
+    clearance: Real = 1e-3,
+    length: Real = 0.2,
     *,
-    stiffness: Any = 1e8,
-    restitution: Any = 0.9,
+    stiffness: Real = 1e8,
+    restitution: Real = 0.9,
     wavelengths: Sequence[float] = (8.0,),
-    amplitude: Any = 1e-3,
-    roll_amplitude: Any = math.radians(0.2),
+    amplitude: Real = 1e-3,
+    roll_amplitude: Real = math.radians(0.2),
     clamp: bool = True,
     memory: AbstractMemory | None = None,
 ) -> Scene:

@@ -4,7 +4,7 @@ Time is counted in forcing periods from the start of the period `epoch`, so that
 number for all speeds of a sweep and keeps its precision after any number of periods. Derivatives are per period.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -64,27 +64,27 @@ class Args(NamedTuple):
     """Arguments of the vector field besides time and state."""
 
     scene: Scene
-    epoch: Any = 0
-    """Whole number of forcing periods that passed before time zero."""
+    epoch: Real = 0
+    """Forcing periods travelled before time zero [1]."""
     points: Points | None = None
     """Contact points of the scene, see `contact_points`; with None they are computed in each evaluation."""
 
     @jax.jit
-    def frame(self, t: Any) -> RailFrame:
+    def frame(self, t: Real) -> RailFrame:
         """Return the rail under the slipper at time `t` [forcing periods]."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
 
-    def travel(self, t: Any) -> Travel:
+    def travel(self, t: Real) -> Travel:
         """Return speed and pace at time `t` [forcing periods]."""
         return self.scene.travel(phase(t, self.epoch))
 
 
-def phase(t: Any, epoch: Any) -> Any:
+def phase(t: Real, epoch: Real) -> Real:
     """Return forcing periods travelled since the start [1], the phase of the forcing."""
     return epoch + t
 
 
-def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> State:
+def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = None) -> State:
     """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
     By default that is where the rail begins.
@@ -110,7 +110,7 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> St
     return state
 
 
-def check_start(name: str, start: Any) -> Motion | State:
+def check_start(name: str, start: Motion | State) -> Motion | State:
     """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
     motion = start.motion if isinstance(start, State) else start
     kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
@@ -124,7 +124,7 @@ def check_start(name: str, start: Any) -> Motion | State:
 
 
 @jit  # compiled once for all calls from Python; inside programs it is a part of them
-def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
+def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) -> tuple[State, Float[Array, ""]]:
     """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
     if not isinstance(start, State):
         start = State(start, None)
@@ -147,7 +147,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
     return State(motion, memory), outside
 
 
-def warn_if_outside(penetration: Any, deepest: float = 3.0) -> None:
+def warn_if_outside(penetration: Array, deepest: float = 3.0) -> None:
     """Give an `ImplausibleWarning` for starts outside the play, deeper than `deepest` typical impacts.
 
     **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
@@ -415,7 +415,7 @@ class Reactions(NamedTuple):
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
-def reactions(t: Any, state: State, args: Args) -> Reactions:
+def reactions(t: Real, state: State, args: Args) -> Reactions:
     """Return contact forces, Eq. (13)'s reactions (drive force, loads on the track nodes), and accelerations.
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
@@ -429,7 +429,7 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
 
 
 @jax.jit
-def _reactions(t: Any, state: State, args: Args) -> Reactions:
+def _reactions(t: Real, state: State, args: Args) -> Reactions:
     scene = args.scene
     m = state.motion
     travel = args.travel(t)

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated
+from ..tools.types import Real
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
 
@@ -29,25 +30,25 @@ def _coordinate(name: str, unit: str) -> Any:
 class Motion(eqx.Module):
     """Position, attitude and velocities of a rigid slipper, each a scalar."""
 
-    y: Any = _coordinate("y", "m")
+    y: Real = _coordinate("y", "m")
     """Lateral displacement of the centre, positive to the left [m]."""
-    z: Any = _coordinate("z", "m")
+    z: Real = _coordinate("z", "m")
     """Vertical displacement of the centre, positive upwards [m]."""
-    q_x: Any = 0.0
+    q_x: Real = 0.0
     """x of the attitude quaternion's vector part [1]."""
-    q_y: Any = 0.0
+    q_y: Real = 0.0
     """y of the attitude quaternion's vector part [1]."""
-    q_z: Any = 0.0
+    q_z: Real = 0.0
     """z of the attitude quaternion's vector part [1]."""
-    v_y: Any = _coordinate("v_y", "m/s")
+    v_y: Real = _coordinate("v_y", "m/s")
     """Lateral velocity [m/s]."""
-    v_z: Any = _coordinate("v_z", "m/s")
+    v_z: Real = _coordinate("v_z", "m/s")
     """Vertical velocity [m/s]."""
-    w_x: Any = _coordinate("w_x", "rad/s")
+    w_x: Real = _coordinate("w_x", "rad/s")
     """Angular velocity about the slipper's x axis [rad/s]."""
-    w_y: Any = _coordinate("w_y", "rad/s")
+    w_y: Real = _coordinate("w_y", "rad/s")
     """Angular velocity about the slipper's y axis [rad/s]."""
-    w_z: Any = _coordinate("w_z", "rad/s")
+    w_z: Real = _coordinate("w_z", "rad/s")
     """Angular velocity about the slipper's z axis [rad/s]."""
 
     def __repr__(self) -> str:
@@ -62,7 +63,7 @@ class Motion(eqx.Module):
         return f"{type(self).__name__}({', '.join(parts)})"
 
     @staticmethod
-    def from_euler(*, roll: Any = 0.0, pitch: Any = 0.0, yaw: Any = 0.0, **others: Any) -> "Motion":
+    def from_euler(*, roll: Real = 0.0, pitch: Real = 0.0, yaw: Real = 0.0, **others: Real) -> "Motion":
         """Return a motion from Euler angles of Eq. (2) [rad]; `others`: fields of `Motion` besides the attitude."""
         attitude = zip(("q_x", "q_y", "q_z"), quaternion_from_euler(roll, pitch, yaw), strict=True)
         return Motion(**dict(attitude), **others)
@@ -71,13 +72,13 @@ class Motion(eqx.Module):
 class SledMotion(Motion):
     """Motion of a slipper and of the sled on it, see `slipperjax.SledMass`."""
 
-    sled_y: Any = _coordinate("sled_y", "m")
+    sled_y: Real = _coordinate("sled_y", "m")
     """Lateral displacement of the sled [m]."""
-    sled_z: Any = _coordinate("sled_z", "m")
+    sled_z: Real = _coordinate("sled_z", "m")
     """Vertical displacement of the sled [m]."""
-    sled_v_y: Any = _coordinate("sled_v_y", "m/s")
+    sled_v_y: Real = _coordinate("sled_v_y", "m/s")
     """Lateral velocity of the sled [m/s]."""
-    sled_v_z: Any = _coordinate("sled_v_z", "m/s")
+    sled_v_z: Real = _coordinate("sled_v_z", "m/s")
     """Vertical velocity of the sled [m/s]."""
 
 
@@ -92,7 +93,7 @@ def _of_slipper(m: Motion) -> list[Any]:
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
-def check_motion(name: str, motion: Any) -> Motion:
+def check_motion(name: str, motion: Motion) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
@@ -244,7 +245,7 @@ class RailFrame(NamedTuple):
     """The slipper's points in its own frame, each of shape (2 points,) [m]."""
 
 
-def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFrame:
+def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailFrame:
     """Return the rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
@@ -278,7 +279,7 @@ class _Node(NamedTuple):
     v_z: Array
 
 
-def _nodes(scene: Scene, points: Points, phase: Any) -> list[_Node]:
+def _nodes(scene: Scene, points: Points, phase: Real) -> list[_Node]:
     """Return all points as if at the front node, and as if at the rear one."""
     distance = jnp.asarray(phase, float) * scene.wavelength
     return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
@@ -340,7 +341,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     return Contacts(store_if_differentiated(gap), *store_cotangent((rate, lever)))
 
 
-def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:
+def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"]:
     """Return how far the slipper's points have moved along their faces, as seen from the rail's points [m].
 
     Front ones first. Counted in the plane of the section, along the direction from a face's first corner to its

@@ -15,7 +15,7 @@ These are 39 sums over the points; ten Jacobian-vector products cost several tim
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,11 +23,12 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..tools.fused import store, sums
+from ..tools.types import Real
 from .kinematics import Contacts, Motion, RailFrame, cross, in_slipper_frame, rotation, scalar_part
 from .scene import Scene
 from .travel import Travel
 
-Matrix = list[list[Any]]
+Matrix = list[list[Real]]
 """Rows of scalars."""
 
 
@@ -40,7 +41,7 @@ class Linearised(NamedTuple):
     """Derivatives of the rates of (v_y, v_z, w) with respect to (v_y, v_z, w), 5 x 5."""
     motion: Motion
     """The motion at which the derivatives are taken."""
-    unit: Any
+    unit: Real
     """The unit of time of the rates [s]."""
 
 
@@ -95,7 +96,7 @@ def contact_linearised(
     return Linearised(stiffness, damping, m, travel.period)
 
 
-def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
+def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Real) -> Linearised:
     """Return the linearised motion by ten Jacobian-vector products, for any forces.
 
     **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
@@ -121,15 +122,15 @@ class LinearSystem(eqx.Module):
     There is no pivoting: the 5 x 5 matrix is a mass matrix with damping and stiffness added, and `factor` is small.
     """
 
-    step: Any
-    factor: Any
+    step: Real
+    factor: Real
     stiffness: Matrix
     matrix: Matrix
     transport: Matrix
     turn: Matrix
     attitude: Matrix
 
-    def __init__(self, at: Linearised, factor: Any):
+    def __init__(self, at: Linearised, factor: Real):
         m = at.motion
         self.step = factor * at.unit
         self.factor = factor
@@ -185,11 +186,11 @@ def _inverse(a: Matrix) -> Matrix:
     return [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
 
 
-def _unit_minus(a: Matrix, factor: Any) -> Matrix:
+def _unit_minus(a: Matrix, factor: Real) -> Matrix:
     return [[(1.0 if i == j else 0.0) - factor * v for j, v in enumerate(row)] for i, row in enumerate(a)]
 
 
-def _times(a: Matrix, x: list[Any]) -> list[Any]:
+def _times(a: Matrix, x: list[Real]) -> list[Real]:
     return [sum(v * x[j] for j, v in enumerate(row)) for row in a]
 
 

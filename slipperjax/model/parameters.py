@@ -8,22 +8,27 @@ field, see `slipperjax.tools.fields`.
 import dataclasses
 import itertools
 import operator
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..tools.checks import Check, brief, finite, instance, not_negative, positive, require
 from ..tools.compile import as_argument, is_traced
 from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
+from ..tools.types import Numbers, Real
 from .contact import Flores
 from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, Quantity
 from .slipper import Slipper
 from .tracks import HarmonicTrack, on_host
+
+# a Scene, whose module imports this one
+AnyScene = TypeVar("AnyScene", bound=eqx.Module)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -41,19 +46,19 @@ class Parameter(Quantity):
     def whole(self) -> bool:
         return self.check.whole
 
-    def leaf(self, scene: Any) -> Any:
+    def leaf(self, scene: eqx.Module) -> Array | None:
         """Return the leaf in a scene; None where the scene has no such part, or does without it."""
         try:
             return self._where(scene)
         except AttributeError:
             return None
 
-    def of(self, scene: Any) -> Any:
+    def of(self, scene: eqx.Module) -> Real | np.ndarray | None:
         """Return the value in a scene [unit]; None where the scene has no such part, or does without it."""
         leaf = self.leaf(scene)
         return None if leaf is None else self._read(leaf)
 
-    def check_exists(self, scene: Any) -> None:
+    def check_exists(self, scene: eqx.Module) -> None:
         """Raise `ValueError` where a scene has no such part; a part that is None can be set."""
         try:
             self._where(scene)
@@ -65,7 +70,7 @@ class Parameter(Quantity):
         if self.whole:
             raise ValueError(f"Argument `{self.name}` cannot be varied by little: it is a whole number, of no slope.")
 
-    def replaced(self, scene: Any, value: Any) -> Any:
+    def replaced(self, scene: AnyScene, value: ArrayLike) -> AnyScene:
         """Return a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
@@ -74,7 +79,7 @@ class Parameter(Quantity):
         leaf = self._write(as_argument(value), self._where(scene))
         return eqx.tree_at(self._where, scene, leaf, is_leaf=lambda part: part is None)
 
-    def _where(self, scene: Any) -> Any:
+    def _where(self, scene: eqx.Module) -> Any:
         if not self.path:
             return None
         leaf = operator.attrgetter(self.path)(scene)
@@ -82,10 +87,10 @@ class Parameter(Quantity):
             raise AttributeError(self.path)
         return leaf
 
-    def _read(self, leaf: Any) -> Any:
+    def _read(self, leaf: Array) -> Real | np.ndarray:
         return on_host(leaf)[(..., *self.index)] if self.index else leaf
 
-    def _write(self, value: Array, leaf: Any) -> Array:
+    def _write(self, value: Array, leaf: Array) -> Array:
         if not self.index:
             return value
         shape = np.shape(leaf)
@@ -99,14 +104,14 @@ class Parameter(Quantity):
 class Clearance(Parameter):
     """The total play, of which each face has half; where faces differ, twice the mean of theirs."""
 
-    def _read(self, leaf: Any) -> Any:
+    def _read(self, leaf: Array) -> Real | np.ndarray:
         return 2 * on_host(leaf).mean()
 
-    def _write(self, value: Array, leaf: Any) -> Array:
+    def _write(self, value: Array, leaf: Array) -> Array:
         return half_play(value, leaf.shape[-1])
 
 
-def half_play(clearance: Any, faces: int) -> Float[Array, "*cases faces"]:
+def half_play(clearance: Array | np.ndarray, faces: int) -> Float[Array, "*cases faces"]:
     """Return a total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     return jnp.asarray((on_host(clearance)[..., None] / 2).repeat(faces, axis=-1))
 
@@ -135,7 +140,15 @@ def _moment_of_inertia(k: int, axis: str) -> Parameter:
     return dataclasses.replace(moment, long_name=f"moment of inertia about {axis}", symbol=f"J_{axis}")
 
 
-def _own(kind: type, make: Any, plausible: tuple[float, float], path: str, name: str, unit: str, *labels: Any) -> Any:
+def _own(
+    kind: type[Parameter],
+    make: Callable[[str, str], Check],
+    plausible: tuple[float, float],
+    path: str,
+    name: str,
+    unit: str,
+    *labels: str | float,
+) -> Parameter:
     """Return a parameter that no field declares; `labels`: those of a quantity, in their order."""
     return kind(name, unit, *labels, path=path, check=dataclasses.replace(make(name, unit), plausible=plausible))
 
@@ -197,7 +210,7 @@ def quantity(name: str) -> Quantity:
     raise KeyError(name)
 
 
-def parameter(name: Any, scene: Any = None) -> Parameter:
+def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
     """Return a scene's parameter by name or path.
 
     **Arguments:** `scene`: where a path leads; without it paths are unknown.
@@ -216,10 +229,11 @@ def parameter(name: Any, scene: Any = None) -> Parameter:
     )
 
 
-def _at_path(path: str, scene: Any) -> Parameter:
+def _at_path(path: str, scene: eqx.Module) -> Parameter:
     """Return the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
     words = path.split(".")
-    part = owner = scene
+    owner = scene
+    part: Any = scene
     fields = []
     # down the modules; what is left of the path are places in an array
     while words and dataclasses.is_dataclass(part):
@@ -243,7 +257,7 @@ def _at_path(path: str, scene: Any) -> Parameter:
     return _declared(".".join(fields), type(owner), path, check, index)
 
 
-def _place(path: str, word: str, size: int, owner: Any) -> int:
+def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:
     """Return an index into an array, as a number or, for points of a section, as a name."""
     names = getattr(owner, "names", ())
     if word in names:
@@ -254,7 +268,7 @@ def _place(path: str, word: str, size: int, owner: Any) -> int:
     raise ValueError(f"Argument `{path}` must have {choices} in place of {word!r}.")
 
 
-def check_no_overlap(parameters: Sequence[Parameter], scene: Any) -> None:
+def check_no_overlap(parameters: Sequence[Parameter], scene: eqx.Module) -> None:
     """Raise `ValueError` where one of several parameters, which are set in their order, undoes what another sets.
 
     The clearance followed by section.play.2 is a section with another third face; the other way round
@@ -266,14 +280,14 @@ def check_no_overlap(parameters: Sequence[Parameter], scene: Any) -> None:
                 continue
             # NaN is gone where the later one overwrites the first
             both = later.replaced(first.replaced(scene, np.nan), 0.0)
-            if not np.any(np.isnan(first.of(both))):
+            if not np.any(np.isnan(np.asarray(first.of(both)))):
                 raise ValueError(
                     f"Argument `{first.name}` must not be given with `{later.name}`, which sets the same; "
                     f"what is a part of the other must come second."
                 )
 
 
-def checked_parameters(names: Any, scene: Any) -> list[Parameter]:
+def checked_parameters(names: Sequence[str], scene: eqx.Module) -> list[Parameter]:
     """Return parameters by which results can be differentiated together.
 
     **Raises:** `ValueError` where `names` is no list of parameters that the scene has and that do not undo each
@@ -291,13 +305,13 @@ def checked_parameters(names: Any, scene: Any) -> list[Parameter]:
     return parameters
 
 
-def at_values(scene: Any, names: Sequence[str], values: Any) -> Any:
+def at_values(scene: AnyScene, names: Sequence[str], values: Numbers) -> AnyScene:
     """Return the scene with other values of named parameters, unchecked."""
     for k, name in enumerate(names):
         scene = parameter(name, scene).replaced(scene, values[k])
     return scene
 
 
-def values_of(scene: Any, names: tuple[str, ...]) -> Float[Array, " parameters"]:
+def values_of(scene: eqx.Module, names: tuple[str, ...]) -> Float[Array, " parameters"]:
     """Return the values of named parameters [their SI units]."""
     return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])

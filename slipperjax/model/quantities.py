@@ -57,7 +57,7 @@ class Quantity:
         return value * self.per_shown
 
 
-def _named(*quantities: Any) -> dict[str, Any]:
+def _named(*quantities: Quantity) -> dict[str, Quantity]:
     return {q.name: q for q in quantities}
 
 

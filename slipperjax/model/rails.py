@@ -3,7 +3,7 @@
 import abc
 import functools
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -25,6 +25,7 @@ from ..tools.checks import (
 )
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import field
+from ..tools.types import Numbers, Real
 from .tracks import AbstractTrack, Irregularity, chosen, greatest, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")
@@ -32,6 +33,8 @@ ENDS = ("straight", "repeat", "error")
 where known, and level before its start, where the rear of a slipper begins."""
 DEFAULT_RAMP = 8.0
 """Length of the ramps at the ends of a rail that goes on straight [m], or a quarter of the rail if that is less."""
+Channels = dict[str, Array | np.ndarray]
+"""Lateral and vertical displacement [m], and roll [rad] if any, of each sample by their names."""
 EQUAL_SPACING = 1e-3
 """Greatest difference of distances from equal spacing that counts as none, over the spacing."""
 
@@ -130,7 +133,7 @@ class AbstractRail(AbstractTrack):
 
     @property
     @abc.abstractmethod
-    def bounds(self) -> Any:
+    def bounds(self) -> Sequence[Real] | Array:
         """Distances between which the rail is given [m], known while programs are made unless they are traced."""
 
     @property
@@ -189,13 +192,13 @@ class SampledTrack(AbstractRail):
 
     def __init__(
         self,
-        distance: Any,
-        lateral: Any,
-        vertical: Any,
-        roll: Any = None,
+        distance: Numbers,
+        lateral: Real | Numbers,
+        vertical: Real | Numbers,
+        roll: Real | Numbers | None = None,
         *,
         ends: str = "straight",
-        ramp: Any = None,
+        ramp: Real | None = None,
     ):
         """**Arguments:**
 
@@ -290,7 +293,7 @@ def ramps(away: Array, ramp: Array) -> Array:
     return jnp.where(ramp > 0, smooth_step(away / jnp.where(ramp > 0, ramp, 1.0)), 1.0)
 
 
-def _places(distance: Any) -> np.ndarray:
+def _places(distance: Numbers) -> np.ndarray:
     """Return the distances of samples [m], or those of the first and the last; raise `ValueError` for others."""
     require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
     finite("distance", "m")(distance)
@@ -304,7 +307,9 @@ def _places(distance: Any) -> np.ndarray:
     return places
 
 
-def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dict[str, Any]:
+def _channels(
+    places: np.ndarray, lateral: Real | Numbers, vertical: Real | Numbers, roll: Real | Numbers | None
+) -> Channels:
     """Return displacements [m] and roll [rad] of each sample by name; raise `ValueError` for other shapes."""
     channels = {"lateral": finite("lateral", "m")(lateral), "vertical": finite("vertical", "m")(vertical)}
     if roll is not None:
@@ -323,7 +328,7 @@ def _channels(places: np.ndarray, lateral: Any, vertical: Any, roll: Any) -> dic
     return {name: on_host(array) + np.zeros(count) for name, array in channels.items()}
 
 
-def _evenly_spaced(places: np.ndarray, channels: dict[str, Any]) -> dict[str, Any]:
+def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
     """Return channels at equal distances, resampled where they are not; a warning says by how much that changes
     them."""
     gaps = np.diff(places)

@@ -5,7 +5,7 @@ the integral of the density between them. Published ones in rad/m are converted:
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from ..tools.checks import converted, fraction, instance, not_negative, one_of, 
 from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.types import Numbers, Real
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps
 from .tracks import Irregularity, chosen
 
@@ -124,7 +125,7 @@ class RandomTrack(AbstractRail):
     """Length of the ramps at the ends of a rail that goes on straight [m]."""
 
     @classmethod
-    def german(cls, disturbance: str = "low", **options: Any) -> "RandomTrack":
+    def german(cls, disturbance: str = "low", **options: object) -> "RandomTrack":
         """Return a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
         # A of the vertical and of the lateral alignment [m^2 rad/m]
         amplitudes = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
@@ -139,7 +140,7 @@ class RandomTrack(AbstractRail):
         )
 
     @classmethod
-    def fra(cls, track_class: int, **options: Any) -> "RandomTrack":
+    def fra(cls, track_class: int, **options: object) -> "RandomTrack":
         """Return a rail of a track class of the Federal Railroad Administration, 1 to 6; wavelengths of 1.5 to
         50 m."""
         require(track_class in range(1, 7), "track_class", "be a class of 1 to 6", track_class)
@@ -150,7 +151,7 @@ class RandomTrack(AbstractRail):
         return cls(**{"band": (1.5, 50.0), "vertical": of(vertical), "lateral": of(lateral), **options})
 
     @classmethod
-    def sled(cls, **options: Any) -> "RandomTrack":
+    def sled(cls, **options: object) -> "RandomTrack":
         """Return a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
         100 m.
 
@@ -160,7 +161,7 @@ class RandomTrack(AbstractRail):
         return cls.power_law(10e-6 * 0.01**exponent, exponent, **{"band": SLED_BAND, **options})
 
     @classmethod
-    def power_law(cls, amplitude: Any, exponent: Any, **options: Any) -> "RandomTrack":
+    def power_law(cls, amplitude: Real, exponent: Real, **options: object) -> "RandomTrack":
         """Return a rail of the one-sided density `amplitude` k^-`exponent` in both directions.
 
         **Arguments:** `amplitude`: at k = 1 cycle per metre [m^2 per cycle/m]; `options`: fields of `RandomTrack`.
@@ -169,7 +170,7 @@ class RandomTrack(AbstractRail):
         return cls(**{"vertical": spectrum, "lateral": spectrum, **options})
 
     @classmethod
-    def spectrum(cls, wavenumber: Any, density: Any, **options: Any) -> "RandomTrack":
+    def spectrum(cls, wavenumber: Numbers, density: Numbers, **options: object) -> "RandomTrack":
         """Return a rail of a table in both directions, its band that of the table.
 
         **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].

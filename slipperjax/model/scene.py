@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from typing import Any
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path, write_whole
+from ..tools.types import Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
 from .parameters import PARAMETERS, check_no_overlap, parameter
@@ -42,7 +43,7 @@ NUMBERS = ("speed", "gravity", "window")
 """Numbers of the scene itself."""
 
 
-def _speed(value: Any) -> Any:
+def _speed(value: object) -> Array | SpeedProgramme:
     """Return a travelling speed as an array, or its programme."""
     return value if isinstance(value, SpeedProgramme) else PARAMETERS["speed"].check(value)
 
@@ -115,7 +116,7 @@ class Scene(ShapeChecked):
         """The forcing period [s]: the time to travel its wavelength, at the start's speed."""
         return self.travel(0.0).period
 
-    def travel(self, phase: Any) -> Travel:
+    def travel(self, phase: Real) -> Travel:
         """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
             return Travel(self.speed, self.wavelength)
@@ -130,27 +131,27 @@ class Scene(ShapeChecked):
             return self.travel(0.0)
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.wavelength)
 
-    def slowest_between(self, phase: Any, later: Any) -> Travel:
+    def slowest_between(self, phase: Real, later: Real) -> Travel:
         """Return the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(phase)
         begin, end = (jnp.asarray(p, float) * self.wavelength for p in (phase, later))
         return Travel(self.speed.least(begin, end), self.wavelength)
 
-    def epoch_at(self, distance: Any) -> Any:
+    def epoch_at(self, distance: Real) -> Real:
         """Return forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
         if is_traced((distance, self.track)):
             return distance / self.wavelength
         return float(distance) / float(np.asarray(self.wavelength)) if distance else 0.0
 
-    def seconds(self, phase: Any) -> Any:
+    def seconds(self, phase: Real) -> Array:
         """Return the time [s] after `phase` forcing periods from the start."""
         if not isinstance(self.speed, SpeedProgramme):
             return phase * self.period
         return self.speed.seconds(jnp.asarray(phase, float) * self.wavelength)
 
     @property
-    def parts(self) -> dict[str, Any]:
+    def parts(self) -> dict[str, eqx.Module]:
         """The parts that the scene has, by name."""
         return {name: getattr(self, name) for name in PARTS if getattr(self, name) is not None}
 
@@ -169,7 +170,7 @@ class Scene(ShapeChecked):
         """Number of contact points at both ends together."""
         return 2 * len(self.section.names)
 
-    def replace(self, **values: Any) -> "Scene":
+    def replace(self, **values: Real | Numbers) -> "Scene":
         """Return a copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
@@ -190,7 +191,7 @@ class Scene(ShapeChecked):
             scene = p.replaced(scene, checked)
         return scene
 
-    def to_toml(self, file: Any = None, *, start: Any = None) -> str:
+    def to_toml(self, file: str | Path | None = None, *, start: eqx.Module | None = None) -> str:
         """Return the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
 
         **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
@@ -234,13 +235,13 @@ class Scene(ShapeChecked):
         return jnp.asarray(value)
 
 
-def check_scene(scene: Any) -> Scene:
+def check_scene(scene: object) -> Scene:
     """Return `scene`; raise `ValueError` where it is none, or if JAX runs with 32-bit numbers."""
     need_64_bits()
     return instance("scene", scene, Scene, "a slipperjax.Scene")
 
 
-def check_steady(scene: Any) -> Scene:
+def check_steady(scene: object) -> Scene:
     """Return a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
     scene = check_scene(scene)
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
@@ -249,7 +250,7 @@ def check_steady(scene: Any) -> Scene:
     return scene
 
 
-def at_speed(scene: Any, speed: Any) -> Scene:
+def at_speed(scene: object, speed: Real | SpeedProgramme | None) -> Scene:
     """Return a scene, checked, at another speed or programme; with None at its own."""
     scene = check_scene(scene)
     return scene if speed is None else dataclasses.replace(scene, speed=speed)
@@ -259,7 +260,7 @@ START = COORDINATES | MOTION_NUMBERS
 """The numbers of a start in a file: its attitude stands there as Euler angles or as a quaternion."""
 
 
-def _entries(part: Any) -> list[str]:
+def _entries(part: eqx.Module) -> list[str]:
     """Return the lines of TOML of a module: its type, and each value that is not None."""
     lines = []
     for name, value in describe(part).items():
@@ -274,12 +275,12 @@ def _entries(part: Any) -> list[str]:
     return lines
 
 
-def _table(module: Any) -> str:
+def _table(module: eqx.Module) -> str:
     """Return a module as an inline table of TOML."""
     return f"{{ {', '.join(_entries(module))} }}"
 
 
-def _line(name: str, value: Any, unit: str) -> list[str]:
+def _line(name: str, value: object, unit: str) -> list[str]:
     """Return a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
     if value is None:
         return []

@@ -16,8 +16,9 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -43,6 +44,9 @@ SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
 INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""
+Table = dict[str, Any]
+"""A table of TOML: values of any kind by their names."""
+Part = TypeVar("Part", bound=eqx.Module)
 
 
 class RunTable(ShapeChecked):
@@ -65,7 +69,7 @@ class SceneFile(NamedTuple):
     scene: Scene
     start: Motion | None
     """The motion at time zero; None where the file has none."""
-    run: dict[str, Any] | None
+    run: dict[str, float | int | str] | None
     """Arguments of `slipperjax.run` [SI unit]; None where the file has none."""
 
 
@@ -115,7 +119,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
 class _Reader:
     """One file: its text, and its tables. Errors name the line."""
 
-    def __init__(self, text: str, file: str, tables: dict[str, Any]):
+    def __init__(self, text: str, file: str, tables: Table):
         self.lines = text.splitlines()
         self.file = file
         self.tables = tables
@@ -126,7 +130,7 @@ class _Reader:
             self.check_names()
         # what the file leaves out is that of its base
         values = dict(vars(paper_scene())) if "base" in self.tables else {}
-        others: dict[str, Any] = {"start": None, "run": None}
+        others: Table = {"start": None, "run": None}
         for name, value in self.tables.items():
             with self.placed(name if isinstance(value, dict) else ""):
                 if name in PARTS:
@@ -158,7 +162,7 @@ class _Reader:
         if base != "paper":
             raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
 
-    def part(self, name: str, table: dict[str, Any], inherited: Any) -> Any:
+    def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
         described = {} if inherited is None else describe(inherited)
         kind, _ = PARTS[name]
@@ -170,7 +174,7 @@ class _Reader:
             kind = known_type(str(named), (kind,), name)
         elif TYPE in table:
             raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
-        values: dict[str, Any] = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
+        values: Table = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
         if kind is Section and "clearance" in table:
             if "play" in table:
                 raise ValueError("`clearance` and `play` must not both be given.")
@@ -180,7 +184,7 @@ class _Reader:
             values["play"] = half_play(np.asarray(clearance), faces)
         return self.made(kind, table, name, **values)
 
-    def programme(self, table: dict[str, Any]) -> SpeedProgramme:
+    def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: places, times or stages."""
         begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
         # stages, speeds at times, or speeds at places
@@ -200,13 +204,13 @@ class _Reader:
             raise ValueError(f"`{next(iter(table))}` must not be given here.")
         return programme
 
-    def made(self, kind: type, table: dict[str, Any], name: str, **values: Any) -> Any:
+    def made(self, kind: type[Part], table: Table, name: str, **values: object) -> Part:
         """Return the module of a class from a table of that name, and `values` of what it leaves out."""
         return build(values | self.described(kind, table), (kind, *INNER), name)
 
-    def described(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
+    def described(self, kind: type, table: Table) -> Table:
         """Return the description of a table for a class, in SI units, with those of tables within it."""
-        values: dict[str, Any] = {}
+        values: Table = {}
         for name, value in table.items():
             rows: list[Any] = value if isinstance(value, list) and value else [value]
             if all(isinstance(row, dict) and TYPE in row for row in rows):
@@ -218,7 +222,7 @@ class _Reader:
             values["file"] = str(Path(self.file).parent / user_path(str(values["file"])))
         return values | {TYPE: type_name(kind)}
 
-    def start(self, table: dict[str, Any]) -> Motion:
+    def start(self, table: Table) -> Motion:
         """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion."""
         values = {}
         for name, value in table.items():
@@ -231,7 +235,7 @@ class _Reader:
             raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
         return check_motion("start", Motion.from_euler(**values) if angles else Motion(**values))
 
-    def run(self, table: dict[str, Any]) -> dict[str, Any]:
+    def run(self, table: Table) -> dict[str, float | int | str]:
         """Return the arguments of a run that the table gives, in SI units."""
         given = {name: value for name, value in vars(self.made(RunTable, table, "run")).items() if value is not None}
         return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
@@ -265,7 +269,7 @@ class _Reader:
         return header
 
 
-def quantity(name: str, value: Any, unit: str) -> Any:
+def quantity(name: str, value: object, unit: str) -> Any:
     """Return a number, or nested lists of numbers, in the SI unit `unit`; a value without unit as it is."""
     if unit in ("", "1"):
         return value
@@ -276,7 +280,7 @@ def quantity(name: str, value: Any, unit: str) -> Any:
     return _parsed(name, value["values"], str(value["unit"]), unit)
 
 
-def _parsed(name: str, value: Any, written: str, unit: str) -> Any:
+def _parsed(name: str, value: object, written: str, unit: str) -> Any:
     """Return texts with units, or numbers that have the unit `written`, in nested lists, as numbers in `unit`."""
     if isinstance(value, list):
         return [_parsed(name, part, written, unit) for part in value]

@@ -1,7 +1,5 @@
 """A sled on the slipper: a mass on a spring and a damper, with states of its own only where a scene has one."""
 
-from typing import Any
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -45,7 +43,7 @@ class SledMass(ShapeChecked):
         beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
         return force + self.stop_stiffness * beyond
 
-    def sag(self, gravity: Any) -> Array:
+    def sag(self, gravity: Array | None) -> Array:
         """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
         if gravity is None:
             return jnp.zeros(())

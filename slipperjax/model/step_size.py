@@ -1,7 +1,5 @@
 """Duration and depth of a typical impact, from which step sizes and the smooth switch are chosen."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,7 +17,7 @@ LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
 
-def given_steps(steps: Any, most: int = 10_000_000) -> int:
+def given_steps(steps: object, most: int = 10_000_000) -> int:
     """Return steps per forcing period that were given; raise `ValueError` unless they are 1 to `most`."""
     return whole("steps_per_period", steps, 1, most)
 
@@ -89,7 +87,7 @@ def steps_needed(scene: Scene, per_wave: int = 10, damped: float = 2.0) -> Float
     return jnp.maximum(per_impact, per_wave * waves * damped_waves(damping))
 
 
-def damped_waves(damping: Any) -> Any:
+def damped_waves(damping: Array) -> Array:
     """Return by how many times a shortest wave takes more steps where impacts are damped [1].
 
     Of the highest forces on 768 sled rails at 1000 m/s and a restitution of 0.5, the 95 and 99 % quantiles were 11
@@ -120,7 +118,7 @@ def default_steps_per_period(scene: Scene) -> int:
     return int(rounded_steps(needed))
 
 
-def rounded_steps(needed: Any, most: int = 100_000) -> np.ndarray:
+def rounded_steps(needed: Array | np.ndarray, most: int = 100_000) -> np.ndarray:
     """Return steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
 
     **Raises:** `ValueError` above `most`.

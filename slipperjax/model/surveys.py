@@ -8,7 +8,7 @@ import io
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -16,8 +16,12 @@ import numpy as np
 from ..tools.checks import brief, number, positive, require, warn
 from ..tools.fields import unit_of
 from ..tools.files import content_of, readable, user_path
+from ..tools.types import Real
 from ..tools.units import unit_factor
 from .rails import EQUAL_SPACING, SampledTrack
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
 """Columns of a survey, and their SI units."""
@@ -45,12 +49,12 @@ class SurveyedTrack(SampledTrack):
 
     def __init__(
         self,
-        file: Any,
+        file: str | Path,
         sha256: str | None = None,
         *,
         chord: float | None = None,
         ends: str = "straight",
-        ramp: Any = None,
+        ramp: Real | None = None,
     ):
         """**Arguments:** as for `load_rail` and `SampledTrack`; `sha256`: digest that the file must have.
 
@@ -76,7 +80,7 @@ class SurveyedTrack(SampledTrack):
             )
 
 
-def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> SurveyedTrack:
+def load_rail(file: str | Path, *, chord: float | None = None, **options: object) -> SurveyedTrack:
     """Read a survey of a rail.
 
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, or
@@ -275,7 +279,7 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
     import xarray as xr  # here, because importing it takes time
 
     is_hdf5 = content.startswith(_HDF5)
-    engine: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
+    engine: dict[str, str] = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
     with readable(path, "netCDF file"), xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds:
         found = {str(key): ds[key].load() for key in ds.variables if _name(str(key)) in COLUMNS}
     columns = [_variable(path, key, array) for key, array in found.items()]
@@ -284,7 +288,7 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
     return columns, lambda sample: f"sample {sample}"
 
 
-def _variable(path: Path, key: str, array: Any) -> _Column:
+def _variable(path: Path, key: str, array: "xr.DataArray") -> _Column:
     """Return a variable of a netCDF file as a column."""
     where = f"{path}: {key}"
     unit = str(array.attrs.get("units", ""))

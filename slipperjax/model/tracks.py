@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,16 +14,17 @@ from ..tools.checks import finite, instance, not_negative, one_of, positive, req
 from ..tools.compile import as_argument, at_once, is_traced
 from ..tools.fields import ShapeChecked, field
 from ..tools.fused import circle
+from ..tools.types import Real
 
 
 class Irregularity(NamedTuple):
     """Displacement of the rail's axis at some distances, or its slope there (per metre of travel)."""
 
-    lateral: Any
+    lateral: Array
     """Along y, positive to the left [m]; slope [m/m]."""
-    vertical: Any
+    vertical: Array
     """Along z, positive upwards [m]; slope [m/m]."""
-    roll: Any
+    roll: Array | None
     """About x [rad]; slope [rad/m]. None where the track does not roll, which omits its operations."""
 
 
@@ -56,23 +57,23 @@ class AbstractTrack(ShapeChecked):
     """Name of the number that chooses one of many rails, for tracks that are such, see `chosen`."""
 
     @property
-    def begin(self) -> Any:
+    def begin(self) -> Real:
         """Distance from which on the rail is described [m]; -inf where it is everywhere."""
         return -np.inf
 
     @property
-    def origin(self) -> Any:
+    def origin(self) -> Real:
         """Distance at which runs begin unless told otherwise [m]: where the rail does, or else zero."""
         begin = self.begin
         return begin if is_traced(begin) or np.isfinite(begin) else 0.0
 
     @property
-    def extent(self) -> Any:
+    def extent(self) -> Real:
         """Distance up to which the rail is described [m]; inf where it is everywhere."""
         return np.inf
 
     @property
-    def end(self) -> float:
+    def end(self) -> Real:
         """Distance up to which runs may travel [m]."""
         return np.inf
 
@@ -120,7 +121,7 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
     return jnp.where(known, number, 0).astype(int), known
 
 
-def greatest(values: Sequence[Any]) -> Any:
+def greatest(values: Sequence[Real]) -> Real:
     """Return the greatest of some numbers, which may be traced."""
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
@@ -129,7 +130,7 @@ PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
 
 
-def least_common_count(unit: Any, lengths: Any, most: int = 100) -> Float[Array, ""]:
+def least_common_count(unit: Array, lengths: Array, most: int = 100) -> Float[Array, ""]:
     """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
     is none up to `most`. A length of zero goes with all."""
     # on the host where nothing is traced, which compiles nothing
@@ -137,14 +138,14 @@ def least_common_count(unit: Any, lengths: Any, most: int = 100) -> Float[Array,
     xp = jnp if traced else np
     counts = xp.arange(1.0, most + 1)
     # a count fits where it makes whole numbers of all lengths
-    lengths = xp.ravel(xp.asarray(lengths))
-    times = xp.outer(counts, xp.asarray(unit) / xp.where(lengths > 0, lengths, 1.0))
+    each = xp.ravel(xp.asarray(lengths))
+    times = xp.outer(counts, xp.asarray(unit) / xp.where(each > 0, each, 1.0))
     nearest = xp.round(times)
-    whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0) | (lengths == 0)[None]
+    whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0) | (each == 0)[None]
     return as_argument(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
 
 
-def on_host(values: Array) -> Any:
+def on_host(values: Array | np.ndarray) -> Array | np.ndarray:
     """Return an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
     return values if is_traced(values) else np.asarray(values)
 

@@ -1,15 +1,17 @@
 """Travel: how fast the slipper moves along the rail, the same all the way or by a programme."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, in_unit, instance, number, positive, require
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.types import Numbers, Real
 
 LEAST_SPEED = 1.0
 """Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
@@ -18,15 +20,15 @@ LEAST_SPEED = 1.0
 class Travel(NamedTuple):
     """Speed, and length of a forcing period, at a time given in forcing periods since the start."""
 
-    speed: Any
+    speed: Array
     """Travelling speed [m/s]."""
-    wavelength: Any
+    wavelength: Array
     """Distance that counts as a forcing period [m]."""
-    acceleration: Any = None
+    acceleration: Array | None = None
     """Travelling acceleration [m/s^2]; None where the speed is constant."""
 
     @property
-    def period(self) -> Any:
+    def period(self) -> Array:
         """Time that a forcing period takes at this speed [s]."""
         return self.wavelength / self.speed
 
@@ -78,12 +80,12 @@ class SpeedProgramme(ShapeChecked):
     """Factor of all speeds [1], for sweeps and derivatives."""
 
     @classmethod
-    def over_distance(cls, distance: Any, speed: Any) -> "SpeedProgramme":
+    def over_distance(cls, distance: Numbers, speed: Numbers) -> "SpeedProgramme":
         """Return a programme from speeds [m/s] at some distances [m]."""
         return cls(distance, speed)
 
     @classmethod
-    def over_time(cls, time: Any, speed: Any, *, begin: float = 0.0) -> "SpeedProgramme":
+    def over_time(cls, time: Numbers, speed: Numbers, *, begin: float = 0.0) -> "SpeedProgramme":
         """Return a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
         time. At the first one the sled is at `begin` [m] along the rail."""
         finite("time", "s")(time)
@@ -123,12 +125,12 @@ class SpeedProgramme(ShapeChecked):
             require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
 
     @at_once
-    def at(self, distance: Any) -> Float[Array, "*places"]:
+    def at(self, distance: ArrayLike) -> Float[Array, "*places"]:
         """Return the speed [m/s] at some distances from the start [m], of shape (*places,)."""
         return self.scale * self._place(jnp.asarray(distance, float))[2]
 
     @at_once
-    def least(self, begin: Any, end: Any) -> Float[Array, ""]:
+    def least(self, begin: Real, end: Real) -> Float[Array, ""]:
         """Return the least speed [m/s] between two distances from the start [m]."""
         # the least is at one of both ends or at a place between them
         between = (self.distance > begin) & (self.distance < end)
@@ -136,7 +138,7 @@ class SpeedProgramme(ShapeChecked):
         return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
 
     @at_once
-    def acceleration(self, distance: Any) -> Float[Array, "*places"]:
+    def acceleration(self, distance: ArrayLike) -> Float[Array, "*places"]:
         """Return the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
         distance = jnp.asarray(distance, float)
         k, _, _ = self._place(distance)
@@ -147,7 +149,7 @@ class SpeedProgramme(ShapeChecked):
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
     @at_once
-    def seconds(self, distance: Any) -> Float[Array, "*places"]:
+    def seconds(self, distance: ArrayLike) -> Float[Array, "*places"]:
         """Return the time [s] in which some distances [m] are reached from distance zero."""
         return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))
 

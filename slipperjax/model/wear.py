@@ -1,13 +1,14 @@
 """Clearance that opens along a run: by a law of wear, or by a table."""
 
 import abc
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..tools.checks import not_negative
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.types import Real
 from .section import Section
 
 
@@ -19,7 +20,7 @@ class AbstractWear(ShapeChecked):
 
     @abc.abstractmethod
     def added(
-        self, section: Section, length: Any, distance: Any, work: Float[Array, " faces"]
+        self, section: Section, length: Real, distance: Real, work: Float[Array, " faces"]
     ) -> Float[Array, " faces"]:
         """Return the play that has been added to each face [m].
 
