@@ -10,16 +10,19 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, PyTree
 
 from ..model.dynamics import State, VectorField, fill_frozen
+from ..model.kinematics import Motion
 from ..tools.checks import require
+from ..tools.types import Real
 from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
     """Cubic in the motion; a latched memory is constant during a step, that of a contact which acts in it."""
 
-    frozen: Any
+    frozen: Array | None
 
     def __init__(self, *, t0, t1, y0, y1, k0, k1, frozen):
         super().__init__(t0=t0, t1=t1, y0=y0, y1=y1, k0=k0, k1=k1)
@@ -32,7 +35,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
         return State(value.motion, self.frozen)
 
 
-def field_of(terms: Any) -> VectorField:
+def field_of(terms: diffrax.AbstractTerm) -> VectorField:
     """Return the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
@@ -42,7 +45,7 @@ def field_of(terms: Any) -> VectorField:
     return field
 
 
-def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
+def dense_info(dt: Real, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, State | Array | None]:
     """Pack a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     frozen = None
     if rates1.memory is None and y1.memory is not None:
@@ -70,7 +73,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     restarts_each_period: ClassVar[bool] = False
     """True where forcing periods of equal steps begin with `init`: they are functions of the state alone."""
 
-    def rates(self, solver_state: Any) -> Any:
+    def rates(self, solver_state: PyTree) -> Motion | None:
         """Return the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
         return None
 
@@ -174,7 +177,7 @@ def differentiable(
     return solver
 
 
-def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.AbstractSolver:
+def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Real) -> diffrax.AbstractSolver:
     """Return a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
     at = lambda s: _innermost(s).root_finder.tolerance
     finder = getattr(_innermost(solver), "root_finder", None)

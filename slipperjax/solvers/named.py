@@ -1,7 +1,5 @@
 """Solvers by their names, and checks of a requested solver and step size controller."""
 
-from typing import Any
-
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -26,7 +24,7 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     """
     package, _, plain = name.rpartition(".")
     solvers = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}
-    kind: Any = solvers.get(package, {}).get(plain)
+    kind = solvers.get(package, {}).get(plain)
     is_solver = isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
     need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
     require(is_solver and not plain.startswith("Abstract"), "solver", need, name)
@@ -68,7 +66,7 @@ def resolve_solver(
 
 
 def resolve_controller(
-    controller: Any,
+    controller: object,
     solver: diffrax.AbstractSolver,
 ) -> diffrax.AbstractStepSizeController | None:
     """Return the step size controller, None for constant steps; floats become arrays: new values need no compilation.

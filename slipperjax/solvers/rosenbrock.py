@@ -10,12 +10,14 @@ There is no iteration, hence no failure of convergence. The matrix is reduced to
 `slipperjax.model.linearised`; an integrated memory has a separate, diagonal matrix.
 """
 
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 import diffrax
 import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
+from jaxtyping import Array
 
 from ..model.dynamics import State
 from ..model.linearised import LinearSystem
@@ -74,7 +76,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         dense = dense_info(h, y0, y1, field.evaluate(t0, y0, args), rates1)
         return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
 
-    def _rows(self) -> dict[str, Any]:
+    def _rows(self) -> dict[str, Array]:
         """Return the tableau by stages, for a loop over them."""
         count = len(self.nodes)
         # zeros above the diagonal, so that all stages are rows of one length
@@ -89,7 +91,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         return rows | dict(index=jnp.arange(count))
 
 
-def combine(y: State, stages: State, weights: Any) -> State:
+def combine(y: State, stages: State, weights: Sequence[float] | Array) -> State:
     """Return y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)

@@ -5,7 +5,8 @@ step: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.
 matrix reduces to five unknowns, see `slipperjax.model.linearised`, so that nothing here calls LAPACK.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -19,6 +20,7 @@ from ..model.kinematics import Motion, scaled_size
 from ..model.linearised import LinearSystem
 from ..tools.checks import number, positive
 from ..tools.compile import is_traced
+from ..tools.types import Real
 
 NEWTON_TOLERANCE = 1e-7
 """Default of `SimplifiedNewton.tolerance` with constant steps."""
@@ -27,12 +29,12 @@ NEWTON_TOLERANCE = 1e-7
 class _Stage(NamedTuple):
     """Arguments that diffrax hands to a root finder, by name."""
 
-    t: Any
-    y: Any  # the stage's state, but for its own share
+    t: Real
+    y: Motion | State  # the stage's state, but for its own share
     args: Args
-    frozen: Any  # memory that is frozen during the step, None where it is integrated
-    share: Any  # change of the stage's state per change of the unknown
-    factor: Any  # the diagonal coefficient times the step
+    frozen: Array | None  # memory that is frozen during the step, None where it is integrated
+    share: Real  # change of the stage's state per change of the unknown
+    factor: Real  # the diagonal coefficient times the step
     sign: float  # of the residual: diffrax's implicit Euler has its own
 
     @classmethod
@@ -90,7 +92,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
     # not used; here because every root finder has them
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
-    norm: Any = eqx.field(static=True, default=optx.max_norm)
+    norm: Callable = eqx.field(static=True, default=optx.max_norm)
 
     def __check_init__(self):
         if self.tolerance is not None and not is_traced(self.tolerance):
@@ -111,6 +113,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         motion, memory = (residual, None) if isinstance(residual, Motion) else (residual.motion, residual.memory)
         if memory is not None:  # at the iterate, because the switch may turn within a step
             decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
+            assert decay is not None  # of a memory that is integrated
             memory = memory / (1 - stage.factor * decay)
         change = State(state.system.solve(motion), memory)
         of_stage = jax.tree.map(lambda c: stage.share * c, change)

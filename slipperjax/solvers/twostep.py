@@ -7,8 +7,6 @@ With variable steps, h in Eq. (15) is the PREVIOUS step: with alpha = h_k / h_(k
 alpha + beta, so they are consistent in that unit only. Here they are divided by alpha.
 """
 
-from typing import Any
-
 import diffrax
 import equinox as eqx
 import jax
@@ -19,10 +17,11 @@ from ..model.dynamics import State
 from ..model.kinematics import scaled_size
 from ..model.linearised import LinearSystem
 from ..tools.checks import number, positive, require, whole
+from ..tools.types import Real
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
-def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
+def two_step_weights(rho_inf: float, alpha: Real) -> tuple[Real, ...]:
     """Return a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
 
     **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the previous one.
