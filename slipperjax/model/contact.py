@@ -223,7 +223,7 @@ class EventLatch(AbstractMemory):
 
 
 class Before(NamedTuple):
-    """Gaps and gap rates before a step, for the latch; arrays of shape (points,)."""
+    """Gaps and gap rates at a step's start and before, for the latch; arrays of shape (points,)."""
 
     gap: Array
     """Gap at the step's start [m]."""
@@ -231,6 +231,8 @@ class Before(NamedTuple):
     """Gap rate at the step's start [m/s]."""
     earlier_rate: Array
     """Gap rate at the start of the previous step [m/s]."""
+    step: Array
+    """Length of the previous step [forcing periods], a number; infinite if there was none."""
 
     def touchdown_rate(self, gap: Array, rate: Array, step: Real, ratio: Real, entered: Array) -> Array:
         """Return the gap rate of the points that `entered` at the instants of their touchdown [m/s].

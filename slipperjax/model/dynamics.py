@@ -147,8 +147,8 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     return State(motion, memory), outside
 
 
-def warn_if_outside(penetration: Array, deepest: float = 3.0) -> None:
-    """Give an `ImplausibleWarning` for starts outside the play, deeper than `deepest` typical impacts.
+def warn_if_outside(penetration: Array) -> None:
+    """Give an `ImplausibleWarning` for starts outside the play, more than three times as deep as typical impacts.
 
     **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
     """
@@ -156,10 +156,10 @@ def warn_if_outside(penetration: Array, deepest: float = 3.0) -> None:
         return
     depths = np.asarray(penetration)
     # not how many: a batch is a part of the cases, filled up with copies of one
-    if np.any(depths > deepest):
+    if np.any(depths > 3):
         warn(
             f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
-            f"deep as in a typical impact; plausible are {deepest:g} times at most."
+            "deep as in a typical impact; plausible are 3 times at most."
         )
 
 
@@ -331,13 +331,13 @@ class VectorField(eqx.Module):
         now = contacts(args.frame(t), state.motion)
         return args.travel(t).period * settle_memory(args.scene).memory.decay(now.gap)
 
-    def open_step(self, t0: Real, state: State, args: Args) -> "LastStep | None":
+    def open_step(self, t0: Real, state: State, args: Args) -> Before | None:
         """Return what `close_step` needs to know of the time before the first step; None where nothing is latched."""
         if not args.scene.latches_memory:
             return None
         now = contacts(args.frame(t0), state.motion)
         # an infinite earlier step: there is none
-        return LastStep(Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf))
+        return Before(now.gap, now.rate, now.rate, jnp.asarray(jnp.inf))
 
     def inside_step(self, t: Real, state: State, args: Args) -> State:
         """Return an interpolated state with the memory that fits its gaps."""
@@ -349,40 +349,30 @@ class VectorField(eqx.Module):
 
     def close_step(
         self,
-        last: "LastStep | None",
+        before: Before | None,
         t0: Real,
         t1: Real,
         state: State,
         args: Args,
         frame: RailFrame | None = None,
-    ) -> tuple[State, State, "LastStep | None"]:
+    ) -> tuple[State, State, Before | None]:
         """End a step at `state`, and latch touchdowns.
 
-        **Arguments:** `last`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
+        **Arguments:** `before`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
 
-        **Returns:** the state with latched memory, its derivative, and `last` of the next step.
+        **Returns:** the state with latched memory, its derivative, and `before` of the next step.
         """
-        if last is None:
+        if before is None:  # nothing is latched
             return state, self.evaluate(t1, state, args, frame), None
         frame = args.frame(t1) if frame is None else frame
         now = contacts(frame, state.motion)
         step = t1 - t0
         # by the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
-        before = last.ends
-        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / last.step)
+        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / before.step)
         state = State(state.motion, memory)
         rates = self.from_contacts(t1, frame, now, state, args)
-        return state, rates, LastStep(Before(now.gap, now.rate, before.rate), step)
-
-
-class LastStep(NamedTuple):
-    """A step that the latch looks back at."""
-
-    ends: Before
-    """Gaps and gap rates."""
-    step: Real
-    """Length of the step [forcing periods]."""
+        return state, rates, Before(now.gap, now.rate, before.rate, step)
 
 
 def vector_field(scene: Scene) -> VectorField:

@@ -62,16 +62,16 @@ class Ball(VectorField):
 
     def open_step(self, t0, state, args):
         gap, rate = state.motion.z[None], state.motion.v_z[None]
-        return Before(gap, rate, rate), jnp.asarray(jnp.inf)
+        return Before(gap, rate, rate, jnp.asarray(jnp.inf))
 
     def close_step(self, before, t0, t1, state, args, frame=None):
-        (before, earlier_step), step = before, t1 - t0
+        step = t1 - t0
         gap, rate = state.motion.z[None], state.motion.v_z[None]
         latched = args.scene.memory.latch(
-            state.memory, before, gap, rate, step * args.scene.period, step / earlier_step
+            state.memory, before, gap, rate, step * args.scene.period, step / before.step
         )
         state = sj.State(state.motion, latched)
-        return state, self.evaluate(t1, state, args), (Before(gap, rate, before.rate), step)
+        return state, self.evaluate(t1, state, args), Before(gap, rate, before.rate, step)
 
 
 def _linearised(stiffness, damping, state, args):
