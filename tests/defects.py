@@ -373,8 +373,8 @@ tests/sweeps/test_runs.py -k third
 
 short waves get no more steps where impacts are damped
 tests/model/test_tracks.py -k short_waves
--per_wave * waves * damped_waves(damping)
-+per_wave * waves
+-10 * waves * damped_waves(damping)
++10 * waves
 
 touchdowns are looked for from the chord
 tests/tools/test_hermite.py -k direction

@@ -8,7 +8,7 @@ field, see `slipperjax.tools.fields`.
 import dataclasses
 import itertools
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -140,34 +140,25 @@ def _moment_of_inertia(k: int, axis: str) -> Parameter:
     return dataclasses.replace(moment, long_name=f"moment of inertia about {axis}", symbol=f"J_{axis}")
 
 
-def _own(
-    kind: type[Parameter],
-    make: Callable[[str, str], Check],
-    plausible: tuple[float, float],
-    path: str,
-    name: str,
-    unit: str,
-    *labels: str | float,
-) -> Parameter:
-    """Return a parameter that no field declares; `labels`: those of a quantity, in their order."""
-    return kind(name, unit, *labels, path=path, check=dataclasses.replace(make(name, unit), plausible=plausible))
-
-
 PARAMETERS: dict[str, Parameter] = {
     p.name: p
     for p in (
-        _own(Parameter, positive, (5.0, 1e4), "speed", "speed", "m/s", "constant travelling speed", "V"),
-        _own(
-            Clearance,
-            not_negative,
-            (0.0, 0.04),
-            "section.play",
+        Parameter(
+            "speed",
+            "m/s",
+            "constant travelling speed",
+            "V",
+            path="speed",
+            check=positive("speed", "m/s", plausible=(5.0, 1e4)),
+        ),
+        Clearance(
             "clearance",
             "m",
             "total play of slipper and rail",
             "C",
-            1.0,
-            "mm",
+            shown_unit="mm",
+            path="section.play",
+            check=not_negative("clearance", "m", plausible=(0.0, 0.04)),
         ),
         _named("slipper.length", Slipper),
         _named("slipper.mass", Slipper),
@@ -176,7 +167,14 @@ PARAMETERS: dict[str, Parameter] = {
         _named("contact.restitution", Flores),
         _named("track.amplitude", HarmonicTrack),
         _named("track.roll_amplitude", HarmonicTrack),
-        _own(Parameter, not_negative, (0.0, 1e3), "gravity", "gravity", "m/s^2", "gravitational acceleration", "g"),
+        Parameter(
+            "gravity",
+            "m/s^2",
+            "gravitational acceleration",
+            "g",
+            path="gravity",
+            check=not_negative("gravity", "m/s^2", plausible=(0.0, 1e3)),
+        ),
     )
 }
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
@@ -186,7 +184,8 @@ def _at_start(q: Quantity) -> Parameter:
     # greatest plausible magnitudes
     far = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}[q.unit]
     text = f"{q.long_name.split(',')[0]} at the start"
-    return _own(Parameter, finite, (-far, far), "", q.name, q.unit, text, q.symbol, q.scale, q.shown_unit)
+    check = finite(q.name, q.unit, plausible=(-far, far))
+    return Parameter(q.name, q.unit, text, q.symbol, q.scale, q.shown_unit, path="", check=check)
 
 
 STARTS: dict[str, Parameter] = {
@@ -204,10 +203,7 @@ def quantity(name: str) -> Quantity:
     # datasets name what varies at the start so
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
-    for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
-        if name in quantities:
-            return quantities[name]
-    raise KeyError(name)
+    return (PARAMETERS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS)[name]
 
 
 def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:

@@ -33,6 +33,8 @@ ENDS = ("straight", "repeat", "error")
 where known, and level before its start, where the rear of a slipper begins."""
 DEFAULT_RAMP = 8.0
 """Length of the ramps at the ends of a rail that goes on straight [m], or a quarter of the rail if that is less."""
+Displacement = Real | Numbers
+"""One number that holds everywhere, or one for each sample."""
 Channels = dict[str, Array | np.ndarray]
 """Lateral and vertical displacement [m], and roll [rad] if any, of each sample by their names."""
 EQUAL_SPACING = 1e-3
@@ -133,7 +135,7 @@ class AbstractRail(AbstractTrack):
 
     @property
     @abc.abstractmethod
-    def bounds(self) -> Sequence[Real] | Array:
+    def bounds(self) -> Sequence[Real] | Array | np.ndarray:
         """Distances between which the rail is given [m], known while programs are made unless they are traced."""
 
     @property
@@ -193,9 +195,9 @@ class SampledTrack(AbstractRail):
     def __init__(
         self,
         distance: Numbers,
-        lateral: Real | Numbers,
-        vertical: Real | Numbers,
-        roll: Real | Numbers | None = None,
+        lateral: Displacement,
+        vertical: Displacement,
+        roll: Displacement | None = None,
         *,
         ends: str = "straight",
         ramp: Real | None = None,
@@ -262,7 +264,7 @@ class SampledTrack(AbstractRail):
 
     @property
     def bounds(self):
-        return self.distance if is_traced(self.distance) else np.asarray(self.distance).tolist()
+        return on_host(self.distance)
 
     @property
     @at_once
@@ -308,7 +310,7 @@ def _places(distance: Numbers) -> np.ndarray:
 
 
 def _channels(
-    places: np.ndarray, lateral: Real | Numbers, vertical: Real | Numbers, roll: Real | Numbers | None
+    places: np.ndarray, lateral: Displacement, vertical: Displacement, roll: Displacement | None
 ) -> Channels:
     """Return displacements [m] and roll [rad] of each sample by name; raise `ValueError` for other shapes."""
     channels = {"lateral": finite("lateral", "m")(lateral), "vertical": finite("vertical", "m")(vertical)}
@@ -375,13 +377,13 @@ class TrackSet(AbstractRail):
         alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
         if not is_traced(self.number):
-            self._whole("number")(self.number)
+            self._whole()(self.number)
 
     def check_of(self, name: str) -> Check | None:
-        return self._whole(name) if name == "number" else super().check_of(name)
+        return self._whole() if name == "number" else super().check_of(name)
 
-    def _whole(self, name: str) -> Check:
-        return whole_number(name, most=len(self.tracks) - 1)
+    def _whole(self) -> Check:
+        return whole_number("number", most=len(self.tracks) - 1)
 
     @property
     def ends(self):
@@ -400,9 +402,7 @@ class TrackSet(AbstractRail):
         # shorter rails are filled up with coefficients that are never read
         longer = [jnp.pad(s.coefficients, ((0, most - len(s.coefficients)), (0, 0))) for s in splines]
         coefficients = jnp.where(known, at(longer), jnp.nan)
-        first = at([s.first for s in splines])
-        spacing = at([s.spacing for s in splines])
-        intervals = at([s.intervals for s in splines])
+        first, spacing, intervals = (at([getattr(s, n) for s in splines]) for n in ("first", "spacing", "intervals"))
         return SplineTrack(first, spacing, intervals, coefficients, self.wavelength, self.ends)
 
     @property

@@ -84,10 +84,6 @@ class TableSpectrum(AbstractSpectrum):
         return jnp.where(inside, value, 0.0)
 
 
-SLED_BAND = 0.4, 100.0
-"""Wavelengths of a sled track's published spectrum [m]."""
-
-
 class RandomTrack(AbstractRail):
     """A random rail: normal deviates with given spectra, one rail for each seed.
 
@@ -108,9 +104,9 @@ class RandomTrack(AbstractRail):
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
     band: tuple[float, float] = eqx.field(
-        static=True, converter=converted("band", "m"), default=SLED_BAND, metadata={"unit": "m"}
+        static=True, converter=converted("band", "m"), default=(0.4, 100.0), metadata={"unit": "m"}
     )
-    """Shortest and longest wavelength [m]."""
+    """Shortest and longest wavelength [m], by default those of a sled track's published spectrum."""
     length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = field("", whole_number, default=0)
@@ -158,7 +154,7 @@ class RandomTrack(AbstractRail):
         A fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.2015.06.028.
         """
         exponent = 2.085
-        return cls.power_law(10e-6 * 0.01**exponent, exponent, **{"band": SLED_BAND, **options})
+        return cls.power_law(10e-6 * 0.01**exponent, exponent, **options)
 
     @classmethod
     def power_law(cls, amplitude: Real, exponent: Real, **options: object) -> "RandomTrack":
@@ -233,8 +229,8 @@ class RandomTrack(AbstractRail):
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
-        numbers = jnp.zeros(()), jnp.asarray(spacing), jnp.asarray(float(count))
-        return SplineTrack(*numbers, rail, self.wavelength, self.ends)
+        intervals = jnp.asarray(float(count))
+        return SplineTrack(jnp.zeros(()), jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
 
     def rms(self, power: int = 0) -> Irregularity:
         """Return the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of

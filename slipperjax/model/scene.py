@@ -48,9 +48,6 @@ def _speed(value: object) -> Array | SpeedProgramme:
     return value if isinstance(value, SpeedProgramme) else PARAMETERS["speed"].check(value)
 
 
-_OPTIONAL_GRAVITY = dataclasses.replace(PARAMETERS["gravity"].check, optional=True)
-
-
 class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
@@ -62,7 +59,9 @@ class Scene(ShapeChecked):
     contact: AbstractContactLaw
     memory: AbstractMemory = EventLatch()
     """Model of the contact memory, for laws that have one."""
-    gravity: Float[Array, ""] | None = eqx.field(converter=_OPTIONAL_GRAVITY, default=None)
+    gravity: Float[Array, ""] | None = eqx.field(
+        converter=dataclasses.replace(PARAMETERS["gravity"].check, optional=True), default=None
+    )
     """Gravitational acceleration along -z [m/s^2]."""
     load: AbstractLoad | None = None
     """Force and moment besides contacts and gravity."""

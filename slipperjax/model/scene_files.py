@@ -130,13 +130,15 @@ class _Reader:
             self.check_names()
         # what the file leaves out is that of its base
         values = dict(vars(paper_scene())) if "base" in self.tables else {}
-        others: Table = {"start": None, "run": None}
+        start = run = None
         for name, value in self.tables.items():
             with self.placed(name if isinstance(value, dict) else ""):
                 if name in PARTS:
                     values[name] = self.part(name, dict(value), values.get(name))
-                elif name in others:
-                    others[name] = self.start(value) if name == "start" else self.run(value)
+                elif name == "start":
+                    start = self.start(value)
+                elif name == "run":
+                    run = self.run(value)
                 elif name == "speed" and isinstance(value, dict):
                     values[name] = self.programme(dict(value))
                 elif name in NUMBERS:
@@ -145,7 +147,7 @@ class _Reader:
             if name not in values:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         with self.placed(""):
-            return SceneFile(Scene(**values), **others)
+            return SceneFile(Scene(**values), start, run)
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
@@ -174,7 +176,7 @@ class _Reader:
             kind = known_type(str(named), (kind,), name)
         elif TYPE in table:
             raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
-        values: Table = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
+        values = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
         if kind is Section and "clearance" in table:
             if "play" in table:
                 raise ValueError("`clearance` and `play` must not both be given.")
@@ -210,7 +212,7 @@ class _Reader:
 
     def described(self, kind: type, table: Table) -> Table:
         """Return the description of a table for a class, in SI units, with those of tables within it."""
-        values: Table = {}
+        values = {}
         for name, value in table.items():
             rows: list[Any] = value if isinstance(value, list) and value else [value]
             if all(isinstance(row, dict) and TYPE in row for row in rows):
@@ -255,7 +257,8 @@ class _Reader:
     def line_of(self, table: str, name: str) -> int | None:
         """Return the line where a name gets its value, or else where its table begins."""
         path = ".".join(filter(None, (table, name)))
-        now, header = "", None
+        now = ""
+        header = None
         # a key belongs to the last header before it
         for at, line in enumerate(self.lines, 1):
             match = re.match(r"""\s*(\[?)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value

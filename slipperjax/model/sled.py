@@ -47,9 +47,12 @@ class SledMass(ShapeChecked):
         """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
         if gravity is None:
             return jnp.zeros(())
-        weight, spring = self.mass * gravity, self.stiffness[1]
+        weight = self.mass * gravity
+        spring = self.stiffness[1]
+        free = weight / spring
         if self.travel is None or self.stop_stiffness is None:
-            return -weight / spring
+            return -free
         # what the spring does not carry within its travel, spring and stop carry together
-        free, travel, stop = weight / spring, self.travel[1], self.stop_stiffness[1]
+        travel = self.travel[1]
+        stop = self.stop_stiffness[1]
         return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))

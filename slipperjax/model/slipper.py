@@ -19,10 +19,9 @@ class Slipper(ShapeChecked):
     """Distance between the front and the rear section [m]."""
 
     def __check_init__(self):
-        inertia = self.inertia
-        if is_traced((self.mass, inertia, self.length)) or inertia.shape != (3,):
+        if is_traced(self) or self.inertia.shape != (3,):
             return
-        inertia = np.asarray(inertia)
+        inertia = np.asarray(self.inertia)
         radii = np.sqrt(inertia / np.asarray(self.mass)) / np.asarray(self.length)
         if np.min(radii) < 0.01 or np.max(radii) > 2:
             worst = radii[np.argmax(np.abs(np.log(radii)))]

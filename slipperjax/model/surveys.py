@@ -279,7 +279,7 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
     import xarray as xr  # here, because importing it takes time
 
     is_hdf5 = content.startswith(_HDF5)
-    engine: dict[str, str] = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
+    engine = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
     with readable(path, "netCDF file"), xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds:
         found = {str(key): ds[key].load() for key in ds.variables if _name(str(key)) in COLUMNS}
     columns = [_variable(path, key, array) for key, array in found.items()]

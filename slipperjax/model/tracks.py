@@ -115,7 +115,8 @@ class AbstractTrack(ShapeChecked):
 def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
     """Return the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
     is none. Traced numbers may be any, and the rail of such a one is NaN."""
-    number, check = getattr(track, track.chosen_by), track.check_of(track.chosen_by)
+    number = getattr(track, track.chosen_by)
+    check = track.check_of(track.chosen_by)
     assert check is not None  # of each such track
     known = check.is_good(number)
     return jnp.where(known, number, 0).astype(int), known
@@ -130,13 +131,13 @@ PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
 
 
-def least_common_count(unit: Array, lengths: Array, most: int = 100) -> Float[Array, ""]:
+def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
     """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
-    is none up to `most`. A length of zero goes with all."""
+    is none up to 100. A length of zero goes with all."""
     # on the host where nothing is traced, which compiles nothing
     traced = is_traced((unit, lengths))
     xp = jnp if traced else np
-    counts = xp.arange(1.0, most + 1)
+    counts = xp.arange(1.0, 101.0)
     # a count fits where it makes whole numbers of all lengths
     each = xp.ravel(xp.asarray(lengths))
     times = xp.outer(counts, xp.asarray(unit) / xp.where(each > 0, each, 1.0))
