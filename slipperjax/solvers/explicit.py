@@ -88,9 +88,9 @@ class RK4(AbstractLatchingRungeKutta):
 class Tsit5(AbstractLatchingRungeKutta, diffrax.AbstractAdaptiveSolver):
     """Tsitouras' 5(4) method, doi:10.1016/j.camwa.2011.06.002, with the event latch and an error estimate."""
 
-    a_lower: ClassVar = tuple(tuple(float(a) for a in row) for row in diffrax.Tsit5.tableau.a_lower[:-1])
-    b: ClassVar = tuple(float(b) for b in diffrax.Tsit5.tableau.b_sol[:-1])
-    b_error: ClassVar = tuple(float(b) for b in diffrax.Tsit5.tableau.b_error)
+    a_lower: ClassVar = tuple(tuple(row.tolist()) for row in diffrax.Tsit5.tableau.a_lower[:-1])
+    b: ClassVar = tuple(diffrax.Tsit5.tableau.b_sol[:-1].tolist())
+    b_error: ClassVar = tuple(diffrax.Tsit5.tableau.b_error.tolist())
 
     def order(self, terms):
         return 5

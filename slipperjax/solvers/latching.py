@@ -24,8 +24,8 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
     frozen: Array | None
 
-    def __init__(self, *, t0, t1, y0, y1, k0, k1, frozen):
-        super().__init__(t0=t0, t1=t1, y0=y0, y1=y1, k0=k0, k1=k1)
+    def __init__(self, *, frozen, **step):
+        super().__init__(**step)
         self.frozen = frozen
 
     def evaluate(self, t0, t1=None, left=True):

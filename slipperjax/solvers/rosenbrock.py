@@ -81,14 +81,13 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         count = len(self.nodes)
         # zeros above the diagonal, so that all stages are rows of one length
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
-        slopes = self.slopes or [0.0] * count
-        rows = dict(
+        return dict(
             a=square(self.a),
             c=square(self.c),
             node=jnp.array(self.nodes),
-            slope=jnp.array(slopes),
+            slope=jnp.array(self.slopes or [0.0] * count),
+            index=jnp.arange(count),
         )
-        return rows | dict(index=jnp.arange(count))
 
 
 def combine(y: State, stages: State, weights: Sequence[float] | Array) -> State:
