@@ -57,6 +57,7 @@ class AbstractContactLaw(ShapeChecked):
 @jax.custom_jvp
 def _hertz(gap: Array) -> Array:
     """Return d^(3/2) of penetrations d = -gap, 0 where open."""
+    # where open the root is of one, so that no derivative is infinite
     return jnp.where(gap < 0, -gap, 0.0) * jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
 
 
@@ -164,6 +165,7 @@ class AbstractMemory(ShapeChecked):
         # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)
         began = self.at_touchdown(gap, before.touchdown_rate(gap, rate, step, ratio, entered))
+        # closed points keep their memory until they open
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, began, memory))
 
     def at_touchdown(self, gap: Array, rate: Array) -> Array:
@@ -173,6 +175,7 @@ class AbstractMemory(ShapeChecked):
     @staticmethod
     def weights(memory: Array) -> Array:
         """Return the weights of a tangent's components: of closed contacts relative to themselves, of open ones 0."""
+        # the least number below zero marks a contact without damping, which counts as open
         closed = memory < -1e-9
         return jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
 
@@ -185,7 +188,7 @@ class AbstractMemory(ShapeChecked):
 
 
 class EventLatch(AbstractMemory):
-    """Integrates the motion alone and, after each step, latches g'_0 at the instant at which the gap crossed zero.
+    """A memory that is latched after each step: g'_0 is the rate at the instant at which the gap crossed zero.
 
     The memory of a point is 1 / g'_0 [s/m], and 0 while the point is open. During the step in which a point touches
     down, its memory is still 0 and it uses g' / g'_0 = 1, the value at touchdown. A point that is closed and
@@ -215,6 +218,7 @@ class EventLatch(AbstractMemory):
         return jnp.where(gap < 0, began, 0.0)
 
     def rate_ratio(self, memory, rate):
+        # in the step of a touchdown nothing is stored yet: the ratio is that at the touchdown itself
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def at_touchdown(self, gap, rate):
@@ -248,6 +252,7 @@ class Before(NamedTuple):
         x = sign_change(path, gap, entered)
         # the parabola of the rate through both ends of this step and the start of the previous one
         rise = rate - self.rate
+        # a ratio of zero, in the first step, leaves the straight line through both ends
         bend = (rise - ratio * (self.rate - self.earlier_rate)) * (ratio / (1 + ratio))
         return self.rate + x * (rise + (x - 1) * bend)
 
@@ -316,6 +321,7 @@ class SmoothSwitch(AbstractIntegratedMemory):
         return rate
 
     def rate_ratio(self, memory, rate):
+        # kept below zero, where the quotient has its pole
         return rate / jnp.minimum(memory, -self.slowest)
 
     def scaled(self, depth, duration, period):
@@ -351,6 +357,7 @@ class SmoothSwitch(AbstractIntegratedMemory):
 
     @property
     def closing_gap(self):
+        # half of the switch lies on either side of a gap of zero
         return 0.5 * _number(self.width)
 
     def felt(self, gap, rate, depth):

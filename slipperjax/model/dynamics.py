@@ -80,17 +80,15 @@ class Args(NamedTuple):
 
 
 def phase(t: Real, epoch: Real) -> Real:
-    """Return forcing periods travelled since the start [1], the phase of the forcing."""
+    """Return forcing periods travelled since distance zero [1], the phase of the forcing."""
     return epoch + t
 
 
 def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = None) -> State:
     """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
-    By default that is where the rail begins.
-
-    A `State`, such as a run ended with, keeps its memory, which must be of the scene's kind; contacts of a `Motion`
-    that are closed begin here.
+    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, or a `State`, such as a run ended with,
+    which keeps its memory; `epoch`: forcing periods travelled before, by default those to the beginning of the rail.
 
     Gives an `ImplausibleWarning` where the slipper begins far outside its play.
 
@@ -99,11 +97,15 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = Non
     check_scene(scene)
     motion = check_start("motion", motion)
     if isinstance(motion, State) and motion.memory is not None:
-        good = np.shape(motion.memory) == (scene.points,)
-        need = f"have a memory of shape ({scene.points},), one for each point"
-        require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
+        require(
+            np.shape(motion.memory) == (scene.points,),
+            "motion",
+            f"have a memory of shape ({scene.points},), one for each point",
+            shown=f"one of shape {np.shape(motion.memory)}",
+        )
     epoch = scene.epoch_at(scene.track.origin) if epoch is None else finite("epoch")(epoch)
     require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
+    # numbers become arrays, so that new ones need no compilation
     state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
@@ -136,6 +138,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
         sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
         motion = SledMotion(**vars(motion), **sled)
     elif scene.sled is None:
+        # a motion with a sled may start a scene without one
         motion = of_slipper(motion)
     place = phase(0.0, epoch)
     now = contacts(rail_frame(scene, place), motion)
@@ -192,6 +195,7 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     # applied loads and the acceleration of the masses act on the drive, too
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
+    # constant speeds add no operations
     return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
 
 
@@ -218,6 +222,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
     j_x, j_y, j_z = scene.slipper.inertia
     per_x, per_y, per_z = (1 / j for j in (j_x, j_y, j_z))
     a_z = f_z * per_mass
+    # Euler's equations, for principal axes
     rates = Motion(
         m.v_y,
         m.v_z,
@@ -370,6 +375,7 @@ class VectorField(eqx.Module):
         # by the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
         memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / before.step)
+        # the derivative is that with the new memory
         state = State(state.motion, memory)
         rates = self.from_contacts(t1, frame, now, state, args)
         return state, rates, Before(now.gap, now.rate, before.rate, step)
@@ -429,10 +435,12 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
     rates = motion_rates(scene, at, travel)
     # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
+    # the track feels the opposite force
     on_track = ends(-at.force[None] * jnp.stack(per_force(scene, at, travel)[:3]))
     # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
+    # the rear node is one length behind the front one
     lengths = scene.slipper.length * jnp.array([0.0, 1.0])
     rail = scene.track.irregularity(phase(t, args.epoch) * scene.wavelength - lengths)
     node = jnp.stack([scene.slipper.length / 2 - lengths, rail.lateral, rail.vertical])

@@ -65,8 +65,8 @@ class Motion(eqx.Module):
     @staticmethod
     def from_euler(*, roll: Real = 0.0, pitch: Real = 0.0, yaw: Real = 0.0, **others: Real) -> "Motion":
         """Return a motion from Euler angles of Eq. (2) [rad]; `others`: fields of `Motion` besides the attitude."""
-        attitude = zip(("q_x", "q_y", "q_z"), quaternion_from_euler(roll, pitch, yaw), strict=True)
-        return Motion(**dict(attitude), **others)
+        q_x, q_y, q_z = quaternion_from_euler(roll, pitch, yaw)
+        return Motion(q_x=q_x, q_y=q_y, q_z=q_z, **others)
 
 
 class SledMotion(Motion):
@@ -90,6 +90,7 @@ def moved(m: Motion, change: Motion) -> Motion:
 
 def _of_slipper(m: Motion) -> list[Any]:
     instance("motion", m, Motion, "a slipperjax.Motion")
+    # not of a sled, which comes after them
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
@@ -98,6 +99,7 @@ def check_motion(name: str, motion: Motion) -> Motion:
     for coordinate, value in vars(motion).items():
         if is_traced(value):
             continue  # its value is not known
+        # True and False pass, as 1 and 0
         if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
     return motion
@@ -175,6 +177,7 @@ def rotation(m: Motion):
     w = scalar_part(m)
     q = (m.q_x, m.q_y, m.q_z)
     x, y, z = q
+    # products that several entries share
     xx, yy, zz = (v * v for v in q)
     xy, xz, yz = (a * b for a, b in ((x, y), (x, z), (y, z)))
     wx, wy, wz = (w * v for v in q)
@@ -257,10 +260,12 @@ def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailF
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     along_y = rear.y - front.y
     along_z = rear.z - front.z
-    n_y, n_z, t_y, t_z, v_y, v_z = _own(scene, front, rear)
+    n_y, n_z, t_y, t_z, v_y, v_z = _each_at_its_node(scene, front, rear)
+    # along x, so that the normal is at right angles to the face
     n_x = store((n_y * along_y + n_z * along_z) / scene.slipper.length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
+    # tilted normals are longer than one
     per_norm = store(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = store([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
@@ -285,7 +290,7 @@ def _nodes(scene: Scene, points: Points, phase: Real) -> list[_Node]:
     return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
 
 
-def _own(scene: Scene, front: _Node, rear: _Node) -> _Node:
+def _each_at_its_node(scene: Scene, front: _Node, rear: _Node) -> _Node:
     """Return each point at its own node."""
     is_front = np.repeat([True, False], len(scene.section.names))
     return _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
@@ -302,6 +307,7 @@ def _node(scene: Scene, points: Points, distance: Array) -> _Node:
         c, s = circle(rail.roll)
         n_y, n_z = _rolled(c, s, n_y, n_z)
         y, z = _rolled(c, s, y, z)
+        # a rolling rail moves its points around the axis
         v_y = v_y - slope.roll * z
         v_z = v_z + slope.roll * y
     return _Node(n_y, n_z, y + rail.lateral, z + rail.vertical, v_y, v_z)
@@ -348,8 +354,9 @@ def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"
     second. With the gap, across the face, it tells where each point is relative to the rail head.
     """
     points = contact_points(scene)
-    node = _own(scene, *_nodes(scene, points, phase))
+    node = _each_at_its_node(scene, *_nodes(scene, points, phase))
     _, across, up = rotation(m)
     from_rail_y = m.y + sum(r * a for r, a in zip(across, points.arm, strict=True)) - node.y
     from_rail_z = m.z + sum(r * a for r, a in zip(up, points.arm, strict=True)) - node.z
+    # along a face is its normal, turned by 90 degrees
     return node.n_z * from_rail_y - node.n_y * from_rail_z

@@ -91,6 +91,7 @@ def contact_linearised(
         j = (i + 1) % 3
         k = (i + 2) % 3
         gyro = travel.period * (moments[k] - moments[j]) / moments[i]
+        # derivatives by w_j and by w_k
         damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
         damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
     return Linearised(stiffness, damping, m, travel.period)
@@ -122,13 +123,13 @@ class LinearSystem(eqx.Module):
     There is no pivoting: the 5 x 5 matrix is a mass matrix with damping and stiffness added, and `factor` is small.
     """
 
-    step: Real
+    step: Real  # the factor in seconds
     factor: Real
     stiffness: Matrix
-    matrix: Matrix
-    transport: Matrix
-    turn: Matrix
-    attitude: Matrix
+    matrix: Matrix  # LU factors of the five velocities' equations
+    transport: Matrix  # (1 - step B)^-1, see the module
+    turn: Matrix  # the rotation that belongs to a change of the quaternion, after `transport`
+    attitude: Matrix  # the change of the quaternion that belongs to a rotation
 
     def __init__(self, at: Linearised, factor: Real):
         m = at.motion
@@ -181,6 +182,7 @@ def _factored(a: Matrix) -> Matrix:
 
 def _inverse(a: Matrix) -> Matrix:
     """Return the inverse of a 3 x 3 matrix by its cofactors."""
+    # rows of cofactors are cross products of the other rows
     cofactors = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])]
     determinant = sum(a[0][j] * cofactors[0][j] for j in range(3))
     return [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]

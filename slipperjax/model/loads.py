@@ -40,6 +40,7 @@ class AppliedLoad(AbstractLoad):
     """Moment over the square of the speed [N s^2/m]."""
 
     def wrench(self, speed):
+        # lift and drag grow with the dynamic pressure
         square = speed**2
         return self.force + square * self.force_by_square, self.moment + square * self.moment_by_square
 

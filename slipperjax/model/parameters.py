@@ -38,7 +38,7 @@ class Parameter(Quantity):
     path: str
     """Fields that lead to the leaf, joined by points; empty for a number of the start."""
     check: Check
-    """Makes values [unit] an array; raises `ValueError` out of range, and warns where they are implausible."""
+    """Converter of values [unit] to an array; raises `ValueError` out of range, and warns of implausible ones."""
     index: tuple[int, ...] = ()
     """Place in the leaf where that is an array, behind axes of cases."""
 
@@ -77,6 +77,7 @@ class Parameter(Quantity):
         """
         self.check_exists(scene)
         leaf = self._write(as_argument(value), self._where(scene))
+        # None counts as a leaf, so that a part that is None can be set
         return eqx.tree_at(self._where, scene, leaf, is_leaf=lambda part: part is None)
 
     def _where(self, scene: eqx.Module) -> Any:
@@ -105,6 +106,7 @@ class Clearance(Parameter):
     """The total play, of which each face has half; where faces differ, twice the mean of theirs."""
 
     def _read(self, leaf: Array) -> Real | np.ndarray:
+        # over all faces, each of which has half of the clearance
         return 2 * on_host(leaf).mean()
 
     def _write(self, value: Array, leaf: Array) -> Array:
@@ -122,6 +124,7 @@ def _declared(path: str, owner: type, name: str, check: Check | None, index: tup
     **Arguments:** `path`: fields that lead to it; `owner`: the module's class; `name`: of the parameter; `check`: of
     the field, None where it has none; `index`: place in the field's array.
     """
+    # None is no value to vary, also where the field allows it
     own = dataclasses.replace(finite("") if check is None else check, name=name, optional=False)
     labels = labels_of(owner, path.rpartition(".")[2])
     text = labels.pop("text") or (name if "." in name else path).replace(".", " ")
@@ -163,6 +166,7 @@ PARAMETERS: dict[str, Parameter] = {
         _named("slipper.length", Slipper),
         _named("slipper.mass", Slipper),
         *(_moment_of_inertia(k, axis) for k, axis in enumerate("xyz")),
+        # with the labels of the paper's kinds of contact and track; other kinds may have the same names
         _named("contact.stiffness", Flores),
         _named("contact.restitution", Flores),
         _named("track.amplitude", HarmonicTrack),
@@ -249,6 +253,7 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
         raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
     sizes = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True))
+    # asked of the module, whose other values may bound this one
     check = owner.check_of(fields[-1]) if isinstance(owner, ShapeChecked) else None
     return _declared(".".join(fields), type(owner), path, check, index)
 
@@ -256,6 +261,7 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
 def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:
     """Return an index into an array, as a number or, for points of a section, as a name."""
     names = getattr(owner, "names", ())
+    # points of a section have names
     if word in names:
         return names.index(word)
     if word.isdecimal() and int(word) < size:
@@ -289,6 +295,7 @@ def checked_parameters(names: Sequence[str], scene: eqx.Module) -> list[Paramete
     **Raises:** `ValueError` where `names` is no list of parameters that the scene has and that do not undo each
     other.
     """
+    # a single name would be read letter by letter
     listed = isinstance(names, Sequence) and not isinstance(names, str) and names
     require(listed, "names", "be a list of parameters", names)
     parameters = [parameter(name, scene) for name in names]
@@ -304,6 +311,7 @@ def checked_parameters(names: Sequence[str], scene: eqx.Module) -> list[Paramete
 def at_values(scene: AnyScene, names: Sequence[str], values: Numbers) -> AnyScene:
     """Return the scene with other values of named parameters, unchecked."""
     for k, name in enumerate(names):
+        # in their order, so that a part may follow the whole
         scene = parameter(name, scene).replaced(scene, values[k])
     return scene
 

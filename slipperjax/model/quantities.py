@@ -92,7 +92,7 @@ SLED_NUMBERS: dict[str, Quantity] = _named(
     Quantity("sled_v_y", "m/s", "lateral velocity of the sled"),
     Quantity("sled_v_z", "m/s", "vertical velocity of the sled"),
 )
-"""The numbers that a `SledMotion` has besides."""
+"""The further numbers of a `SledMotion`."""
 
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),

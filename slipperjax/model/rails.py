@@ -51,7 +51,7 @@ class SplineTrack(AbstractTrack):
     intervals: Float[Array, ""]
     """Number of intervals between knots [1]; there may be coefficients beyond, which do not count."""
     coefficients: Float[Array, "knots channels"]
-    """Those of the B-splines of each interval and its neighbours: lateral and vertical [m], and roll [rad] if any."""
+    """Coefficients of the B-splines: lateral and vertical [m], and roll [rad] if any."""
     forcing_length: Float[Array, ""]
     """Length of travel that counts as one period [m]."""
     ends: str = eqx.field(static=True)
@@ -70,16 +70,18 @@ class SplineTrack(AbstractTrack):
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
         slope = (u**2 * d - (1 - u) ** 2 * a + (3 * u - 4) * u * b + (1 + 2 * u - 3 * u**2) * c) / 2 / self.spacing
         if self.ends == "error":
+            # level before its start
             slope = jnp.where(s < 0, 0.0, slope)
         return self._of(value, s), self._of(slope, s)
 
     def _interval(self, distance: Array) -> tuple[list[Array], Array, Array]:
-        """Return the four coefficients at a distance, the place in its interval [0, 1], and that on the rail, in
-        intervals."""
+        """Return the four coefficients at a distance, the place within its interval (0 to 1), and the place on the
+        rail, counted in intervals."""
         s = (distance - self.first) / self.spacing
         count = self.intervals
         if self.ends == "repeat":
             s = s - count * jnp.floor(s / count)
+        # places beyond the ends belong to the first or the last interval
         at = jnp.clip(jnp.floor(s), 0, count - 1)
         index = at.astype(int)
         # four neighbours as one slice, which a batch of rails reads as one piece
@@ -94,6 +96,7 @@ class SplineTrack(AbstractTrack):
             rows = jnp.where((s >= 0) & (s <= self.intervals), rows, 0.0)
         elif self.ends == "error":
             rows = jnp.where(s <= self.intervals, rows, jnp.nan)
+        # a rail without roll has two channels
         channels = [rows[..., k] for k in range(rows.shape[-1])]
         return Irregularity(*channels, *[None] * (3 - len(channels)))
 
@@ -108,6 +111,7 @@ def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[A
     """
     count = samples.shape[0] - 1
     if ends == "repeat":
+        # each interval needs its neighbours: one row before, two behind, around the circle
         rows = _periodic_coefficients(samples[:-1])
         return jnp.concatenate([rows[-1:], rows, rows[:2]])
     # a line is its own spline
@@ -120,6 +124,7 @@ def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[A
 def _periodic_coefficients(samples: Float[Array, " samples"]) -> Float[Array, " samples"]:
     """Return the c with (c_before + 4 c + c_after) / 6 = samples around a circle."""
     count = samples.shape[0]
+    # what the average does to each wave
     share = (2 + np.cos(2 * np.pi * np.arange(count // 2 + 1) / count)) / 3
     return jnp.fft.irfft(jnp.fft.rfft(samples) / share, n=count)
 
@@ -238,7 +243,7 @@ class SampledTrack(AbstractRail):
 
     @property
     def wavelength(self):
-        """That of other rails; of one that repeats its whole length, so that it has periodic orbits [m]."""
+        """Forcing period [m]: the length of a rail that repeats, which thus has periodic orbits; else the default."""
         return self.length if self.ends == "repeat" else super().wavelength
 
     @property
@@ -276,8 +281,8 @@ class SampledTrack(AbstractRail):
     @property
     @at_once
     def shortest_wavelength(self):
-        """The wavelength of a sine with the same root mean squares of slope and curvature [m]: that of short waves as
-        far as these matter; at most `wavelength`."""
+        """Wavelength of a sine with the same root mean squares of slope and curvature [m], which short waves shorten
+        as far as they matter; at most `wavelength`."""
         places = self._places()
         slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
@@ -285,6 +290,7 @@ class SampledTrack(AbstractRail):
 
     def _places(self) -> Float[Array, " places"]:
         """Return distances of the samples, and of the middles between them, within the rail [m]."""
+        # a spline is steepest at samples or between them
         count = 2 * (self.lateral.shape[0] - 1)
         return self.distance[0] + self.length * jnp.arange(count) / count
 
@@ -298,6 +304,7 @@ def ramps(away: Array, ramp: Array) -> Array:
 def _places(distance: Numbers) -> np.ndarray:
     """Return the distances of samples [m], or those of the first and the last; raise `ValueError` for others."""
     require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
+    # for its errors alone
     finite("distance", "m")(distance)
     places = np.asarray(in_unit(distance, "m"), float)  # inside jit, too
     require(places.ndim == 1 and len(places) > 1, "distance", "be a list of distances", distance)
@@ -322,8 +329,10 @@ def _channels(
         lengths.add(len(places))
     if len(lengths) > 1 or any(array.ndim > 1 for array in channels.values()):
         found = ", ".join(map(str, sorted(lengths)))
-        need = f"be of equal length, but have {found} samples"
-        raise ValueError(f"Arguments `distance`, `lateral`, `vertical` and `roll` must {need}.")
+        raise ValueError(
+            "Arguments `distance`, `lateral`, `vertical` and `roll` must be of equal length, "
+            f"but have {found} samples."
+        )
     (count,) = lengths
     require(count >= 4, "distance", "be of four or more samples", count)
     # on the host where they are known, so that nothing is compiled
@@ -340,6 +349,7 @@ def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
         return channels
     from scipy.interpolate import CubicSpline  # here, because importing it takes time
 
+    # as close as the closest samples, but eight times as many at most
     count = int(min(np.ceil(length / np.min(gaps)), 8 * len(gaps))) + 1
     at = np.linspace(places[0], places[-1], count)
     if is_traced(channels):
@@ -409,6 +419,7 @@ class TrackSet(AbstractRail):
     def bounds(self):
         """Distances between which all of them are given [m]."""
         begins, ends = zip(*(track.bounds for track in self.tracks), strict=True)
+        # the least end is the greatest of them with changed signs
         return greatest(begins), -greatest([-end for end in ends])
 
     @property
@@ -417,7 +428,7 @@ class TrackSet(AbstractRail):
 
     @property
     def steepest_slope(self):
-        """That of the steepest rail [1], so that all take the same steps."""
+        """Slope of the steepest rail [1], so that all take the same steps."""
         return self._most("steepest_slope")
 
     @property

@@ -36,6 +36,7 @@ class AbstractSpectrum(ShapeChecked):
         its derivative of that order by distance [m^(1 - power)]."""
         k = jnp.geomspace(1 / band[1], 1 / band[0], 4001)
         values = self.density(k) * (2 * jnp.pi * k) ** (2 * power)
+        # over the logarithm of k, in which spectra change slowly
         return jnp.sqrt(jnp.trapezoid(values * k, jnp.log(k)))
 
 
@@ -78,6 +79,7 @@ class TableSpectrum(AbstractSpectrum):
         check_table(self, "wavenumber", "values", least=2)
 
     def density(self, wavenumber):
+        # zero has no logarithm, and is outside of the table
         k = jnp.where(wavenumber > 0, wavenumber, self.wavenumber[0])
         value = jnp.exp(jnp.interp(jnp.log(k), jnp.log(self.wavenumber), jnp.log(self.values)))
         inside = (wavenumber >= self.wavenumber[0]) & (wavenumber <= self.wavenumber[-1])
@@ -92,15 +94,15 @@ class RandomTrack(AbstractRail):
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred rails
     ```
 
-    Rails of one seed and length are the same at all scales and with all spectra of one band, so that differences
-    between designs on common rails have small errors.
+    With one length and band, a seed gives the same deviates for every roughness and spectrum, so that designs are
+    compared on the same rails.
     """
 
     chosen_by: ClassVar = "seed"
     lateral: AbstractSpectrum | None
     """Spectrum of the lateral displacement; None for none."""
     vertical: AbstractSpectrum | None
-    """Spectrum of the vertical displacement."""
+    """Spectrum of the vertical displacement; None for none."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
     band: tuple[float, float] = eqx.field(
@@ -172,6 +174,7 @@ class RandomTrack(AbstractRail):
         **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].
         """
         spectrum = TableSpectrum(wavenumber, density)
+        # the highest wavenumber is that of the shortest wave
         band = tuple(1 / float(k) for k in (spectrum.wavenumber[-1], spectrum.wavenumber[0]))
         return cls(**{"band": band, "vertical": spectrum, "lateral": spectrum, **options})
 
@@ -180,11 +183,18 @@ class RandomTrack(AbstractRail):
             spectrum = getattr(self, name)
             if spectrum is not None:
                 instance(name, spectrum, AbstractSpectrum, "a spectrum such as PowerLawSpectrum(...)")
-        pair = isinstance(self.band, tuple) and len(self.band) == 2 and 0 < self.band[0] < self.band[1]
-        require(pair, "band", "be a tuple of the shortest and the longest wavelength [m]", self.band)
-        need = f"be at least twice the longest wave, {self.band[1]:g} m"
-        one = isinstance(self.length, int | float | np.number) and self.length >= 2 * self.band[1]
-        require(one, "length", need, self.length)
+        require(
+            isinstance(self.band, tuple) and len(self.band) == 2 and 0 < self.band[0] < self.band[1],
+            "band",
+            "be a tuple of the shortest and the longest wavelength [m]",
+            self.band,
+        )
+        require(
+            isinstance(self.length, int | float | np.number) and self.length >= 2 * self.band[1],
+            "length",
+            f"be at least twice the longest wave, {self.band[1]:g} m",
+            self.length,
+        )
         one_of("ends", self.ends, ENDS)
         if self.band[0] >= 1.5:
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
@@ -217,6 +227,7 @@ class RandomTrack(AbstractRail):
             return jnp.concatenate([around[-1:], around, around[:2]])
 
         seed, known = chosen(self)
+        # a key for each direction, so that none depends on which others there are
         vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3])
         # the lateral deviates share a part with the vertical ones
         if self.coherence is not None:
@@ -224,6 +235,7 @@ class RandomTrack(AbstractRail):
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
         if self.roll is not None:
             rows.append(coefficients(self.roll, roll))
+        # a number that chooses no rail gives NaN
         rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
         # distances to the nearer end of the rail, also of the coefficients beyond it
         if self.ends == "straight":

@@ -77,6 +77,7 @@ class Scene(ShapeChecked):
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
             part = getattr(self, name)
+            # these parts may be None
             if part is not None or name not in ("load", "friction", "sled", "wear"):
                 instance(name, part, kind, text)
         if is_traced((self.track, self.slipper.length)):
@@ -128,6 +129,7 @@ class Scene(ShapeChecked):
         """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
+        # speeds between two places lie between those at the places
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.wavelength)
 
     def slowest_between(self, phase: Real, later: Real) -> Travel:
@@ -141,6 +143,7 @@ class Scene(ShapeChecked):
         """Return forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
         if is_traced((distance, self.track)):
             return distance / self.wavelength
+        # distance zero needs no wavelength, which may be traced
         return float(distance) / float(np.asarray(self.wavelength)) if distance else 0.0
 
     def seconds(self, phase: Real) -> Array:
@@ -200,18 +203,21 @@ class Scene(ShapeChecked):
         known("scene", self)
         numbers = describe(self)
         lines = []
+        # before the tables: in TOML a line belongs to the table above it
         for name in NUMBERS:
             if not isinstance(numbers[name], dict):
                 lines += _line(name, numbers[name], unit_of(Scene, name))
         if isinstance(self.speed, SpeedProgramme):
+            # without the type, as there is one kind of programme
             lines += ["", "[speed]", *_entries(self.speed)[1:]]
         for name, own in self.parts.items():
             part = _entries(own)
             single = PARTS[name][0] is type(own)  # there is one kind of it
             lines += ["", f"[{name}]", *(part[1:] if single else part)]
         if start is not None:
-            is_motion = type(start).__name__ == "Motion"  # whose module needs this one
-            require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
+            # by its name, because its module needs this one
+            need = "be a slipperjax.Motion in TOML, such as run.end.motion"
+            require(type(start).__name__ == "Motion", "start", need, start)
             lines += ["", "[start]"]
             for name, value in describe(start).items():
                 if name != TYPE and value != 0:
@@ -244,8 +250,8 @@ def check_steady(scene: object) -> Scene:
     """Return a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
     scene = check_scene(scene)
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
-    steady = not isinstance(scene.speed, SpeedProgramme)
-    require(steady, "scene", "have a constant speed", shown="one with a programme of speeds")
+    if isinstance(scene.speed, SpeedProgramme):
+        raise ValueError("Argument `scene` must have a constant speed, but has one with a programme of speeds.")
     return scene
 
 
@@ -267,6 +273,7 @@ def _entries(part: eqx.Module) -> list[str]:
         if isinstance(inner, eqx.Module):
             lines.append(f"{name} = {_table(inner)}")
         elif isinstance(inner, tuple) and inner and isinstance(inner[0], eqx.Module):
+            # such as the rails of a TrackSet
             tables = ", ".join(_table(module) for module in inner)
             lines.append(f"{name} = [{tables}]")
         else:
@@ -284,6 +291,7 @@ def _line(name: str, value: object, unit: str) -> list[str]:
     if value is None:
         return []
     require(not isinstance(value, dict), "scene", "have no functions in TOML", value)
+    # numbers are written so that they come back to the last bit
     if unit in ("", "1"):
         return [f"{name} = {json.dumps(value)}"]
     if isinstance(value, list):

@@ -108,6 +108,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     instance("file", file, str, "a file's name")
     try:
         try:
+            # some editors begin a file with a byte order mark
             tables = tomllib.loads(text.removeprefix("\ufeff"))
         except ValueError as error:  # also of whole numbers with thousands of digits
             raise ValueError(f"{file}: {error}.") from None
@@ -166,9 +167,11 @@ class _Reader:
 
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
+        # what the table leaves out is that of the base
         described = {} if inherited is None else describe(inherited)
         kind, _ = PARTS[name]
         if kind not in SINGLE:
+            # a track with a file is a survey
             of_file = SurveyedTrack.__name__ if name == "track" and "file" in table else described.get(TYPE)
             named = table.pop(TYPE, of_file)
             if named is None:
@@ -177,6 +180,7 @@ class _Reader:
         elif TYPE in table:
             raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
         values = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
+        # the only name in a file that is no field of its part
         if kind is Section and "clearance" in table:
             if "play" in table:
                 raise ValueError("`clearance` and `play` must not both be given.")
@@ -202,6 +206,7 @@ class _Reader:
             programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
         else:
             return self.made(SpeedProgramme, table, "speed", **begin)
+        # names that neither stages nor times use
         if table:
             raise ValueError(f"`{next(iter(table))}` must not be given here.")
         return programme
@@ -214,6 +219,7 @@ class _Reader:
         """Return the description of a table for a class, in SI units, with those of tables within it."""
         values = {}
         for name, value in table.items():
+            # modules within this one: one table with a type, or a list of them
             rows: list[Any] = value if isinstance(value, list) and value else [value]
             if all(isinstance(row, dict) and TYPE in row for row in rows):
                 inner = [self.described(known_type(str(row[TYPE]), INNER, name), row) for row in rows]
@@ -231,6 +237,7 @@ class _Reader:
             if name not in START:
                 raise ValueError(f"`{name}` is none of {', '.join(START)}.")
             values[name] = quantity(name, value, START[name].unit)
+        # Euler angles and the quaternion are two ways to give one attitude
         angles = [name for name in table if START[name].unit == "rad"]
         quaternion = [name for name in table if START[name].unit == "1"]
         if angles and quaternion:
@@ -239,6 +246,7 @@ class _Reader:
 
     def run(self, table: Table) -> dict[str, float | int | str]:
         """Return the arguments of a run that the table gives, in SI units."""
+        # checked as fields, which make numbers arrays
         given = {name: value for name, value in vars(self.made(RunTable, table, "run")).items() if value is not None}
         return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
 
@@ -250,6 +258,7 @@ class _Reader:
         except ValueError as error:
             names = self.tables.get(table, {}) if table else self.tables
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
+            # the first name of the error that stands in the table
             line = self.line_of(table, next((name for name in mentioned if name in names), ""))
             words = " ".join(str(error).split())  # keys may have line breaks
             raise ValueError(f"{self.file}{'' if line is None else f', line {line}'}: {words}") from None

@@ -35,6 +35,7 @@ class Section(ShapeChecked):
         names = " ".join(self.names)
         faces = " ".join("-".join(face) for face in self.faces)
         play = shown_number(self.play)
+        # play that is the same for all faces is shown once
         if not is_traced(self.play) and np.ptp(np.asarray(self.play)) == 0:
             play = shown_number(np.ravel(self.play)[0])
         return f"Section(points={names}, faces={faces}, play={play} m)"
@@ -45,6 +46,7 @@ class Section(ShapeChecked):
         require(plain, "names", "be a tuple of names of letters, digits, _ and -", self.names)
         require(len(set(self.names)) == len(self.names), "names", "be a tuple of different names", self.names)
         pairs = isinstance(self.faces, tuple) and all(isinstance(f, tuple) and len(f) == 2 for f in self.faces)
+        # each point may be the corner of one face
         corners = [corner for face in self.faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)
         require(different, "faces", "be a tuple of pairs of different points", self.faces)
@@ -52,11 +54,18 @@ class Section(ShapeChecked):
             for corner in face:
                 require(corner in self.names, "faces", "name points", face)
         count = len(self.faces)
-        need = f"have one value per face, {count}"
-        require(self.play.shape[-1:] == (count,), "play", need, shown=f"shape {self.play.shape}")
-        good = self.points.shape[:1] == (len(self.names),) == (2 * count,)
-        shown = f"shape {self.points.shape} with {count} faces and {len(self.names)} names"
-        require(good, "points", "have two points per face and one per name", shown=shown)
+        require(
+            self.play.shape[-1:] == (count,),
+            "play",
+            f"have one value per face, {count}",
+            shown=f"shape {self.play.shape}",
+        )
+        require(
+            self.points.shape[:1] == (len(self.names),) == (2 * count,),
+            "points",
+            "have two points per face and one per name",
+            shown=f"shape {self.points.shape} with {count} faces and {len(self.names)} names",
+        )
         if not is_traced(self.points) and self.points.shape[1:] == (2,):
             self._check_points()
 
@@ -109,4 +118,5 @@ class Section(ShapeChecked):
     @property
     def track_points(self) -> Float[Array, "points 2"]:
         """The matching points on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
+        # centred, slipper and rail are the play apart along the normal
         return self.points - self.play[self.face_of_point][:, None] * self.normals

@@ -21,7 +21,7 @@ class SledMass(ShapeChecked):
     stiffness: Pair = field("N/m", positive)
     """Stiffness of the lateral and the vertical spring [N/m]."""
     damping: Pair = field("N s/m", not_negative, default=(0.0, 0.0))
-    """Of the lateral and the vertical damper [N s/m]."""
+    """Damping of the lateral and the vertical damper [N s/m]."""
     travel: Pair | None = field("m", positive, default=None)
     """Deflection of the springs from which on stops are hit [m]; None: there are none."""
     stop_stiffness: Pair | None = field("N/m", positive, default=None)

@@ -22,6 +22,7 @@ class Slipper(ShapeChecked):
         if is_traced(self) or self.inertia.shape != (3,):
             return
         inertia = np.asarray(self.inertia)
+        # radii of gyration over the length, which wrong units make implausible
         radii = np.sqrt(inertia / np.asarray(self.mass)) / np.asarray(self.length)
         if np.min(radii) < 0.01 or np.max(radii) > 2:
             worst = radii[np.argmax(np.abs(np.log(radii)))]

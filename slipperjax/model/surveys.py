@@ -28,7 +28,7 @@ COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral",
 ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
 """Other names of columns."""
 STATIONS = {("m", 3): 1000.0, ("m", 4): 1000.0, ("ft", 2): 100.0}
-"""What a distance such as 129+773 counts before its plus, by its unit and the digits after: kilometres, or feet."""
+"""What one counts before the plus of a station such as 129+773, in its unit, by that unit and the digits behind."""
 MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
 """Cells that stand for no number."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
@@ -64,8 +64,12 @@ class SurveyedTrack(SampledTrack):
         content = content_of(path)
         self.file = str(file)
         self.sha256 = hashlib.sha256(content).hexdigest()[:16]
-        need = "be the content with which the scene was made"
-        require(sha256 in (None, self.sha256), "sha256", need, shown=f"another one of {file} now")
+        require(
+            sha256 in (None, self.sha256),
+            "sha256",
+            "be the content with which the scene was made",
+            shown=f"another one of {file} now",
+        )
         columns = _read(path, content)
         self.chord = None if chord is None else number(positive, "chord", chord, "m")
         if self.chord is not None:
@@ -154,6 +158,7 @@ def _check_distances(path: Path, distance: np.ndarray, place: Place) -> None:
             f"{path}: distances fall, and slippers go the way they rise: reverse the rows, and change the signs of "
             "lateral and roll if left was left along the falling distance."
         )
+    # the median, which a few gaps do not change
     typical = np.median(steps)
     for k, step in enumerate(steps):
         shown = ""
@@ -163,9 +168,6 @@ def _check_distances(path: Path, distance: np.ndarray, place: Place) -> None:
             shown = f"a gap of {step:g} m after {distance[k]:.10g} m, in samples every {typical:g} m"
         if shown:
             raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
-
-
-# --- CSV ------------------------------------------------------------------------------------------------------------
 
 
 def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Place]:
@@ -198,6 +200,7 @@ def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Place]:
 def _decoded(path: Path, content: bytes) -> str:
     """Return the text of a file in UTF-8 or Latin-1, or in UTF-16 that says so."""
     wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    # Latin-1 takes any bytes: control characters show what is no text
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         with contextlib.suppress(UnicodeDecodeError):
             text = content.decode(encoding)
@@ -220,6 +223,7 @@ def _header(path: Path, lines: list[str]) -> tuple[int, str, list[_Column]]:
         # a name, and a unit if any
         found = [re.fullmatch(r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell) for cell in cells]
         known = ["" if match is None else _name(match[1]) for match in found]
+        # other words above the samples may name one column by chance
         if sum(name in COLUMNS for name in known) < 2:
             continue
         units = [match and match[2] for match in found]
@@ -271,15 +275,13 @@ def _number(where: str, column: _Column, words: str) -> float:
     return value
 
 
-# --- netCDF ---------------------------------------------------------------------------------------------------------
-
-
 def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
     """Return the columns of a netCDF file, unpacked, and the place of a sample."""
     import xarray as xr  # here, because importing it takes time
 
     is_hdf5 = content.startswith(_HDF5)
     engine = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
+    # the bytes that have the digest, and not the file again
     with readable(path, "netCDF file"), xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds:
         found = {str(key): ds[key].load() for key in ds.variables if _name(str(key)) in COLUMNS}
     columns = [_variable(path, key, array) for key, array in found.items()]
@@ -293,25 +295,34 @@ def _variable(path: Path, key: str, array: "xr.DataArray") -> _Column:
     where = f"{path}: {key}"
     unit = str(array.attrs.get("units", ""))
     require(unit, where, "have an attribute `units`", shown="none")
-    good = array.ndim == 1 and array.size > 0 and array.dtype.kind in "fiu"
-    need = "be numbers along one dimension"
-    require(good, where, need, shown=f"{array.dtype} of shape {array.shape}")
-    down = array.attrs.get("positive", "up") == "down"
-    require(not down, where, "be positive upwards: change its signs and the attribute", shown="downwards")
+    require(
+        array.ndim == 1 and array.size > 0 and array.dtype.kind in "fiu",
+        where,
+        "be numbers along one dimension",
+        shown=f"{array.dtype} of shape {array.shape}",
+    )
+    require(
+        array.attrs.get("positive") != "down",
+        where,
+        "be positive upwards: change its signs and the attribute",
+        shown="downwards",
+    )
     return _Column(where, key, _name(key), unit, np.asarray(array.values, float))
-
-
-# --- chords ---------------------------------------------------------------------------------------------------------
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
     """Return displacements from distances to the middle of a chord, see `load_rail`."""
     distance = columns["distance"]
     steps = np.diff(distance)
-    even = np.ptp(steps) <= 2 * EQUAL_SPACING * steps.mean()
-    require(even, "chord", "be None where samples are not equally spaced", chord)
+    require(
+        np.ptp(steps) <= 2 * EQUAL_SPACING * steps.mean(),
+        "chord",
+        "be None where samples are not equally spaced",
+        chord,
+    )
     count = 2 * len(steps)
     k = np.fft.rfftfreq(count, steps.mean())
+    # a sine of amplitude one has middles of chords as high as this
     gain = 1 - np.cos(np.pi * k * chord)
     seen = gain > 0.1  # waves that the chord hardly shows would be noise
     inverse = np.where(seen, 1 / np.where(seen, gain, 1.0), 0.0)

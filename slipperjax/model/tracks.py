@@ -54,7 +54,7 @@ class AbstractTrack(ShapeChecked):
         return self
 
     chosen_by: ClassVar[str] = ""
-    """Name of the number that chooses one of many rails, for tracks that are such, see `chosen`."""
+    """Name of the field that chooses one of many rails, see `chosen`; empty for a single track."""
 
     @property
     def begin(self) -> Real:
@@ -84,6 +84,7 @@ class AbstractTrack(ShapeChecked):
 
         By default one wavelength or infinite, from samples one and a thousand wavelengths apart.
         """
+        # places within one wavelength
         shares = jnp.arange(64) / 64
 
         def heights(shift: float) -> Array:
@@ -99,6 +100,7 @@ class AbstractTrack(ShapeChecked):
     @property
     def steepest_slope(self) -> Float[Array, ""]:
         """Greatest lateral or vertical slope [1], by default sampled over sixteen first wavelengths."""
+        # 512 places a wavelength
         _, slope = self.motion(self.wavelength * jnp.arange(16 * 512) / 512)
         return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
 
@@ -124,6 +126,7 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
 
 def greatest(values: Sequence[Real]) -> Real:
     """Return the greatest of some numbers, which may be traced."""
+    # Python's own, where it can be, compiles nothing
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
 
@@ -196,8 +199,8 @@ class HarmonicTrack(_Waves):
 
     def __check_init__(self):
         shape = self.wavelengths.shape
-        good = len(shape) == 1 and shape[0] > 0
-        require(good, "wavelengths", "be a sequence of one or more lengths", shown=f"of shape {shape}")
+        need = "be a sequence of one or more lengths"
+        require(len(shape) == 1 and shape[0] > 0, "wavelengths", need, shown=f"of shape {shape}")
 
     @at_once
     def irregularity(self, distance):
@@ -233,6 +236,7 @@ class StraightTrack(AbstractTrack):
 
 def _row(values: Array, distance: Array) -> Array:
     """Return values with as many axes before them as distances have."""
+    # JAX may be told to refuse axes that are added silently
     return values.reshape((1,) * distance.ndim + (-1,))
 
 
@@ -250,9 +254,9 @@ class FourierTrack(_Waves):
     lateral_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Phases of the lateral sines at distance zero [rad]; None for zero."""
     vertical_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
-    """Likewise of the vertical ones [rad]."""
+    """Phases of the vertical sines at distance zero [rad]; None for zero."""
     roll_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
-    """Likewise of roll [rad]."""
+    """Phases of the roll sines at distance zero [rad]; None for zero."""
 
     def __check_init__(self):
         for name, array in vars(self).items():
@@ -294,6 +298,7 @@ def _joint(u: Array) -> Array:
 
 
 SHAPES = {
+    # third powers end with continuous second derivatives
     "dip": lambda u: jnp.maximum(1 - u**2, 0.0) ** 3,
     "step": lambda u: smooth_step((u + 1) / 2),
     "joint": _joint,
@@ -316,13 +321,14 @@ class LocalTrack(AbstractTrack):
     direction: str = eqx.field(static=True, default="vertical")
     """"lateral" or "vertical"."""
     every: Float[Array, ""] | None = field("m", positive, default=None)
-    """Distance after which all of them come again [m], such as 1.32 for supports; None for once. Not for steps."""
+    """Distance after which the shapes repeat [m], such as 1.32 for supports; None: they do not. Not for steps."""
 
     def __check_init__(self):
         one_of("shape", self.shape, tuple(SHAPES))
         one_of("direction", self.direction, ("lateral", "vertical"))
-        good = self.place.shape == self.height.shape
-        require(good, "height", f"have one value per place, {self.place.shape}", shown=f"shape {self.height.shape}")
+        places = self.place.shape
+        heights = self.height.shape
+        require(heights == places, "height", f"have one value per place, {places}", shown=f"shape {heights}")
         require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
 
     @at_once
@@ -342,7 +348,7 @@ class LocalTrack(AbstractTrack):
 
     @property
     def steepest_slope(self):
-        """That of the highest shape [1], from samples."""
+        """Slope of the highest shape [1], from samples."""
         # one shape alone, as high as the highest
         u = jnp.linspace(-0.5, 0.5, 401) * self.length
         own = LocalTrack(jnp.zeros(1), jnp.max(jnp.abs(self.height))[None], self.length, self.shape, "vertical")
@@ -394,6 +400,7 @@ class SumTrack(AbstractTrack):
 
     @property
     def extent(self):
+        # the least of both
         return -greatest((-self.one.extent, -self.other.extent))
 
     @property

@@ -14,7 +14,7 @@ from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.types import Numbers, Real
 
 LEAST_SPEED = 1.0
-"""Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
+"""Least speed of a programme [m/s]: a sled that stands still on its way never arrives."""
 
 
 class Travel(NamedTuple):
@@ -34,7 +34,10 @@ class Travel(NamedTuple):
 
 
 class Stage(ShapeChecked):
-    """A part of a run with one acceleration, up to the first that is given of a length, a duration and a speed."""
+    """A part of a run at constant acceleration, which ends after a length, or a duration, or at a speed.
+
+    Where several are given, the first of these counts.
+    """
 
     acceleration: Float[Array, ""] = field("m/s^2", finite)
     """Travelling acceleration [m/s^2]: thrust above zero, a brake below, coasting at zero."""
@@ -92,8 +95,12 @@ class SpeedProgramme(ShapeChecked):
         positive("speed", "m/s")(speed)
         time = np.asarray(in_unit(time, "s"), float)
         speed = np.asarray(in_unit(speed, "m/s"), float)
-        need = f"have one value per time, {time.shape}"
-        require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
+        require(
+            time.ndim == 1 and time.shape == speed.shape,
+            "speed",
+            f"have one value per time, {time.shape}",
+            shown=f"shape {speed.shape}",
+        )
         require(np.all(np.diff(time) > 0), "time", "increase", time)
         # between two times the mean speed is that of both ends
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
@@ -154,7 +161,7 @@ class SpeedProgramme(ShapeChecked):
         return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))
 
     def _since_first(self, distance: Array) -> Array:
-        """Time since the first place [s]: lengths over the mean of the speeds at their ends."""
+        """Return the time since the first place [s]: lengths over the mean of the speeds at their ends."""
         k, share, here = self._place(distance)
         lengths = jnp.diff(self.distance)
         durations = 2 * lengths / (self.speed[1:] + self.speed[:-1])

@@ -13,7 +13,7 @@ from .section import Section
 
 
 class AbstractWear(ShapeChecked):
-    """Opens the play of a slipper's faces along a run, see `slipperjax.run`, which alone follows it."""
+    """A law by which the play of a slipper's faces opens along a run; `slipperjax.run` alone follows it."""
 
     by_friction: ClassVar[bool] = False
     """Whether it needs the scene to have friction."""
@@ -32,8 +32,8 @@ class AbstractWear(ShapeChecked):
 class Wear(AbstractWear):
     """Wear in proportion to the work of friction, worn off evenly along a face.
 
-    Archard's law (1953, doi:10.1063/1.1721448) with a coefficient of friction: the volume is that of the normal force
-    times the way.
+    Archard's law (1953, doi:10.1063/1.1721448), in which the worn volume is proportional to normal force times
+    sliding distance, with a coefficient of friction.
     """
 
     by_friction: ClassVar = True
@@ -57,4 +57,5 @@ class WearTable(AbstractWear):
         check_table(self, "distance", "play")
 
     def added(self, section, length, distance, work):
+        # all faces alike
         return jnp.broadcast_to(jnp.interp(distance, self.distance, self.play), work.shape)
