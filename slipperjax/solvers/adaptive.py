@@ -39,8 +39,8 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     shortest: float = 1e-9
     """The integration fails if a step would have to be shorter than this [forcing periods]."""
     scales: Motion = MOTION_SCALES
-    """Sizes of the motion [m], [1], [m/s] and [rad/s], those of its attitude being half an angle's. The default is
-    for a clearance of a millimetre; another system has others."""
+    """Scales of the motion's numbers [m], [1], [m/s] and [rad/s]; by default for clearances of about a millimetre. An
+    angle's scale counts half in the quaternion."""
 
     def __check_init__(self):
         for name in "tolerance", "touchdown", "per_contact", "shortest":
@@ -134,4 +134,5 @@ def _until(gap, rate, acceleration, wanted):
 
 def _fitted(wanted, left):
     """Return the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
+    # one step, two equal ones, or the first of many
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

@@ -30,6 +30,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
     def evaluate(self, t0, t1=None, left=True):
         value = super().evaluate(t0, t1, left)
+        # with t1 the change between two instants is asked for
         if t1 is not None or self.frozen is None:
             return value
         return State(value.motion, self.frozen)
@@ -40,8 +41,12 @@ def field_of(terms: diffrax.AbstractTerm) -> VectorField:
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field: Any = getattr(terms, "vector_field", None)
-    need = "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver"
-    require(isinstance(field, VectorField), "terms", need, terms)
+    require(
+        isinstance(field, VectorField),
+        "terms",
+        "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver",
+        terms,
+    )
     return field
 
 
@@ -95,7 +100,7 @@ class _FrozenField(eqx.Module):
 
 
 class Latching(AbstractLatchingSolver):
-    """Adds the event latch to one of diffrax's one-step solvers, explicit or implicit.
+    """The event latch around one of diffrax's one-step solvers, explicit or implicit.
 
     The inner solver integrates the motion alone, with frozen memory. A method whose last stage is the next step's
     first evaluates that stage again, because the latch may have changed it.
@@ -129,7 +134,9 @@ class Latching(AbstractLatchingSolver):
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         field = field_of(terms)
         inner = diffrax.ODETerm(_FrozenField(field))
+        # the frozen memory travels beside the arguments
         inner_args = (y0.memory, args)
+        # the latch may have changed the derivative that the last step ended with
         fresh = self.solver.init(inner, t0, t1, y0.motion, inner_args)
         motion, error, _, _, result = self.solver.step(
             inner,
@@ -170,6 +177,7 @@ def differentiable(
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
     inner = _innermost(solver)
+    # loops that JAX differentiates in forward mode, and in both modes
     kind = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}.get(type(adjoint))
     if kind and isinstance(inner, diffrax.AbstractRungeKutta) and inner.scan_kind is None:
         at = lambda s: _innermost(s).scan_kind
@@ -179,9 +187,9 @@ def differentiable(
 
 def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Real) -> diffrax.AbstractSolver:
     """Return a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
-    at = lambda s: _innermost(s).root_finder.tolerance
     finder = getattr(_innermost(solver), "root_finder", None)
     if isinstance(finder, SimplifiedNewton) and finder.tolerance is None:
+        at = lambda s: _innermost(s).root_finder.tolerance
         return eqx.tree_at(at, solver, jax.lax.stop_gradient(tolerance), is_leaf=lambda x: x is None)
     return solver
 
@@ -201,5 +209,6 @@ def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool
     them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.
     """
     inner = _innermost(solver)
-    implicit = isinstance(inner, diffrax.AbstractImplicitSolver)
-    return implicit and (tangents or not isinstance(inner.root_finder, SimplifiedNewton))
+    if not isinstance(inner, diffrax.AbstractImplicitSolver):
+        return False
+    return tangents or not isinstance(inner.root_finder, SimplifiedNewton)

@@ -23,12 +23,18 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
     """
     package, _, plain = name.rpartition(".")
+    # of two with one name, that of slipperjax
     solvers = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}
     kind = solvers.get(package, {}).get(plain)
     is_solver = isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
-    need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
-    require(is_solver and not plain.startswith("Abstract"), "solver", need, name)
+    require(
+        is_solver and not plain.startswith("Abstract"),
+        "solver",
+        f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5",
+        name,
+    )
     try:
+        # such as HalfSolver, which needs a solver to halve the steps of
         return kind()
     except TypeError:
         raise ValueError(
@@ -54,12 +60,7 @@ def resolve_solver(
         solver = solver_named(solver)
     if isinstance(solver, type):
         raise ValueError(f"Argument `solver` must be a solver, as in {solver.__name__}(), but is the class.")
-    require(
-        isinstance(solver, diffrax.AbstractSolver),
-        "solver",
-        "be a diffrax solver or the name of one",
-        solver,
-    )
+    instance("solver", solver, diffrax.AbstractSolver, "a diffrax solver or the name of one")
     if isinstance(solver, AbstractLatchingSolver):
         return solver
     return Latching(solver) if scene.latches_memory else with_root_finder(solver)
@@ -82,6 +83,7 @@ def resolve_controller(
         diffrax.AbstractStepSizeController,
         "a diffrax controller",
     )
+    # the latch has an error estimate where its solver has one
     inner = solver.solver if isinstance(solver, Latching) else solver
     adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
     if adaptive and not isinstance(inner, diffrax.AbstractAdaptiveSolver):

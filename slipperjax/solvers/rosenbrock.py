@@ -92,6 +92,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
 
 def combine(y: State, stages: State, weights: Sequence[float] | Array) -> State:
     """Return y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
+    # weights that are known to be zero cost nothing
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)
     return jax.tree.map(leaf, y, stages)

@@ -87,6 +87,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         a1, a2, b0, b1, b2 = map(choose, crank_nicolson, weights)
         of_two_steps = lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2)
         explicit = jax.tree.map(of_two_steps, y0.motion, earlier, rates.motion, earlier_rates)
+        # in the first step there is no earlier derivative
         bend = jnp.where(first, 0.0, 0.5 * alpha)
         predictor = lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2))
         guess = jax.tree.map(predictor, y0.motion, rates.motion, earlier_rates)
