@@ -31,6 +31,7 @@ class AbstractContactLaw(ShapeChecked):
     has_memory: ClassVar[bool] = False
     """Whether the force depends on the rate at touchdown."""
     clamp: eqx.AbstractVar[bool]
+    """Whether the force is limited to F >= 0; each law has such a field or property."""
     stiffness: Float[Array, ""] = field("N/m^1.5", positive, plausible=(1e4, 1e14), symbol="K")
     """Generalised stiffness K [N/m^1.5]."""
 
@@ -157,10 +158,11 @@ class AbstractMemory(ShapeChecked):
         """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Real, ratio: Real) -> Array:
-        """Return the memory after a step, shape (points,): `at_touchdown` where a gap closed, zero where it is open.
+        """Return the memory after a step, shape (points,): `at_touchdown` of points whose gap closed in it, zero of
+        open ones, and as before of those that stay closed.
 
-        **Arguments:** `memory` and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end; `step`: its
-        length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
+        **Arguments:** `memory` and `before` (gaps and rates): at the step's start; `gap` [m] and `rate` [m/s]: at its
+        end; `step`: its length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
         """
         # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)

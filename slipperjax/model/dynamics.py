@@ -264,15 +264,16 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
 class VectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call.
 
-    Ten states, and one for each contact point where the memory is integrated. One that is latched changes between
-    steps only. Subclasses with forces of their own define `from_contacts`.
+    It integrates the ten numbers of the motion, and where the contact memory is integrated, too, that of each contact
+    point. A latched memory is constant during a step, and changes in `close_step`, with which such a solver ends each
+    step. Subclasses with forces of their own define `from_contacts`.
     """
 
     def __call__(self, t: Real, state: State, args: Args) -> State:
         """Return the derivative of the whole state [per forcing period], as of an ODE for any solver.
 
-        **Raises:** `equinox.EquinoxRuntimeError` where the memory is frozen over a step: it changes where a solver of
-        `slipperjax` closes one. At an instant take `evaluate`.
+        **Raises:** `equinox.EquinoxRuntimeError` for a latched memory, which changes where a solver of `slipperjax`
+        ends a step. For the derivative at an instant take `evaluate`.
         """
         rates = self.evaluate(t, state, args)
         if rates.memory is not None or state.memory is None:
