@@ -1,14 +1,15 @@
 """Courses: one forcing period of a motion with its forces, as curves that records are made of.
 
-Every quantity is a cubic in each integration step, through both ends with its slopes: fourth order in the step, like
-the solution, where the highest of a few saved samples misses a peak and the chord between two a crossing. Slopes of
-coordinates are the motion's own. All others are central differences over five ends of steps, fourth order too: those
-along the motion would need the derivatives of rail and contacts, which cost as much as all else. Means are taken over
-the two points of Gauss's formula in each step, which have equal weights and are exact for cubics; greatest values are
-those of the cubics.
+Between the ends of an integration step, every quantity is a cubic with the values and slopes there. So peaks and
+crossings inside a step are found to fourth order, as accurately as the solution itself; the highest of a few saved
+samples would miss a peak. Slopes of coordinates are the motion's own. All others are central differences over five
+ends of steps, of fourth order, too: exact ones would need the derivatives of rail and contacts, which cost as much as
+all else. Means are taken over the two points of Gauss's formula in each step, which have equal weights and are exact
+for cubics. Greatest values are those of the cubics.
 """
 
 import functools
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -47,9 +48,9 @@ DIFFERENCE_MARGIN = 2
 
 
 def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends+4 ..."]:
-    """Return values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
+    """Return values at the ends of steps with two more before the period and two more after it.
 
-    Before and after the period, values go on as the cubics through the nearest four.
+    These lie on the cubics through the nearest four. Of `values`, the first `steps` + 1 count.
     """
     last = jnp.asarray(steps, int)
     few = min(len(values), 4)
@@ -57,16 +58,18 @@ def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "e
     earlier = _two_more(values[few - 1 :: -1])[::-1]
     later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
     values = jnp.concatenate([earlier, values, later])
+    # where fewer steps count than there is room for, `later` belongs behind the last that counts
     return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + DIFFERENCE_MARGIN, 0)
 
 
 def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the slope [per step] amid four values: two samples before the place and two after it."""
+    """Return the slope [per step] at a place, from two values before it (`a`, `b`) and two after it (`c`, `d`)."""
     return (8 * (c - b) + a - d) / 12
 
 
 def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
     """Return slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
+    # the values two steps before each end, one before, its own, and one and two after it
     a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
 
@@ -102,11 +105,11 @@ class Loads(NamedTuple):
 
 
 def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whole) -> Loads:
-    """Return loads of one period.
+    """Return the loads of one forcing period.
 
-    **Arguments:** at both ends of every step, of which the first `steps` + 1 count, forces [N] and gaps [m] of shape
-    (ends, 2, points) and `contact_rate` [1/s]; `args`: scene and epoch; `steps`: integration steps per period, may be
-    traced; 3 at least.
+    **Arguments:** `force` [N] and `gap` [m], arrays (ends, 2, points), and `rate`, the `contact_rate` [1/s], (ends,):
+    at both ends of every step, of which the first `steps` + 1 count; `args`: scene and epoch; `steps`: integration
+    steps per period, 3 at least, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
@@ -115,6 +118,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whol
     places = jnp.arange(most)
     # the pace in the middle of each step [s per period], where it changes
     paces = None if steady else store(args.travel((places + 0.5) * step).period)
+    # steps have equal lengths of rail: where the speed changes, a share of a step counts by how long the step takes
     of_time = lambda share, place: share if paces is None else paces[place] * share
     fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
@@ -126,8 +130,10 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whol
         (highest, when, impulse, contact, deepest), slope = carry
         around = jax.lax.dynamic_slice_in_dim(values, place + 1, 5)
         _, begin, end, _, _ = around
+        # `end` is in the middle of the five, so that this is the slope there
         next_slope = _slope(*around)
         (inside, _), (peak, deep) = highest_point(begin, slope, end, next_slope)
+        # integral of the force's cubic over the step
         area = (begin[0] + end[0]) / 2 + (slope[0] - next_slope[0]) / 12
         new = (
             jnp.maximum(highest, peak),
@@ -176,7 +182,7 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     """Return slopes of force and penetration [per step] from the values of two samples before and two after.
 
-    A force that is zero begins or ends there, or is zero throughout: its slope is zero in each case.
+    Where the force is zero, it begins, ends or stays zero: its slope is zero in each case.
     """
     slope = central_difference(a, b, c, d)
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
@@ -194,6 +200,7 @@ def contact_rate(now: Contacts, memory: Array | None, args: Args) -> Array:
     # derivatives by all penetrations at once, as no force depends on another point's gap
     spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
+    # a point yields to a force as the slipper moves and turns; no derivative is taken of a number that only judges
     turn = sum(lever**2 * (1 / j) for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
     per_mass = jax.lax.stop_gradient(1 / scene.slipper.mass + turn)
     # one pass over the points, see `slipperjax.tools.fused`
@@ -214,7 +221,7 @@ def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
 
 
 class Crossings(NamedTuple):
-    """One entry per section, in the order of `slipperjax.model.SECTIONS`, and step; NaN where nothing crossed."""
+    """Upward zero crossings of each section, in the order of `slipperjax.model.SECTIONS`, in each step; else NaN."""
 
     time: Float[Array, "5 steps"]
     """Instant of the crossing [forcing periods]."""
@@ -243,22 +250,18 @@ def _cubics(values: Array, slopes: Array) -> Cubic:
 # --- the course -----------------------------------------------------------------------------------------------------
 
 
+@dataclass(eq=False)
 class StepCubics:
-    """A quantity over a period, a cubic in each step. Each property is computed once for all records."""
+    """A quantity over one forcing period, as a cubic in each step. Each property is computed once for all records."""
 
-    def __init__(
-        self,
-        values: Float[Array, "ends ..."],
-        slopes: Float[Array, "ends ..."],
-        course: "Course",
-        level: Array | None = None,
-    ):
-        """**Arguments:** values, and derivatives per step, at both ends of every step; `level`: what to add inside of
-        each step, for a quantity that jumps between them, (steps, ...)."""
-        self.values = values
-        self.slopes = slopes
-        self._course = course
-        self._level = level
+    values: Float[Array, "ends ..."]
+    """Values at both ends of every step."""
+    slopes: Float[Array, "ends ..."]
+    """Derivatives there [per step]."""
+    course: "Course"
+    """The period, whose number of steps says which of them count."""
+    level: Float[Array, "steps ..."] | None = None
+    """What to add throughout each step, for a quantity that jumps between steps; None where none does."""
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
@@ -268,39 +271,39 @@ class StepCubics:
         return values.reshape(-1, *self.values.shape[1:])
 
     def at(self, places: Float[np.ndarray, " places"]) -> Float[Array, "places ..."]:
-        """Return values at some places of the period, 0 to 1."""
+        """Return values at `places`, shares of the period from 0 to 1."""
         # the step that a place is in, the last one for the end of the period, and the place within it
-        inside = places * self._course.steps
-        k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
+        inside = places * self.course.steps
+        k = jnp.minimum(jnp.floor(inside), self.course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
         return jnp.asarray(Cubic.through(*(end[k] for end in self._ends)).value(x))
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
         """The mean over time; over distance where the speed changes."""
-        return self._course.mean(self.samples)
+        return self.course.mean(self.samples)
 
     @functools.cached_property
     def integral(self) -> Float[Array, "..."]:
         """The integral over time."""
-        travel = self._course.args.travel(self._course.times)
+        travel = self.course.args.travel(self.course.times)
         if travel.acceleration is None:
             return self.mean * travel.period
         # samples are equidistant in travel, so that each stands for its own time
-        paces = store(jnp.broadcast_to(travel.period, self._course.times.shape))
-        return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
+        paces = store(jnp.broadcast_to(travel.period, self.course.times.shape))
+        return self.course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
     @functools.cached_property
     def mean_square(self) -> Float[Array, "..."]:
         """The mean of the square over time; over distance where the speed changes."""
-        return self._course.mean(self.samples**2)
+        return self.course.mean(self.samples**2)
 
     @functools.cached_property
     def greatest(self) -> Float[Array, "..."]:
         """The greatest value."""
         # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
         # them again and rounds otherwise, none does, and the derivative is 0 / 0.
-        return jnp.max(store(self._course.counted(self._tops, -jnp.inf)), axis=0)
+        return jnp.max(store(self.course.counted(self._tops, -jnp.inf)), axis=0)
 
     @functools.cached_property
     def least(self) -> Float[Array, "..."]:
@@ -315,7 +318,7 @@ class StepCubics:
         top = rises[:-1] & ~rises[1:]
         bottom = ~rises[:-1] & rises[1:]
         sizes = jnp.abs(jnp.where(top, self._tops, -self._falling._tops))
-        sizes = self._course.counted(jnp.where(top | bottom, sizes, jnp.inf), jnp.inf)
+        sizes = self.course.counted(jnp.where(top | bottom, sizes, jnp.inf), jnp.inf)
         return jnp.min(store(sizes), axis=0)  # as in `greatest`
 
     @functools.cached_property
@@ -323,8 +326,8 @@ class StepCubics:
         return StepCubics(
             -self.values,
             -self.slopes,
-            self._course,
-            None if self._level is None else -self._level,
+            self.course,
+            None if self.level is None else -self.level,
         )
 
     @functools.cached_property
@@ -336,17 +339,19 @@ class StepCubics:
     def _ends(self) -> tuple[Array, Array, Array, Array]:
         begin = self.values[:-1]
         end = self.values[1:]
-        if self._level is not None:
-            begin = begin + self._level
-            end = end + self._level
+        if self.level is not None:
+            begin = begin + self.level
+            end = end + self.level
         return begin, self.slopes[:-1], end, self.slopes[1:]
 
 
 class Course:
     """One forcing period of a motion, as records see it inside the compiled program.
 
-    Each quantity is computed at its first use, once for all records: one that none of them uses costs nothing. Arrays
-    over steps have a capacity for more steps than are `used`; means and extremes leave the others out.
+    Each quantity is computed at its first use, once for all records: one that none of them uses costs nothing. Axes
+    named `ends` are over both ends of every step, `points` over the contact points of the slipper's front or rear.
+    One program may serve several numbers of steps: arrays then have room for more than are `used`, and means and
+    extremes leave the others out.
     """
 
     def __init__(
@@ -357,10 +362,10 @@ class Course:
         steps: Whole,
         rates: Motion | None = None,
     ):
-        """**Arguments:** `end`: the state at the end of the period; `inside`: at both ends of every step, of which
-        the first `steps` + 1 count (the others repeat the start), None where all records do without; `args`: scene
-        and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion at
-        the same instants [per forcing period], where they are known."""
+        """**Arguments:** `end`: the state at the end of the period; `inside`: the states at both ends of every step,
+        of which the first `steps` + 1 count (the others repeat the start), None where no record needs them; `args`:
+        scene and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion
+        at the instants of `inside` [per forcing period], None where the solver did not compute them."""
         self.end = end
         self.args = args
         self.steps = steps
@@ -369,12 +374,12 @@ class Course:
 
     @property
     def scene(self) -> Scene:
-        """The case."""
+        """The scene, in this period."""
         return self.args.scene
 
     @property
     def states(self) -> State:
-        """The states at both ends of every step, with a leading axis."""
+        """The states at both ends of every step, with a leading axis of ends."""
         if self._inside is None:
             raise ValueError("Property `inside` of a record must be True for it to see states inside periods.")
         return self._inside
@@ -440,7 +445,7 @@ class Course:
 
     @functools.cached_property
     def coordinates(self) -> StepCubics:
-        """(ends, coordinates), in the order of `slipperjax.model.COORDINATES`."""
+        """The coordinates in the order of `slipperjax.model.COORDINATES`, (ends, coordinates)."""
         # Euler angles follow from the quaternion, and so do their slopes
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
@@ -449,8 +454,9 @@ class Course:
 
     @functools.cached_property
     def acceleration(self) -> StepCubics:
-        """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
+        """The accelerations in the order of `slipperjax.model.ACCELERATIONS`, (ends, accelerations)."""
         travel = self.args.travel(self._instants)
+        # from rates per forcing period to rates per second
         m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
         return self._curve(store(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
@@ -461,12 +467,12 @@ class Course:
 
     @functools.cached_property
     def gap(self) -> StepCubics:
-        """Gaps there, negative where penetrating [m], (ends, 2, points)."""
+        """Gaps of the front and the rear points, negative where penetrating [m], (ends, 2, points)."""
         return self._curve(self._of_points(self._contacts[1].gap))
 
     @functools.cached_property
     def gap_rate(self) -> Float[Array, "ends 2 points"]:
-        """Rates of the gaps at both ends of every step [m/s]."""
+        """Rates of the gaps at both ends of every step [m/s]; negative where they close."""
         return self._of_points(self._contacts[1].rate)
 
     @functools.cached_property
@@ -477,7 +483,10 @@ class Course:
 
     @functools.cached_property
     def drive_force(self) -> StepCubics:
-        """Force along x that keeps the speed or its programme [N], (ends,); acceleration's share is its `level`."""
+        """Force along x that keeps the speed, or follows its programme [N], (ends,).
+
+        Mass times acceleration, which may jump from step to step, is the `level` of the curve.
+        """
         travel = self.args.travel(self._instants)
 
         def steady(place: Array, at: Acting) -> Array:
@@ -485,7 +494,9 @@ class Course:
 
         curve = self._curve(store(jax.vmap(steady)(self._instants, self._acting)))
         level = None
-        if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
+        # An acceleration that jumps inside a step is not seen at its ends. Its mean force in the step is the gain of
+        # kinetic energy over the step's length.
+        if travel.acceleration is not None:
             energy = 0.5 * driven_mass(self.scene) * travel.speed**2
             level = store(jnp.diff(energy) * (self.steps / travel.wavelength))
         return StepCubics(curve.values, curve.slopes, self, level)
@@ -538,12 +549,12 @@ class Course:
         if isinstance(self.steps, int):
             stride = self.steps // saves
             return jax.tree.map(lambda a: a[stride : self.steps + 1 : stride], self.states)
+        # elsewhere by indices, rounded because the division may have an error
         at = jnp.round(jnp.arange(1, saves + 1) * (self.steps / saves)).astype(int)
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """Return the mean over time of what was computed from samples of curves; over distance where the speed
-        changes."""
+        """Return the mean over time of `samples`, made of those of curves; over distance where the speed changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(
@@ -551,12 +562,13 @@ class Course:
         values: Shaped[Array, "samples ..."],
         filler: float,
     ) -> Shaped[Array, "samples ..."]:
-        """Return values of steps, or samples, with `filler` in place of those of unused steps."""
+        """Return values of steps, or of samples in them, with `filler` in place of those of unused steps."""
         # each step has one value, or one for each of its samples
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
     def _of_points(self, values: Array) -> Array:
+        # those at the front come first
         return values.reshape(len(values), 2, -1)
 
     def _curve(self, values: Array) -> StepCubics:

@@ -1,4 +1,4 @@
-"""Results as labelled xarray datasets with all that made them; scenes, starts and calls from datasets and files."""
+"""Results as labelled datasets of xarray, and back: the scene, the start and the call that made a result."""
 
 import functools
 import importlib.metadata
@@ -46,6 +46,7 @@ def versions() -> dict[str, str]:
     """Return versions of slipperjax, of the packages it computes with, and of Python."""
     numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
+        # a copy of the sources that is not installed has no version
         try:
             numbers[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -59,11 +60,12 @@ def run_attributes(
     call: Mapping[str, object],
     varied: Iterable[str] = (),
 ) -> dict[str, str]:
-    """Return attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
+    """Return the attributes of a dataset from which `load_scene`, `load_start` and `load_call` read, each JSON.
 
-    **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
-    that hold what differs between cases.
+    **Arguments:** `call`: the name of the function that made it as `function`, and its arguments; `varied`: names of
+    the coordinates that hold the values which differ between cases.
     """
+    # a dataset is being made: what plots it is registered with xarray now, not at import
     on_dataset()
     return {
         "scene": scene_to_json(scene),
@@ -75,14 +77,16 @@ def run_attributes(
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, object]:
-    """Return the scene's parameters, as attributes of a dataset.
+    """Return the scene's parameters as attributes of a dataset, with units in their names.
 
-    **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
-    them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
+    **Arguments:** `without`: names and paths of parameters that the dataset has as coordinates. Parameters that
+    depend on these are left out, such as the clearance where section.play.2 varies, and so are those with several
+    values.
     """
     # what depends on a varied number becomes NaN, and is left out below
-    for p in (parameter(name, scene) for name in without if name not in STARTS):
-        scene = p.replaced(scene, np.nan)
+    for name in without:
+        if name not in STARTS:
+            scene = parameter(name, scene).replaced(scene, np.nan)
     out: dict[str, object] = {
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,
@@ -92,6 +96,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     name = "wavelengths"
+    # rails of another kind than a sum of waves have one wavelength, that of a forcing period
     lengths = getattr(scene.track, name, None)
     if lengths is None:
         out["track"] = type(scene.track).__name__
@@ -109,10 +114,12 @@ _over_periods = jit(over_periods)
 def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     """Return a `Trajectory` as an `xarray.Dataset`.
 
-    Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
-    a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force, and over all steps of the run, by end and
-    point, peak_force, peak_period, impulse, contact_fraction and penetration; coordinates time [s] and period
-    [forcing periods].
+    - Dimensions: time, end (front, rear) and point (A..J).
+    - Coordinates: time [s] and period [forcing periods].
+    - Variables over time: y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z, a_y, a_z, alpha_x, alpha_y, alpha_z,
+        drive_force, and at each end and point contact_force and gap.
+    - Variables of the whole run, at each end and point: peak_force, peak_period, impulse, contact_fraction and
+        penetration.
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
@@ -126,10 +133,13 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
     attrs = scene_attributes(trajectory.scene) | run_attributes(trajectory.scene, start, call)
-    attrs |= {"steps_per_period": int(trajectory.steps_per_period), "status": int(trajectory.status)}
-    attrs["status_meaning"] = MEANINGS
+    attrs |= {
+        "steps_per_period": int(trajectory.steps_per_period),
+        "status": int(trajectory.status),
+        "status_meaning": MEANINGS,
+    }
     if trajectory.loads is not None:
-        # loads of the whole run, over periods that may differ in their duration
+        # of the whole run: periods count by their duration, which differs where the speed changes
         saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
         total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
         for name, q in LOADS.items():
@@ -141,13 +151,14 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
 
 
 def load_scene(source: object, **chosen: object) -> Scene:
-    """Return the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+    """Return the scene of a TOML file, of a result's netCDF file or store, or of a dataset; exactly as it was.
 
-    **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
-    was varied, by name [SI units, or quantities], unless the dataset is of one case, as by `ds.isel(speed=3)`.
+    **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of several cases, the varied
+    parameters of the wanted one by name, such as `speed=1250.0` [SI units, or quantities]. It is not needed for a
+    dataset of one case, as from `ds.isel(speed=3)`.
 
-    **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
-    cannot be read.
+    **Raises:** `ValueError` where the source holds no scene, or several of which none is chosen; `OSError` for a file
+    that cannot be read.
     """
     file = _scene_file(source, chosen)
     if file is not None:
@@ -176,8 +187,9 @@ def load_start(source: object, **chosen: object) -> Motion | State | None:
 
 
 def load_run(source: object) -> dict[str, Any]:
-    """Return the arguments of `run` in the table [run] of a TOML file, as in
-    `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
+    """Return the arguments of `run` from the table [run] of a TOML file.
+
+    They serve as in `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
 
     **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
     """
@@ -189,8 +201,12 @@ def load_run(source: object) -> dict[str, Any]:
 
 
 def load_base(source: object) -> tuple[Scene, Motion | State]:
-    """Return scene and start of which a result's cases are variations; raise `ValueError` as `load_scene`."""
+    """Return the scene and the start that all cases of a result are variations of.
+
+    **Raises:** `ValueError` as `load_scene`.
+    """
     ds = _labels_of(source)
+    # a clear error where the attribute is missing or no JSON
     _described(ds, "scene")
     scene = scene_from_json(ds.attrs["scene"])
     description = _described(ds, "start")
@@ -199,12 +215,13 @@ def load_base(source: object) -> tuple[Scene, Motion | State]:
     motion = build(of_motion, (Motion,), "start")
     if of_motion is description:
         return scene, motion
-    memory = description.get("memory")
-    return scene, State(motion, None if memory is None else finite("start.memory")(memory))
+    return scene, State(motion, finite("start.memory", optional=True)(description.get("memory")))
 
 
 def load_call(source: object) -> dict[str, Any]:
-    """Return the function that made a result, as `function`, and its arguments besides scene, grid and start.
+    """Return the call that made a result: the function's name as `function`, and its arguments by name.
+
+    Scene, grid and start are not among them.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
@@ -223,7 +240,7 @@ def load_call(source: object) -> dict[str, Any]:
 
 
 def _scene_file(source: object, chosen: Mapping[str, object]) -> SceneFile | None:
-    """Return what a TOML file holds; None for another source."""
+    """Return the content of a TOML file; None where the source is something else."""
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
     content = content_of(user_path(source, "source"))
@@ -235,12 +252,13 @@ def _scene_file(source: object, chosen: Mapping[str, object]) -> SceneFile | Non
 
 
 def dataset_of(source: object) -> "xr.Dataset":
-    """Return a dataset as it is, or that of a netCDF file or a zarr store.
+    """Return the dataset of a netCDF file or a zarr store; a dataset as it is.
 
-    **Raises:** `ValueError` for something else, or more than fits into memory; `OSError` for a file that cannot be
-    read.
+    **Raises:** `ValueError` for something else, or where a file does not fit into memory; `OSError` for a file that
+    cannot be read.
     """
     with _opened(source) as ds:
+        # a store is read later, as far as it is used; a file must be read before it is closed
         if not (isinstance(source, str | os.PathLike) and user_path(source, "source").is_file()):
             return ds
         refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
@@ -249,7 +267,7 @@ def dataset_of(source: object) -> "xr.Dataset":
 
 
 def _labels_of(source: object) -> "xr.Dataset":
-    """Return the attributes and coordinates of a result, which say its scenes, as a dataset."""
+    """Return a result without its variables: attributes and coordinates are enough to rebuild its scenes."""
     with _opened(source) as ds:
         if ds is source:
             return ds
@@ -259,7 +277,7 @@ def _labels_of(source: object) -> "xr.Dataset":
 
 @contextmanager
 def _opened(source: Any) -> Iterator["xr.Dataset"]:
-    """Give a dataset as it is, or that of a file or a store, of which nothing is read yet; see `dataset_of`."""
+    """Open the dataset of a file or a store, of which nothing is read yet; a dataset is yielded as it is."""
     import xarray as xr
 
     if not isinstance(source, str | os.PathLike):
@@ -280,7 +298,7 @@ def _opened(source: Any) -> Iterator["xr.Dataset"]:
 
 
 def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
-    """Return what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
+    """Return the value of an attribute in JSON; raises `ValueError` where there is none of the wanted kind."""
     text = ds.attrs.get(name)
     lacks = f"a dataset with no attribute `{name}`"
     require(text is not None, "source", "be a result of slipperjax", shown=lacks)
@@ -293,22 +311,24 @@ def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
 
 
 def varied_names(ds: "xr.Dataset") -> list[str]:
-    """Return names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them."""
     names = _described(ds, "varied", list)
     for name in names:
         need = f"have the coordinate `{name}`, which was varied"
+        # in a list, because names from other files may be of a kind that no mapping can look up
         require(name in list(ds.coords), "source", need, shown="none")
     return names
 
 
 def _case_of(ds: "xr.Dataset", chosen: Mapping[str, object], of_start: bool) -> dict[str, float]:
-    """Return values of what was varied of the start, or of the scene, in the one case that is chosen."""
+    """Return the varied values of the one case that is chosen, those of its start or those of its scene."""
     names = varied_names(ds)
     cases = ds.coords.to_dataset()[names]
     for name, value in chosen.items():
         require(name in names, name, f"be one of what was varied, {', '.join(names) or 'nothing'}", value)
         column = cases[name]
         value = number(finite, name, value, column.attrs.get("units", ""))
+        # numbers with a unit are converted, with rounding errors
         hits = np.isclose(column, value, rtol=1e-9, atol=0.0)
         require(np.any(hits), name, "be one of the result's", value)
         # lists that were read side by side have one dimension

@@ -59,7 +59,7 @@ def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State
 
 
 class Passage(NamedTuple):
-    """Result of a run over some forcing periods."""
+    """The result of a run over some forcing periods."""
 
     state: State  # at the end
     samples: tuple[PyTree, ...]
@@ -72,10 +72,10 @@ class Passage(NamedTuple):
 
 
 class PeriodMap(eqx.Module):
-    """The stroboscopic map of one scene: its state `periods` forcing periods on.
+    """The stroboscopic map of one scene: from a state to that `periods` forcing periods later.
 
-    A pytree: jit, vmap or differentiate it. `PeriodMap(scene, steps)(state, k)` is the step that
-    `slipperjax.analysis` works on, with k the number of earlier applications.
+    It is a pytree: jit, vmap or differentiate it. `PeriodMap(scene, steps)(state, k)` is the kind of map that
+    `slipperjax.analysis` takes, with k the number of earlier applications.
     """
 
     scene: Scene
@@ -87,7 +87,7 @@ class PeriodMap(eqx.Module):
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Real = 0.0) -> State:
-        """Return the state after one application, the one number `k`."""
+        """Return the state after one application; `k`: applications before it, which say where on the rail it is."""
         return self.run(state, k * self.periods).state
 
     @with_standard_promotion
@@ -101,16 +101,18 @@ class PeriodMap(eqx.Module):
         used: Whole = None,
         earlier: PyTree = None,
     ) -> Passage:
-        """Integrate some forcing periods, by default one application's, with the samples of records.
+        """Integrate some forcing periods, and take what records keep of them.
 
-        **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
-        are integrated, which may be traced, so that one program serves several numbers: entries of the others are
-        meaningless; `earlier`: the records' carries after earlier periods, by default initial ones.
+        **Arguments:** `state`: at the start of the forcing period number `epoch`; `periods`: by default those of one
+        application; `used`: how many of `periods` are integrated, by default all. It may be traced, so that one
+        program serves several numbers; results of the other periods are meaningless. `earlier`: carries of the
+        records from the periods before, by default those of a beginning.
 
-        **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
-        on.
+        **Returns:** a `Passage` with scalar status. The motion is NaN from the period on in which the solver or the
+        step size controller gave up.
         """
         count = self.periods if periods is None else periods
+        # reverse mode through all steps would be a program of three times the size, see `by_jacobian`
         run = lambda self, *of_run: self._run(count, records, *of_run)
         return by_jacobian(run, self, state, jnp.asarray(epoch, float), used, earlier)
 
@@ -125,6 +127,7 @@ class PeriodMap(eqx.Module):
     ) -> Passage:
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
+        # tangents from the start, so that JAX traces the loops below once
         state = moving_with(state, eqx.filter(scene, eqx.is_array))
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
@@ -138,6 +141,7 @@ class PeriodMap(eqx.Module):
         def period(carry, epoch):
             state, solver_state, carried = carry
             args = Args(scene, epoch, points)
+            # wear, for one, changes the scene from period to period
             now = records.feed_back(scene, carried, epoch)
             if now is not scene:  # gaps that the solver keeps change, too
                 args = Args(now, epoch, contact_points(now))
@@ -154,6 +158,7 @@ class PeriodMap(eqx.Module):
             carried, sample, code = part(recorded, end, inside, done.rates, carried)
             return (end, done.solver_state, carried), (sample, code, jnp.asarray(done.steps_taken, int))
 
+        # skips a period at run time: `used` is one number for a batch, so that `jax.vmap` leaves the `cond` as it is
         def period_if_used(carry, epoch_now):
             none = jax.tree.map(
                 lambda a: jnp.zeros(a.shape, a.dtype),
@@ -190,9 +195,11 @@ def _lost_where(failed: Array, state: State) -> State:
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0) -> State:
-    """Return the states of a batch after `epoch` forcing periods; `starts` has a leading axis of cases.
+    """Return the states with which the runs of a batch begin; `starts` has a leading axis of cases.
 
-    Gives an `ImplausibleWarning` where slippers begin far outside their play.
+    Warns by an `ImplausibleWarning` where slippers begin far outside their play.
+
+    **Arguments:** `epoch`: forcing periods from distance zero to where the runs begin.
     """
     states, outside = states_and_penetrations(scenes, starts, epoch)
     if isinstance(starts, Motion):  # a run may end deep inside a contact
@@ -223,9 +230,8 @@ def advance(
 ) -> Passage:
     """Run a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
 
-    Where only `used` of the periods are integrated, what the result holds for the others is to be cut off.
-
-    `states`, `earlier` and the result have a leading axis of cases.
+    `states`, `earlier` and the result have a leading axis of cases. Callers cut off the results of periods that are
+    not `used`.
     """
 
     def one(scene: Scene, state: State, earlier: PyTree) -> Passage:
@@ -236,7 +242,7 @@ def advance(
 
 
 class TangentPassage(NamedTuple):
-    """Result of carrying tangents over some forcing periods, with a leading axis of cases."""
+    """The result of carrying tangents over some forcing periods, with a leading axis of cases."""
 
     state: State
     tangents: State
@@ -264,6 +270,7 @@ def advance_tangents(
         step = PeriodMap(scene, stepping, solver)
         scale = tangent_weights(scene)
 
+        # one at a time, because the growth and the state of each are wanted
         def period(carry, epoch):
             state, tangents = carry
             state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, scale=scale)

@@ -1,12 +1,11 @@
-"""The contract of records, which keep something of each case; several records as one; and records of samples.
+"""What a record is, several records as one, and records of samples: strobes, Poincare sections and histories.
 
-A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
-however long the run is (peaks, means); its samples of each period are joined end to end (strobes,
-Poincare sections, histories, loads of each period). Afterwards it names its arrays for datasets.
+A record sees the course of each forcing period inside the compiled program, and keeps of it what a dataset needs. It
+may carry numbers from period to period, which makes a result of one size however long the run is (peaks, means), or
+sample each period, whose samples are joined in the order of time. After the run it labels its arrays for datasets.
 """
 
 import abc
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -33,14 +32,14 @@ Labelled = tuple[dict[str, Any], dict[str, Any]]
 
 
 class RecordedSpan(NamedTuple):
-    """Facts about the recorded periods, for all cases of a chunk, after them."""
+    """The recorded periods of a chunk of cases, as records are told of them after the run."""
 
     periods: int
-    """Forcing periods."""
+    """Number of forcing periods."""
     steps: int
     """Integration steps in each."""
     start: float
-    """Forcing periods before the run, from which the instants of results count."""
+    """Forcing periods from distance zero to the instant from which results count."""
     status: Int[np.ndarray, " cases"]
     """`slipperjax.Status` codes."""
 
@@ -58,10 +57,10 @@ class AbstractOutput(abc.ABC):
 
     @abc.abstractmethod
     def values(self, scene: Scene, periods: int) -> int:
-        """Estimate how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
+        """Return about how many numbers are kept of one case in so many periods; only shapes of the scene count."""
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
-        """Raise `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
+        """Raise `ValueError` where a run does not suit: of `periods` recorded periods of at least `steps` steps."""
 
     @abc.abstractmethod
     def label(self, scene: Scene, dims: tuple[str, ...], values: PyTree) -> Labelled:
@@ -71,24 +70,25 @@ class AbstractOutput(abc.ABC):
 class AbstractRecord(AbstractOutput):
     """Something to keep of each case of a run.
 
-    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers defines `begin`
-    and `add`, one that samples periods defines `sample`; both define `finish` and `label`. Of a chunk `begin`, `add`
-    and `sample` of each period, `judge` and `finish` are called in this order, then `label`.
+    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers from period to
+    period defines `begin` and `add`, one that samples each period defines `sample`; both define `finish` and `label`.
+    For a chunk of cases, the order of calls is `begin`, then `add` and `sample` in each period, then `judge` and
+    `finish`; `label` comes last, with the results of all chunks.
     """
 
     inside: bool = True
     """Whether it looks at states inside periods, and not only at their ends."""
     from_start: bool = False
-    """Whether it samples the transient, too."""
+    """Whether it samples the periods before the recorded ones, too."""
 
     def last(self, periods: int) -> int:
-        """Return how many of the last recorded periods need their samples kept."""
+        """Return how many periods at the end of the recorded ones need their samples kept."""
         return periods
 
     def begin(self, scene: Scene, state: State) -> PyTree:
         """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
 
-        **Arguments:** `scene`, `state`: shapes count, numbers do not.
+        **Arguments:** `scene`, `state`: of a case, whose shapes alone may be used.
         """
         return None
 
@@ -101,7 +101,7 @@ class AbstractRecord(AbstractOutput):
         return None
 
     def feed_back(self, scene: Scene, carried: PyTree, epoch: Real) -> Scene:
-        """Return the scene in the period `epoch`, where earlier periods change it."""
+        """Return the scene for the period number `epoch`, changed by what earlier periods have left in the carry."""
         return scene
 
     def judge(
@@ -116,7 +116,7 @@ class AbstractRecord(AbstractOutput):
 
 
 class Unlabelled(AbstractRecord):
-    """A record whose samples are used as they are, and not labelled."""
+    """A record without variables in datasets, whose samples are used as they are."""
 
     name = ""
 
@@ -133,7 +133,7 @@ class Unlabelled(AbstractRecord):
 
 @dataclass(frozen=True)
 class RecordSet:
-    """Several records that share one pass over the periods and one dataset."""
+    """Several records of the same run. Carries and samples are tuples with one entry for each record."""
 
     records: tuple[AbstractRecord, ...] = ()
 
@@ -144,7 +144,7 @@ class RecordSet:
 
     @property
     def from_start(self) -> "RecordSet":
-        """Those that sample the transient, too."""
+        """The records that sample the transient, too."""
         return RecordSet(tuple(r for r in self.records if r.from_start))
 
     def begin(self, scene: Scene, state: State) -> tuple[PyTree, ...]:
@@ -160,7 +160,7 @@ class RecordSet:
         return tuple(r.sample(course) for r in self.records)
 
     def feed_back(self, scene: Scene, carried: tuple[PyTree, ...], epoch: Real) -> Scene:
-        """Return the scene in the period `epoch`, where earlier periods change it."""
+        """Return the scene for the period number `epoch`, changed by what earlier periods left in the carries."""
         # one after the other, as each may change the scene
         for r, mine in zip(self.records, carried, strict=True):
             scene = r.feed_back(scene, mine, epoch)
@@ -177,7 +177,7 @@ class RecordSet:
     def finish(
         self,
         carried: tuple[PyTree, ...],
-        samples: Sequence[PyTree],
+        samples: tuple[PyTree, ...],
         span: RecordedSpan,
     ) -> tuple[PyTree, ...]:
         """Return the arrays of each record, with a leading axis of cases."""
@@ -186,19 +186,19 @@ class RecordSet:
 
 
 class Samples:
-    """The samples of a set of records on the host, of successive calls, as far as they are needed."""
+    """Samples of records from successive calls of a program, as far as they are needed, outside of JAX."""
 
     def __init__(self, records: RecordSet, periods: int):
-        """**Arguments:** `periods`: recorded in all."""
+        """**Arguments:** `periods`: number of recorded periods in all calls together."""
         self._periods = periods
         self._calls: dict[AbstractRecord, list[PyTree]] = {r: [] for r in records.records}
 
     def add(self, records: RecordSet, samples: tuple[PyTree, ...]) -> None:
-        """Take what some of the records sampled in one call, arrays (cases, periods, ...)."""
+        """Add the samples that some of the records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
-            # the earliest calls go as soon as the others have the last periods
+            # earlier calls are dropped as soon as later ones have all periods that are needed, to save memory
             while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
                 del calls[0]
 
@@ -206,6 +206,7 @@ class Samples:
         """Return each record's samples in the order of time."""
         found = []
         for record, calls in self._calls.items():
+            # the earliest call that was kept may have more periods than are needed
             last = slice(None) if record.from_start else slice(-record.last(self._periods), None)
             end_to_end = lambda *parts, last=last: np.concatenate(parts, axis=1)[:, last]
             found.append(jax.tree.map(end_to_end, *calls) if calls else None)
@@ -213,12 +214,13 @@ class Samples:
 
 
 def _periods_in(calls: list[PyTree]) -> int:
-    """Return the number of periods that the samples of some calls are of."""
+    """Return how many periods were sampled in some calls."""
+    # all arrays of a sample have the same periods: the first one tells
     return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
 
 def point_labels(scene: Scene) -> dict[str, Any]:
-    """Return the coordinates of variables at each contact point."""
+    """Return a dataset's coordinates of variables that have a value for each contact point."""
     return {"end": ["front", "rear"], "point": list(scene.section.names)}
 
 
@@ -227,10 +229,10 @@ def point_labels(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Strobe(AbstractRecord):
-    """The state at the end of each forcing period, as the variable `strobe`. Nothing is stored inside periods."""
+    """The state at the end of each forcing period, as the variable `strobe`. States inside periods are not stored."""
 
     from_start: bool = False
-    """Whether states of the transient are kept, too."""
+    """Whether the states of the transient are kept, too."""
 
     name = "strobe"
     inside = False
@@ -242,7 +244,8 @@ class Strobe(AbstractRecord):
         return len(COORDINATES) * periods
 
     def sample(self, course) -> Motion:
-        # as it is: Euler angles made here would be fused with the step, which then rounds differently in each batch
+        # Euler angles are made after the run: made here, XLA would fuse them with the step, and results would differ
+        # in their last digits with the size of the batch.
         return course.end.motion
 
     def finish(self, carried, samples: Motion, span):
@@ -256,30 +259,31 @@ class Strobe(AbstractRecord):
             "",
             f"state once per period: {text}",
         )
+        # 0 for the last state, -1 for the one before
         numbers = np.arange(1 - values.shape[-2], 1)
         period = column("strobe_period", numbers, "1", "forcing periods since the end of the record")
         return {"strobe": strobe}, {"coordinate": list(COORDINATES), "strobe_period": period}
 
 
 class SectionPoints(NamedTuple):
-    """Points of all sections, in the order of `slipperjax.model.SECTIONS`; NaN where there are fewer crossings."""
+    """Points of all sections, in the order of `slipperjax.model.SECTIONS`; NaN after a section's last crossing."""
 
     time: Float[AnyArray, "*cases 5 crossings"]  # [forcing periods]
     velocity: Float[AnyArray, "*cases 5 crossings"]  # [m/s], [rad/s]
     count: Int[AnyArray, "*cases 5"]
-    """How many crossings there were, also those that were not kept."""
+    """Number of crossings, including those that were not kept."""
 
 
 @dataclass(frozen=True)
 class PoincareSections(AbstractRecord):
-    """Poincare sections: velocities at the upward zero crossings of each coordinate, and when they were.
+    """Poincare sections: the velocity at each upward zero crossing of a coordinate, and the instant.
 
-    `crossings_<velocity>` says how many there were. Where a period has more of them than `capacity`, its later ones
-    are dropped, and the case gets the status "points dropped".
+    The variables `crossings_<velocity>` are the numbers of crossings. Where a forcing period has more of them than
+    `capacity`, its later ones are dropped, and the case gets the status "points dropped".
     """
 
     capacity: int = 8
-    """Crossings of each coordinate that are kept of a forcing period; one or two are usual."""
+    """Number of crossings of each coordinate that can be kept of a forcing period; one or two are usual."""
 
     def __post_init__(self):
         whole("capacity", self.capacity, 1)
@@ -297,13 +301,14 @@ class PoincareSections(AbstractRecord):
         return np.zeros((), int)
 
     def add(self, carried, course):
-        # the most crossings of a coordinate in any period
+        # the most crossings of a coordinate in any period, from which `judge` sees that some were dropped
         return jnp.maximum(carried, jnp.max(jnp.sum(~jnp.isnan(course.crossings.time), axis=1)))
 
     def sample(self, course) -> SectionPoints:
         time, velocity = course.crossings
         crossed = ~jnp.isnan(time)
-        # the crossings to the front; those beyond the capacity fall out
+        # Most steps have no crossing. The k-th crossing goes to place k; steps without one, and crossings beyond the
+        # capacity, go to a place that does not exist, and are dropped.
         place = jnp.where(crossed, jnp.cumsum(crossed, axis=1) - 1, self.capacity)
         at = jnp.arange(len(SECTIONS))[:, None], place
         none = jnp.full((len(SECTIONS), self.capacity), jnp.nan)
@@ -315,18 +320,18 @@ class PoincareSections(AbstractRecord):
         return np.where(dropped, int(Status.POINTS_DROPPED), status)
 
     def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
-        # periods and their crossings along one axis
+        # from (cases, periods, sections, crossings) to (cases, sections, all crossings)
         both = samples.time, samples.velocity
         time, velocity = (np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1) for a in both)
-        # crossings to the front
+        # crossings to the front, NaN of each period's unused places to the end; "stable" keeps the order of time
         order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
         time, velocity = (np.take_along_axis(a, order, axis=-1) for a in (time, velocity))
         return SectionPoints(time - span.start, velocity, np.sum(samples.count, axis=1))
 
     def label(self, scene, dims, values: SectionPoints):
         # as many columns as the case with the most crossings needs
-        most = max(int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=0)), 1)
-        # results on disk have a capacity for as many crossings as could be
+        most = int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=1))
+        # arrays in stores have room for as many crossings as there can be
         capacity = values.time.shape[-1]
         along = (*dims, "crossing")
         data = {}
@@ -358,7 +363,8 @@ class History(AbstractRecord):
     """States, accelerations, contact forces, gaps and drive force `saves` times per period."""
 
     saves: int | None = None
-    """A divisor of the steps per period; None for the run's `saves_per_period`."""
+    """Number of saves per forcing period, a divisor of the steps per period; None for the run's
+    `saves_per_period`."""
 
     name = "history"
 
@@ -372,7 +378,7 @@ class History(AbstractRecord):
 
     @property
     def variables(self):
-        return (*COORDINATES, *ACCELERATIONS, "contact_force", "gap", "drive_force")
+        return (*COORDINATES, *ACCELERATIONS, *REACTIONS)
 
     def values(self, scene, periods):
         alone = len(COORDINATES) + len(ACCELERATIONS) + 2  # with time and drive force
@@ -383,35 +389,28 @@ class History(AbstractRecord):
         saved = course.saved(self.saves)
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, course.args))(period, saved)
-        forces = now.contact_force, now.gap, now.drive_force
         return HistoryValues(
             coordinate_rows(saved),
             period + course.args.epoch,
             now.acceleration,
-            *forces,
+            now.contact_force,
+            now.gap,
+            now.drive_force,
         )
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
-        # periods and their saves along one axis
+        # from (cases, periods, saves, ...) to (cases, all saves, ...)
         joined = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
         return joined._replace(period=joined.period - span.start)
 
     def label(self, scene, dims, values: HistoryValues):
         rows = np.concatenate([values.states, values.acceleration], axis=-1)
-        columns = [(name, rows[..., k]) for k, name in enumerate((*COORDINATES, *ACCELERATIONS))]
-        columns += [(name, getattr(values, name)) for name in ("contact_force", "gap", "drive_force")]
         data = {}
-        for name, array in columns:
-            q = (COORDINATES | ACCELERATIONS | REACTIONS)[name]
-            inner = ("end", "point") if name in ("contact_force", "gap") else ()
-            data[name] = column((*dims, "time", *inner), array, q.unit, q.long_name)
-        # the same for all cases, but NaN for those that were not run
+        for k, (name, q) in enumerate((COORDINATES | ACCELERATIONS).items()):
+            data[name] = column((*dims, "time"), rows[..., k], q.unit, q.long_name)
+        for name, q in REACTIONS.items():
+            inner = () if name == "drive_force" else ("end", "point")
+            data[name] = column((*dims, "time", *inner), getattr(values, name), q.unit, q.long_name)
+        # one coordinate for all cases, which have the same instants, or NaN where they were not run
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
-        return data, {
-            "period": column(
-                "time",
-                period,
-                "1",
-                "time in forcing periods",
-            )
-        } | point_labels(scene)
+        return data, {"period": column("time", period, "1", "time in forcing periods")} | point_labels(scene)

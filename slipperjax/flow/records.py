@@ -1,7 +1,7 @@
-"""Records that make numbers of a motion: each is one row, for sweeps, stores, designs and sensitivities alike.
+"""Records that make a number of a run, such as a highest force: for sweeps, stores, designs and sensitivities alike.
 
-They can be differentiated in both modes. Greatest values jump between points and instants where several attain them,
-so that such a record has a smooth twin, `smooth`, for descents.
+They can be differentiated in both modes. The derivative of a greatest value jumps where another point or instant
+takes over. A descent therefore follows its smooth twin, `smooth`.
 """
 
 import abc
@@ -33,19 +33,19 @@ POINTS = ("end", "point")
 
 
 class Join(NamedTuple):
-    """A way in which the values of forcing periods become one number."""
+    """A way to make one number of the values of all forcing periods: these are reduced one by one, then finished."""
 
-    empty: float  # the value of no period
+    empty: float  # the reduced value of no period
     reduce: Callable[..., Array]
-    """Joins values along axis 0; what it gives can be joined with others again."""
+    """Reduces values along axis 0; the result can be reduced with further values."""
     value: Callable[[AnyArray, Whole], AnyArray] = lambda joined, periods: joined
-    """The number, from values joined over so many periods."""
+    """Finishes: gives the number from the reduced value and the number of periods."""
 
 
 def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
     square = joined / periods
     xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
-    # the square root has no derivative at zero
+    # the slope of a square root at zero is infinite, and would make the derivative NaN even in a branch not taken
     return xp.where(square == 0, 0.0, xp.sqrt(xp.where(square == 0, 1.0, square)))
 
 
@@ -69,50 +69,51 @@ JOINS: dict[str, Join] = {
     "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods),
     "rms": Join(0.0, jnp.sum, _root_mean),
 }
-"""Ways in which periods join, by name."""
+"""Ways to make one number of all periods, by name."""
 
 
 class AbstractQuantityRecord(AbstractRecord):
-    """A record of one variable: a quantity with dimensions of its own."""
+    """A record of one variable: a quantity, which may have dimensions of its own."""
 
     quantity: Quantity
     """Name, unit and description."""
     dims: tuple[PyTree, ...] = ()
-    """Dimensions: "end", "point", or a name of one's own with its labels."""
+    """Dimensions of a value: "end", "point", or a pair of another name and its labels."""
 
     @property
     def name(self) -> str:
         return self.quantity.name
 
-    @property
-    def unit(self) -> str:
-        """SI unit."""
-        return self.quantity.unit
+    def labels(self, scene: Scene) -> dict[str, list]:
+        """Return the names of `dims`, each with the labels along it."""
+        of_points = point_labels(scene)
+        found = {}
+        for d in self.dims:
+            name, own = (d, of_points[d]) if isinstance(d, str) else d
+            found[name] = list(own)
+        return found
 
     def shape(self, scene: Scene) -> tuple[int, ...]:
         """Return the shape of one value."""
-        of_points = {"end": 2, "point": scene.points // 2}
-        return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
+        return tuple(map(len, self.labels(scene).values()))
 
     def values(self, scene, periods):
         return math.prod(self.shape(scene))
 
     def label(self, scene, dims, values):
-        labels = point_labels(scene)
-        along = {}
-        for d in self.dims:
-            name, own = (d, labels[d]) if isinstance(d, str) else d
-            along[name] = list(own)
-        return {self.name: column((*dims, *along), values, self.unit, self.quantity.long_name)}, along
+        along = self.labels(scene)
+        q = self.quantity
+        return {self.name: column((*dims, *along), values, q.unit, q.long_name)}, along
 
 
 class AbstractNumber(AbstractQuantityRecord):
-    """A number, or an array of them, of each forcing period, joined over the periods."""
+    """A number, or an array of them, from values of each forcing period."""
 
     join: Join
-    """How periods join."""
+    """How the values of all periods become one."""
     samples: Callable[[Course], PyTree] | None = None
-    """Gives values whose greatest magnitude the number is, along the first axis in time; None where it is none."""
+    """For a number that is a greatest magnitude: gives the values that it is of, with samples along the first axis.
+    None for others."""
 
     @abc.abstractmethod
     def of(self, course: Course) -> PyTree:
@@ -120,11 +121,11 @@ class AbstractNumber(AbstractQuantityRecord):
 
     @property
     def smooth(self) -> "AbstractNumber":
-        """Its stand-in for descents: a power mean near a greatest magnitude, or itself."""
+        """A smooth record to descend along: a power mean for a greatest magnitude, the record itself otherwise."""
         return self if self.samples is None else PowerMean(self)
 
     def total(self, values: Array) -> AnyArray:
-        """Return the number [`unit`] from the values of periods, along the first axis."""
+        """Return the number in the quantity's unit, from the values of periods along the first axis."""
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
@@ -139,7 +140,7 @@ class AbstractNumber(AbstractQuantityRecord):
 
 @dataclass(frozen=True)
 class Record(AbstractNumber):
-    """A number from any JAX function of the course of a forcing period.
+    """A number that any JAX function makes of the course of a forcing period.
 
     ```python
     load = Record(Quantity("front_load", "N", "mean force at the front"), lambda c: c.force.mean[0].sum(), "mean")
@@ -149,13 +150,14 @@ class Record(AbstractNumber):
     quantity: Quantity
     """Name, unit and description."""
     function: Callable[[Course], PyTree]
-    """Gives a real number, or an array with axes `dims`, of a `slipperjax.flow.Course`. Another function, or the same
-    text in another lambda, is compiled anew."""
+    """Gives a real number, or an array with axes `dims`, from a `slipperjax.flow.Course`. Another function, or the
+    same text in another lambda, is compiled anew."""
     over: str = "max"
-    """How the values of forcing periods join: "max", "min", "sum", "mean", or "rms", to which squares are given."""
+    """How the values of forcing periods become one: by "max", "min", "sum" or "mean", or by "rms", for which
+    `function` gives squares."""
     dims: tuple[str | tuple[str, tuple], ...] = ()
     samples: Callable[[Course], PyTree] | None = None
-    """Values whose greatest magnitude the number is, along the first axis in time; for `smooth`."""
+    """For a greatest magnitude, the values that it is of, with samples along the first axis; for `smooth`."""
 
     def __post_init__(self):
         require(callable(self.function), "function", "be a function of a course", self.function)
@@ -169,27 +171,29 @@ class Record(AbstractNumber):
 
     def of(self, course):
         value = jnp.asarray(self.function(course))
-        need = f"of `{self.name}` must give real numbers of the shape of `dims`, {self.shape(course.scene)}"
-        if value.dtype.kind not in "fiub" or value.shape != self.shape(course.scene):
+        shape = self.shape(course.scene)
+        if value.dtype.kind not in "fiub" or value.shape != shape:
+            need = f"of `{self.name}` must give real numbers of the shape of `dims`, {shape}"
             raise ValueError(f"Argument `function` {need}, but gives {jax.typeof(value)}.")
         return jnp.asarray(value, float)
 
 
 @dataclass(frozen=True)
 class PowerMean(AbstractNumber):
-    """A power mean that stands for a greatest value in descents, because it is smooth: below the greatest, near it.
+    """A power mean in place of a greatest magnitude, for descents: it is smooth, and a little below the greatest.
 
     Of magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
     """
 
     record: AbstractNumber
+    """The greatest magnitude, which has `samples`."""
     order: float = 32
+    """Order of the mean: the higher, the nearer to the greatest, and the less smooth."""
 
     def __post_init__(self):
         number(positive, "order", self.order)
         instance("record", self.record, AbstractNumber, "a record of one number")
-        samples = getattr(self.record, "samples", None)
-        require(samples, "record", "have samples", shown=type(self.record).__name__)
+        require(self.record.samples, "record", "have samples", shown=type(self.record).__name__)
 
     @property
     def quantity(self):
@@ -205,7 +209,7 @@ class PowerMean(AbstractNumber):
         return Join(-np.inf, _log_sum, value)
 
     def of(self, course):
-        """Return ln of the mean over time of the sum of x^order, without overflow."""
+        """Return ln of the mean over time of the sum of x^order, whose power itself would overflow."""
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
@@ -220,9 +224,10 @@ class PowerMean(AbstractNumber):
 
 @dataclass(frozen=True)
 class OnePoint(AbstractNumber):
-    """A record of contact points as one number: of one point, or the greatest or least of all."""
+    """One number from a record of all contact points: that of one point, or the greatest or least of all."""
 
     record: Record
+    """A greatest or least value at each point, such as the highest force."""
     point: str | None = None
     """A point's name and 1 for the front or 2 for the rear, such as "A1"; None for all."""
 
@@ -238,11 +243,7 @@ class OnePoint(AbstractNumber):
         q = self.record.quantity
         if self.point is None:
             return q
-        return dataclasses.replace(
-            q,
-            name=f"{q.name}_{self.point}",
-            long_name=f"{q.long_name} at {self.point}",
-        )
+        return dataclasses.replace(q, name=f"{q.name}_{self.point}", long_name=f"{q.long_name} at {self.point}")
 
     @property
     def join(self):
@@ -267,15 +268,16 @@ class OnePoint(AbstractNumber):
 
 
 class AbstractAtPeak(AbstractQuantityRecord):
-    """A number at the highest normal force of each point in all periods; NaN where it is open throughout."""
+    """A number at the instant of each point's highest normal force; NaN where the point stays open throughout."""
 
     dims = POINTS
 
     @abc.abstractmethod
     def of(self, course: Course) -> PyTree:
-        """Return the number at the highest force of one forcing period, (2, points)."""
+        """Return the number at the highest forces of one forcing period, (2, points)."""
 
     def begin(self, scene, state):
+        # the highest forces so far, and the numbers there
         none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
@@ -307,17 +309,13 @@ def judged_by_contacts(
     carried: PyTree,
     limit: Real,
 ) -> Int[Array, " cases"]:
-    """Return `Status` codes by `with_loads`, from carries of `ContactChecks` and the greatest stability number."""
-    return scenes.map(
-        lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit),
-        codes,
-        carried,
-    )
+    """Return `Status` codes by `with_loads`, from carries of `ContactChecks`; `limit`: `most` of `with_loads`."""
+    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit), codes, carried)
 
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """No variable, but the statuses that follow from loads: no contact, pressed in, too few steps."""
+    """A record without a variable, for the statuses that loads show: no contact, pressed in, too few steps."""
 
     def values(self, scene, periods):
         return 3
@@ -338,15 +336,10 @@ class ContactChecks(Unlabelled):
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
-    """Return the records of one of `COORDINATES`."""
+    """Return the records of one of `COORDINATES`, the one with index `k`: largest, smallest, greatest magnitude."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
-        return dataclasses.replace(
-            q,
-            name=f"{prefix}_{q.name}",
-            long_name=f"{text} {q.long_name}",
-            symbol=symbol,
-        )
+        return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)
 
     size = lambda c: jnp.maximum(c.coordinates.greatest, -c.coordinates.least)[k]
     excursion = about("excursion", "greatest magnitude of the", rf"|{q.symbol or q.name}|_{{\max}}")
@@ -358,7 +351,7 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
 
 
 def _impulse_samples(c: Course) -> Array:
-    """Return the points' impulses as if they were samples, for the power mean over points."""
+    """Return the points' impulses once for each sample: their power mean is then one over points alone."""
     return jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape))
 
 
@@ -366,15 +359,12 @@ def _rms(k: int, q: Quantity) -> Record:
     """Return the record of the root mean square of one of `ACCELERATIONS`."""
     text = f"root mean square of the {q.long_name}"
     symbol = rf"\mathrm{{RMS}}\,{q.symbol}"
-    return Record(
-        Quantity(f"rms_{q.name}", q.unit, text, symbol),
-        lambda c: c.acceleration.mean_square[k],
-        "rms",
-    )
+    # a function of its own, so that each lambda keeps its own k
+    return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
 def _records() -> Iterator[AbstractQuantityRecord]:
-    """Give all records of numbers that have names."""
+    """Yield all records of numbers that can be asked for by name."""
     points = functools.partial(Record, dims=POINTS)
     yield points(LOADS["peak_force"], lambda c: c.loads.peak_force, samples=lambda c: c.force.samples)
     yield PeakPeriod()
@@ -391,15 +381,8 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     yield Record(work, lambda c: jnp.sum(c.power.integral) / c.travel.wavelength, "mean")
     drive = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
     yield Record(drive, lambda c: c.drive_force.mean, "mean")
-    # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    distance = Quantity(
-        "grazing_distance",
-        "m",
-        "least distance of a gap's extreme from zero",
-        "d",
-        1e-3,
-        "mm",
-    )
+    # how far a contact that is almost made, or almost lost, is from grazing: its gap's extreme from zero
+    distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
     for k, q in enumerate(ACCELERATIONS.values()):
         yield _rms(k, q)

@@ -1,4 +1,4 @@
-"""One scene, simulated: trajectories with the error of some periods, and the period map without records."""
+"""Simulation of one scene: its trajectory, errors of single periods, and the period map without records."""
 
 import functools
 import json
@@ -32,18 +32,12 @@ from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap
 from .record import RecordSet, Unlabelled
 from .status import Status, judge_states, most_stability_number, with_accuracy, with_loads
-from .stepping import (
-    AbstractStepping,
-    ConstantSteps,
-    ControlledSteps,
-    capacity_for,
-    capacity_for_periods,
-)
+from .stepping import ConstantSteps, ControlledSteps, capacity_for, capacity_for_periods
 
 
 @dataclass(frozen=True)
 class TrajectoryRecord(Unlabelled):
-    """The states `saves` times per period, and with `loads` the contact loads of each."""
+    """The states `saves` times per forcing period, and with `loads` the contact loads of each period."""
 
     saves: int = 1
     loads: bool = False
@@ -53,7 +47,8 @@ class TrajectoryRecord(Unlabelled):
         return self.loads or self.saves > 1
 
     def values(self, scene, periods):
-        states = (40 + 3 * scene.points) * self.saves  # with the forces that follow from them
+        # a saved state, and the accelerations and forces that are computed from it later
+        states = (40 + 3 * scene.points) * self.saves
         return (states + (5 * scene.points + 1) * self.loads) * periods
 
     def sample(self, course) -> tuple[State, Loads | None]:
@@ -61,35 +56,35 @@ class TrajectoryRecord(Unlabelled):
 
 
 class Probe(NamedTuple):
-    """Errors of some periods of a run, measured by half the step, each repeated from the state at its start.
+    """Errors of some forcing periods of a run: each is repeated with half the step, from the state at its start.
 
-    The error of a whole run is larger where errors grow from period to period: slowly decaying motions keep them
-    for as long as they decay, chaotic ones multiply them.
+    The error of a whole run is larger: slowly decaying motions keep errors for as long as they decay, chaotic ones
+    multiply them from period to period.
     """
 
     period: Float[Array, " probes"]
     """Number of the repeated forcing period, from 0."""
     error: Float[Array, " probes"]
-    """Change of the motion at its end, in multiples of `slipperjax.model.accuracy_scales` [1]; NaN where lost."""
+    """Change of the motion at the period's end, in multiples of `slipperjax.model.accuracy_scales` [1]; NaN where a
+    solver gave up."""
     peak_error: Float[Array, " probes"]
-    """Relative change of its highest contact force [1]; NaN without contact or without loads."""
+    """Relative change of the period's highest contact force [1]; NaN without contact or without loads."""
 
 
-def _probed(
-    scene: Scene, stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]
-) -> Probe:
-    """Repeat `count` periods of a run, or all if there are fewer, the first and others at equal distances.
+def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
+    """Return the errors of `count` periods of a run, equally spaced from the first to the last, or of all if fewer.
 
-    **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
+    **Arguments:** `states`: those saved in the run, `saves` per period, which began at forcing period number `epoch`.
     """
-    # the start is saved, too
+    # the start is saved besides
     periods = (len(states.motion.y) - 1) // saves
+    finer = PeriodMap(run.scene, run.stepping.finer(), run.solver)
     rows = []
     for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
-        coarse = run(stepping, state, float(k))
-        fine = run(stepping.finer(), state, float(k))
-        error = _difference(scene, coarse.state, fine.state)
+        # both begin anew at the saved state, so that nothing but the steps differs
+        coarse, fine = (run_eagerly(map_, state, 1, records, epoch + k, periods) for map_ in (run, finer))
+        error = _difference(run.scene, coarse.state, fine.state)
         peaks = []
         for passage in (coarse, fine):
             ((_, loads),) = passage.samples
@@ -120,10 +115,10 @@ def period_map(
     adjoint: diffrax.AbstractAdjoint | None = None,
     begin: float | None = None,
 ) -> State:
-    """Map `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
+    """Return the state `periods` forcing periods after `state`: the stroboscopic map. Jit, vmap or differentiate it.
 
-    **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call. On a rail that does not
-    repeat each call begins where the rail does, unless `begin` says how far the one before has come [m].
+    **Arguments:** `state`: from `initial_state` or an earlier call; all others as for `simulate`. On a rail that does
+    not repeat, each call begins where the rail does, unless `begin` says how far the call before has come [m].
     """
     check_scene(scene)
     origin = beginning_of(scene, begin)
@@ -146,18 +141,19 @@ def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Real = 0.0) -> 
 
 
 def refuse_periods(periods: int, steps: int, numbers: int = 0) -> None:
-    """Raise `ValueError` for a run of one case that keeps too many numbers or takes too long."""
+    """Raise `ValueError` for a run of one case that keeps more `numbers` than fit into memory, or takes too long."""
     what = f"{periods} forcing periods of {steps} steps"
     refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
 
 
 def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, after: int = 0) -> None:
-    """Raise `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
+    """Raise `ValueError` where a run goes beyond the end of its rail, or where slippers wear.
 
-    A warning says where a rail that goes on straight is known no further.
+    A rail that goes on straight has no end: there a warning says how far it is known. But what is recorded must begin
+    before that.
 
-    **Arguments:** `begin`: where the run begins [m]; `transient`: how many of the periods pass before any is
-    recorded: they must end on the rail; `after`: periods that records run on for.
+    **Arguments:** `periods`: forcing periods of the run; `begin`: where it begins [m]; `transient`: how many of the
+    periods pass before any is recorded; `after`: further periods that records add to the run.
     """
     require(
         scene.wear is None,
@@ -168,6 +164,7 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
     track = scene.track
     if is_traced((track, begin)) or not track.extent < np.inf:
         return  # nothing is known, or the rail goes on
+    # of a batch, the case that comes farthest
     wave = float(np.max(np.asarray(scene.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     why = f"because the rail ends at {track.extent:g} m"
@@ -192,17 +189,18 @@ def default_steps(scene: Scene, steps: int | None) -> int:
 
 
 def _at_slowest(scene: Scene, begin: Real, periods: int) -> Scene:
-    """Return a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
+    """Return a scene with the least speed of a run from the forcing period number `begin` on, for default steps."""
     return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
 
 def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
-    """Return constant steps whose number is an argument of the program: one for many numbers; for forward mode.
+    """Return constant steps whose number is an argument of the compiled program, which so serves many numbers.
 
-    **Arguments:** `most`: the most steps that the program is to serve, where states inside periods are recorded.
+    It can be differentiated in forward mode only.
+
+    **Arguments:** `most`: where states inside periods are recorded, the greatest number of steps to make room for.
     """
-    capacity = None if most is None else capacity_for(most)
-    return ConstantSteps(capacity, as_argument(steps))
+    return ConstantSteps(most and capacity_for(most), as_argument(steps))
 
 
 def _controlled(
@@ -219,7 +217,7 @@ class Peak(NamedTuple):
     force: Real
     """Normal force [N]."""
     period: Real
-    """When [forcing periods]; NaN without contact."""
+    """Its instant [forcing periods]; NaN without contact."""
     end: Whole
     """0 at the front, 1 at the rear."""
     point: Whole
@@ -234,25 +232,25 @@ class Peak(NamedTuple):
 
 
 class Trajectory(eqx.Module):
-    """A simulated motion, saved at constant intervals."""
+    """A simulated motion: states saved at constant intervals, and loads of every forcing period."""
 
     scene: Scene
     period: Float[Array, " saves"]
-    """Time in forcing periods [1]."""
+    """Instants of the saved states [forcing periods]."""
     state: State
     """The saved states, with a leading axis of saves."""
     steps_per_period: Whole
-    """Integration steps per forcing period; with adaptive steps, the number of states they were interpolated at."""
+    """Integration steps per forcing period; with adaptive steps, instants at which states are interpolated."""
     steps_taken: Int[Array, " periods"]
-    """Steps tried in each forcing period, those included that an adaptive controller rejected."""
+    """Steps tried in each forcing period, including those that a step size controller rejected."""
     status: Int[Array, ""]
-    """0 where nothing is wrong, else see `slipperjax.Status`."""
+    """Code of `slipperjax.Status`: 0 where nothing is wrong."""
     loads: Loads | None
-    """Contact loads of each forcing period, over every step, arrays (periods, ...); None where switched off."""
+    """Contact loads of each forcing period, over every step, arrays (periods, ...); None with `loads=False`."""
     call: str = eqx.field(static=True, default="{}")
-    """The arguments of `simulate` besides scene and start, as JSON, for datasets and files."""
+    """The arguments of `simulate` except scene and start, as JSON, for datasets and files."""
     probe: Probe | None = None
-    """Errors of some periods, measured by half the step; None without `probe`."""
+    """Errors of some forcing periods; None unless `simulate` was asked to `probe`."""
 
     def __repr__(self) -> str:
         saves = f"Trajectory({jax.typeof(self.period)} of saves"
@@ -267,24 +265,24 @@ class Trajectory(eqx.Module):
 
     @property
     def time(self) -> Float[Array, " saves"]:
-        """Time [s]."""
+        """Instants of the saved states [s]."""
         return self.scene.seconds(self.period)
 
     @property
     def end(self) -> State:
-        """The state at the end, with which another run can start."""
+        """The last state, with which another run can start."""
         return jax.tree.map(lambda a: a[-1], self.state)
 
     @property
     def peak(self) -> Peak:
-        """The highest contact force over every step, when and where. **Raises:** `ValueError` without loads."""
+        """The highest contact force over all steps, with time and place. **Raises:** `ValueError` without loads."""
         if self.loads is None:
             raise ValueError("Argument `loads` must be True in `simulate` for peak forces, but is False.")
         return _peak(self.loads)
 
     @property
     def reactions(self) -> Reactions:
-        """Contact forces, drive force, loads on the track nodes, accelerations; leading axis saves."""
+        """Contact forces, drive force, loads on the track nodes and accelerations, with a leading axis of saves."""
         return _reactions(self.scene, self.period, self.state)
 
     def to_xarray(self):
@@ -302,17 +300,18 @@ def _reactions(scene, periods, states):
 @jit
 def _peak(loads: Loads) -> Peak:
     force, when = over_periods(loads)[:2]
-    # the place of the highest has no derivative
+    # which point and end it is changes by whole numbers, and has no derivative
     at = jnp.argmax(jax.lax.stop_gradient(force))
     end, point = jnp.unravel_index(at, force.shape)
     return Peak(jnp.max(force), when[end, point], end, point)
 
 
 @functools.partial(jit, static_argnames=("saves",))
-def _finished(
-    first: State, passage: Passage, scene: Scene, most_stability_number: Real, epoch: Real, *, saves: int
-) -> tuple:
-    """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
+def _finished(first: State, passage: Passage, scene: Scene, most: Real, epoch: Real, *, saves: int) -> tuple:
+    """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation.
+
+    **Arguments:** `most`: see `with_loads`.
+    """
     ((saved, loads),) = passage.samples
     states = jax.tree.map(
         lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]),
@@ -326,7 +325,7 @@ def _finished(
         total = over_periods(loads)
         closed = jnp.sum(total.contact_fraction)
         deepest = jnp.max(total.penetration)
-        code = with_loads(code, closed, deepest, total.stability_number, scene, most_stability_number)
+        code = with_loads(code, closed, deepest, total.stability_number, scene, most)
     return states, loads, times, code
 
 
@@ -344,34 +343,34 @@ def simulate(
     loads: bool = True,
     probe: int = 0,
 ) -> Trajectory:
-    """Simulate one scene.
+    """Simulate the motion of one scene over some forcing periods.
 
     **Arguments:**
 
     - `scene`: the case, see `paper_scene`.
-    - `periods`: number of forcing periods, wavelength / speed each.
-    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact at the
-        least speed of the run, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. It
-        must be given where the scene's values are traced (jit, vmap).
-    - `solver`: a diffrax solver, or the name of one as in "Rodas4"; see `resolve_solver` for the default. With
-        `EventLatch` memory a stock one is put into `Latching`.
-    - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
-        solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
-        of periods are interpolated at as many instants, to third order.
-    - `start`: motion or state at `begin`, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
-        al. 2024. Or a dataset of `slipperjax.run`, from whose state at `begin` it goes on, by default at its end.
-    - `begin`: place of the rail at which the run begins [m], by default where the rail does; zero for rails without
-        a beginning. Time counts from distance zero.
-    - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 40, or
-        50, 40 or all, the first that divides them, where `steps_per_period` is given.
-    - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
-        `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for
-        `jax.grad`.
-    - `loads`: whether peak forces, impulses, time in contact and penetration are looked for over every step.
-    - `probe`: in how many periods the error is measured by half the step (a tenth of the tolerance where steps are
-        adaptive), see `Probe`; 0 for none. Not under a transformation.
+    - `periods`: number of forcing periods; each takes the first wavelength over the speed.
+    - `steps_per_period`: integration steps per forcing period. By default a typical contact at the least speed of the
+        run takes ten, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. It must be
+        given where the scene's values are traced (jit, vmap).
+    - `solver`: a diffrax solver, or the name of one such as "Rodas4"; see `resolve_solver` for the default. With
+        `EventLatch` memory, solvers of diffrax are put into `Latching`.
+    - `stepsize_controller`: default None, for constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, needs
+        a solver that estimates its error. The first step is then a period over `steps_per_period`, and states inside
+        periods are interpolated at as many instants, to third order.
+    - `start`: the motion or state at `begin`; by default Table 2 of Dang et al. 2024. A `Trajectory` is continued
+        from its end, a dataset of `slipperjax.run` from its state at `begin`, by default from its end.
+    - `begin`: distance along the rail at which the run begins [m]; by default where the rail begins, zero for rails
+        without a beginning. Time counts from distance zero.
+    - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`. Default 40; where
+        `steps_per_period` is given, 50 or 40 if one divides it, else all.
+    - `adjoint`: for a step size controller only, because constant steps can be differentiated in both modes. The
+        default `diffrax.ForwardMode()` serves `jax.jvp` and `jax.jacfwd`, `diffrax.RecursiveCheckpointAdjoint()`
+        serves `jax.grad`.
+    - `loads`: whether to compute peak forces, impulses, time in contact and penetration over every step.
+    - `probe`: number of forcing periods to repeat with half the step (with a tenth of the tolerance where steps are
+        adaptive) for their error, see `Probe`; 0 for none. Not inside a JAX transformation.
 
-    **Returns:** a `Trajectory`, the start included.
+    **Returns:** a `Trajectory`, which includes the start.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
@@ -384,9 +383,10 @@ def simulate(
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
-    default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
+    default = lambda: default_steps_per_period(_at_slowest(scene, epoch, periods))
+    # `step_plan` would take an array, too, for the cases of a sweep
     if steps_per_period is not None:
-        steps_per_period = given_steps(steps_per_period)  # one number here
+        steps_per_period = given_steps(steps_per_period)
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
@@ -398,19 +398,23 @@ def simulate(
     elif traced:  # for both modes of derivatives
         stepping = ConstantSteps(steps)
     else:
-        # one program for many numbers of steps; probes take twice as many
+        # one program for many numbers of steps: room for twice as many, which probes take
         most = (2 if probe else 1) * steps
         stepping = dynamic_steps(steps, most=most if records.inside else None)
     run = PeriodMap(scene, stepping, solver)
     if traced:
-        # from the start, so that the numbers of a derivative are those of the caller
+        # the start is made inside, so that what is differentiated are the caller's few numbers, not a whole state
         first, passage = call_compiled(_from_start, run, (periods, records), start, epoch)
     else:
         first = initial_state(scene, start, epoch)
         passage = run_eagerly(run, first, periods, records, epoch)
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
-    # with adaptive steps, loads are looked for at as many instants
+    measured = None
+    if probe:
+        measured = _probed(run, records, states, saves, epoch, probe)
+        status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
+    # with adaptive steps, the number of instants at which states were interpolated
     shown = steps if controller is None or loads or saves == 1 else saves
     options = dict(
         periods=periods,
@@ -423,34 +427,8 @@ def simulate(
         begin=origin,
     )
     call = json.dumps(describe(options))
-    trajectory = Trajectory(
-        scene,
-        times,
-        states,
-        shown,
-        passage.steps_taken,
-        status,
-        loads_of_periods,
-        call,
-    )
-    if not probe:
-        return trajectory
-    repeat = lambda s, state, k: run_eagerly(
-        PeriodMap(scene, s, solver),
-        state,
-        1,
-        records,
-        epoch + k,
-        periods,
-    )
-    measured = _probed(scene, stepping, states, saves, probe, repeat)
-    status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
-    return eqx.tree_at(
-        lambda t: (t.status, t.probe),
-        trajectory,
-        (status, measured),
-        is_leaf=lambda x: x is None,
-    )
+    taken = passage.steps_taken
+    return Trajectory(scene, times, states, shown, taken, status, loads_of_periods, call, measured)
 
 
 def _from_start(
@@ -459,7 +437,7 @@ def _from_start(
     start: Motion | State,
     epoch: Real,
 ) -> tuple[State, Passage]:
-    """Return the state with which a run begins, and the run."""
+    """Return the state with which a run begins, and the result of the run."""
     periods, records = static
 
     def begun(run: PeriodMap, start: Motion | State) -> tuple[State, Passage]:
@@ -472,8 +450,11 @@ def _from_start(
 def run_eagerly(
     run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Real = 0.0, like: int | None = None
 ) -> Passage:
-    """Run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
-    size = capacity_for_periods(periods if like is None else like)
+    """Run one case by a compiled program that serves other numbers of periods, too.
+
+    **Arguments:** `like`: number of periods of an earlier run, whose program serves this shorter one.
+    """
+    size = capacity_for_periods(like or periods)
     numbers = as_argument(epoch), as_argument(periods)
     passage = call_compiled(_run, run, (size, records), state, *numbers)
     # on the host, where a slice of another length needs no compilation
@@ -487,17 +468,18 @@ def _run(run: PeriodMap, static: tuple, state: State, epoch: Real, used: Whole) 
 
 
 def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | None) -> tuple[int | np.ndarray, int]:
-    """Return integration steps per period, and saves per period, which divide them.
+    """Return integration steps per period, and a number of saves per period that divides them.
 
-    **Arguments:** `default`: gives steps where the caller gave none, which are rounded up to a multiple of the saves;
-    `steps`: one number, an array of them, or None; `saves`: by default 40, or of given steps 50, 40 or all, the first
-    that divides them.
+    **Arguments:** `steps`: what the caller gave, one number or an array of them; None for what `default` returns,
+    rounded up to a multiple of the saves; `saves`: by default 40, but of given steps the first of 50, 40 and the
+    greatest common divisor that divides them.
     """
-    saves = None if saves is None else whole("saves_per_period", saves, 1)
+    if saves is not None:
+        saves = whole("saves_per_period", saves, 1)
     if steps is None:
-        saves = LEAST_STEPS if saves is None else saves
+        saves = saves or LEAST_STEPS
         return -(-default() // saves) * saves, saves
-    # one number, or one for each case
+    # one number, or one for each case of a sweep
     numbers = [given_steps(n) for n in (np.ravel(steps).tolist() if np.ndim(steps) else [steps])]
     if saves is None:
         common = math.gcd(*numbers)
@@ -508,7 +490,7 @@ def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | 
 
 
 def first_of(start: object) -> Motion | State:
-    """Return the start of a run: None is Table 2's, a `Trajectory` goes on from its end.
+    """Return the motion or state with which a run begins: Table 2's for None, the last state of a `Trajectory`.
 
     **Raises:** `ValueError` for what is no start, or has a number that is not finite.
     """
@@ -527,12 +509,13 @@ def beginning_of(scene: Scene, begin: float | None) -> Real:
     if begin is not None:
         begin = number(finite, "begin", begin, "m")
         if not is_traced(track):
+            # distances that were computed may have rounding errors
             slack = 1e-9 * abs(begin)
             on_rail = track.begin - slack <= begin < track.extent
             need = f"be on the rail, which is known from {track.begin:.10g} to {track.extent:.10g} m"
             require(on_rail, "begin", need, shown=f"{begin:.10g} m")
         return begin
-    # parts of a scene that may be tables by distance
+    # Tables by distance that end before the rail begins were meant to count from there, not from distance zero.
     for name in ("speed", "wear"):
         places = getattr(getattr(scene, name), "distance", None)
         if places is not None and not is_traced((places, track)) and (origin := track.origin):
@@ -543,18 +526,17 @@ def beginning_of(scene: Scene, begin: float | None) -> Real:
 
 
 def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Real, Motion | State]:
-    """Return where a run begins [m], and its start, which may be the state of an earlier run there."""
+    """Return where a run begins [m], and its start; of a dataset of `slipperjax.run`, the state kept there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)
-    begin = None if begin is None else number(finite, "begin", begin, "m")
-    from .datasets import load_base  # which is of trajectories
+    from .datasets import load_base  # here, because datasets are also made of trajectories
 
-    marks = start.get("state")
-    is_run = marks is not None and marks.ndim == 2
+    states = start.get("state")
+    is_run = states is not None and states.ndim == 2
     require(is_run, "start", "be a motion, a state, or one run of slipperjax", shown="another dataset")
     # a run keeps its state at the end of each stretch
     places = start["stretch"].values
-    begin = float(places[-1]) if begin is None else begin
+    begin = float(places[-1]) if begin is None else number(finite, "begin", begin, "m")
     hits = np.flatnonzero(np.isclose(places, begin, rtol=1e-9, atol=0.0))
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
     require(len(hits), "begin", need, begin)

@@ -1,4 +1,4 @@
-"""Statuses of cases: one enumeration, carried by every result, and the exception of an interrupt."""
+"""Statuses of cases, which every result carries, and interrupts: how runs are asked to end, and what they leave."""
 
 import enum
 import threading
@@ -29,10 +29,12 @@ INACCURATE = 0.1
 
 
 class Status(enum.IntEnum):
-    """How a case went. Datasets hold the number, 0 where nothing is wrong."""
+    """Outcome of a case, with what to do about it. Datasets hold the code, 0 where nothing is wrong."""
 
     meaning: str
+    """What has happened."""
     remedy: str
+    """What to do about it; empty where nothing is wrong."""
 
     FINITE = 0, "finite", ""
     NOT_FINITE = (
@@ -80,6 +82,7 @@ class Status(enum.IntEnum):
         "keep more, by slipperjax.flow.PoincareSections(capacity)",
     )
 
+    # the member itself is the code, the texts are attributes of it
     def __new__(cls, code: int, meaning: str, remedy: str):
         member = int.__new__(cls, code)
         member._value_ = code
@@ -96,7 +99,10 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def judge_states(states: State) -> Int[Array, ""]:
-    """Judge a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
+    """Return the `Status` code of a case by its states: `FINITE`, `NOT_FINITE` or `DERAILED`.
+
+    Leading axes of `states` are of instants, all of which count.
+    """
     m = states.motion
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(m)])
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
@@ -105,26 +111,24 @@ def judge_states(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) -> Int[Array, ""]:
-    """Return a code of `judge_states`, or `TOO_FEW_STEPS` where a period's steps are too few for its impacts.
+    """Return `code`, from `judge_states`, or `TOO_FEW_STEPS` where some period's steps are too few for its impacts.
 
-    `TOO_FEW_STEPS` comes before `DERAILED`, which too few steps can bring about.
+    `TOO_FEW_STEPS` replaces `DERAILED`, which too few steps can bring about.
 
-    **Arguments:** `steps`: of each period, from the period number `begin` on.
+    **Arguments:** `steps`: in each forcing period, from the period number `begin` on.
     """
 
     def too_few(steps, epoch):
         slowest = scene.slowest_between(epoch, epoch + 1)
         return contact_duration(scene, slowest) * steps < LEAST_PER_CONTACT * slowest.period
 
-    # each period by the speed that it had
+    # each period by the least speed in it
     steps = jnp.atleast_1d(steps)
-    return _too_few_where(
-        jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))),
-        code,
-    )
+    return _too_few_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))), code)
 
 
 def _too_few_where(problem: Array, code: Array) -> Array:
+    # numbers that were lost stay the first thing to tell
     return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.TOO_FEW_STEPS), code)
 
 
@@ -134,58 +138,47 @@ def with_loads(
     penetration: Array,
     stability_number: Array,
     scene: Scene,
-    most: Real = jnp.inf,
-    pressed: float = 0.5,
+    most: Real,
 ) -> Int[Array, ""]:
-    """Return a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN` or `TOO_FEW_STEPS` where the loads of a whole run show that.
 
-    **Arguments:** `closed`: sum of the points' contact fractions; `penetration`: the greatest; `stability_number`:
-    the greatest, see `Loads`, and `most` that the solver bears; `pressed`: penetration over the section's smaller
-    extent above which the contact law has no meaning.
+    **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
+    `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1].
     """
-    # the smaller one of width and height
+    # half the smaller one of the section's width and height is as deep as the contact law has a meaning
     points = scene.section.points
     extent = jnp.min(jnp.max(points, axis=0) - jnp.min(points, axis=0))
     # a problem that is known already stays
-    at = lambda problem, code, instead: jnp.where(
-        problem & (code == int(Status.FINITE)),
-        int(instead),
-        code,
-    )
+    at = lambda problem, code, instead: jnp.where(problem & (code == int(Status.FINITE)), int(instead), code)
     code = at(closed == 0, code, Status.NO_CONTACT)
-    code = at(penetration > pressed * extent, code, Status.PRESSED_IN)
-    # before the two of above, which too long steps can bring about
+    code = at(penetration > 0.5 * extent, code, Status.PRESSED_IN)
+    # replaces the two above, which too long steps can bring about
     return _too_few_where(stability_number > most, code)
 
 
 def with_growth(code: Array, history: Array) -> Int[Array, ""]:
-    """Return a code, or `TOO_FEW_STEPS` where a tangent grew faster in some period than any motion's can.
+    """Return `code`, or `TOO_FEW_STEPS` where a tangent grew faster in a period than any does with enough steps.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
-    return _too_few_where(
-        jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH,
-        code,
-    )
+    # a motion that was lost has its status already
+    greatest = jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf))
+    return _too_few_where(greatest > FASTEST_GROWTH, code)
 
 
-def most_stability_number(
-    solver: diffrax.AbstractSolver,
-    controller: object = None,
-    explicit: float = 5.0,
-) -> float:
-    """Return the greatest stability number of trusted runs: `explicit` for explicit solvers with constant steps.
+def most_stability_number(solver: diffrax.AbstractSolver, controller: object = None) -> float:
+    """Return the greatest stability number of trusted runs: 5 for explicit solvers with constant steps.
 
     It is infinite for others. Of 200 random scenes one in 58 with numbers of 2.5 to 5 had an error above 0.1 after a
     period, and 6 of 16 above 5.
     """
-    return explicit if controller is None and is_explicit(solver) else float("inf")
+    return 5.0 if controller is None and is_explicit(solver) else np.inf
 
 
 def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
-    """Return codes of two successive stretches of a run as one: the first that is not `FINITE`.
+    """Return the codes of runs from those of two successive stretches: the earlier one unless it is `FINITE`.
 
-    `NOT_FINITE` comes before `TOO_FEW_STEPS`, as within a stretch.
+    But `NOT_FINITE` replaces `TOO_FEW_STEPS`, as within a stretch.
     """
     earlier = np.asarray(earlier)
     later = np.asarray(later)
@@ -194,41 +187,42 @@ def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
 
 
 class Stop(threading.Event):
-    """Once set, the runs that it was submitted with end as by Ctrl-C, within a quarter of a second, and no others."""
+    """A request to end some runs, those submitted with it: once set, they end as by Ctrl-C, within 0.25 s."""
 
     def __init__(self, outer: "Stop | None" = None):
         super().__init__()
         self.outer = outer
-        """Which ends them, too."""
+        """Another request, which ends these runs, too."""
 
     def is_set(self) -> bool:
         return super().is_set() or (self.outer is not None and self.outer.is_set())
 
     @staticmethod
     def here() -> "Stop":
-        """Return the one that this thread's runs were submitted with, by default `ASKED`."""
+        """Return the request with which this thread's work was submitted, by default `ASKED`."""
         return _HERE.get()
 
     def submit(self, pool: Executor, call: Callable, *args: object) -> Future:
-        """Submit a call to threads; runs in it end with this one."""
-        # threads start with an empty context of their own
+        """Submit a call to a pool of threads; runs in the call end when this request is set."""
+        # a thread does not see the context variables of the one that submits: it gets a copy with this request
         context = copy_context()
         context.run(_HERE.set, self)
         return pool.submit(context.run, call, *args)
 
 
 ASKED = Stop()
-"""Set by programs that catch signals themselves: all runs of the process end.
+"""The request to end all runs of the process, set by programs that handle signals themselves.
 
-An exception that a signal's handler raises is lost where it meets a callback, such as JAX's in the garbage collector.
+An exception that the handler of a signal raises would be lost where a callback is running, such as JAX's in the
+garbage collector.
 """
 _HERE = ContextVar("stop", default=ASKED)
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a long computation, with what was finished.
+    """A Ctrl-C during a long computation, with the result as far as it was finished.
 
-    Sweeps, branches, curves of events and designs raise it instead of a `KeyboardInterrupt`:
+    Sweeps, branches, curves of events and designs raise it in place of a `KeyboardInterrupt`:
 
     ```python
     try:
@@ -244,14 +238,14 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, result: object, finished: int, of: int | None = None, unit: str = "cases"):
         super().__init__(result, finished, of, unit)
         self.result = result
-        """The finished part of the function's result: a dataset, where cases that were not finished have
-        `Status.NOT_RUN`, or a branch, a curve or a design until then. None where nothing was finished."""
+        """The result of the function so far: a dataset, in which unfinished cases have `Status.NOT_RUN`, or a branch,
+        a curve or a design. None where nothing was finished."""
         self.finished = finished
-        """How many cases, points or trials were."""
+        """Number of finished cases, points or trials."""
         self.of = of
-        """How many there are; None where that is not known beforehand."""
+        """Number of all; None where it is not known beforehand."""
         self.unit = unit
-        """Plural of the things counted."""
+        """The things counted, in the plural."""
 
     def __str__(self) -> str:
         total = "" if self.of is None else f" of {self.of}"
@@ -260,10 +254,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 def blank(result, lanes: int):
-    """Return the result of an unfinished chunk, in the shape of another chunk's: NaN and zeros, with its status.
+    """Return a result for a chunk that was not run: NaN, zeros in place of whole numbers, and status `NOT_RUN`.
 
-    **Arguments:** `result`: a named tuple of arrays (lanes, ...) that has a field `status`; `lanes`: how many there
-    are.
+    **Arguments:** `result`: that of another chunk, a named tuple of arrays (lanes, ...) with a field `status`;
+    `lanes`: number of lanes of the chunk.
     """
 
     def empty(leaf):
@@ -278,8 +272,9 @@ def with_accuracy(
 ) -> Int[np.ndarray, "*cases"]:
     """Return statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
-    **Arguments:** `error`: what half the step changes, over a period in scales, or relative [1], of shape (*cases,);
-    `stderr`: its standard error, twice which is forgiven [1].
+    **Arguments:** `error`: change by half the step, of a motion over a period in multiples of its scales, or of
+    another number relative to it [1], (*cases,); `stderr`: standard error of the change [1].
     """
+    # Twice the standard error is forgiven. Written so that an error of NaN is inaccurate, too.
     inaccurate = (status == Status.FINITE) & ~(error - 2 * stderr <= INACCURATE)
     return np.where(inaccurate, int(Status.INACCURATE), status)

@@ -33,20 +33,20 @@ class Period(NamedTuple):
 
 
 class AbstractStepping(eqx.Module):
-    """One way to step through a forcing period, over times 0 to 1."""
+    """A way to integrate a forcing period, in which time runs from 0 to 1."""
 
     @property
     @abc.abstractmethod
     def number(self) -> Whole:
-        """Steps per forcing period, or states per period where steps are adaptive."""
+        """Steps per forcing period; where they are adaptive, at how many instants records get states."""
 
     @abc.abstractmethod
     def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-        """Return the solver in a form that can be differentiated with this stepping."""
+        """Return a solver with the settings that this stepping needs, for derivatives and tolerances."""
 
     @abc.abstractmethod
     def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
-        """Return the solver state with which a run begins, for its first `period`."""
+        """Return the solver state to pass to the first `period` of a run; None for solvers that carry none over."""
 
     @abc.abstractmethod
     def period(
@@ -67,16 +67,17 @@ class AbstractStepping(eqx.Module):
 
 
 class ConstantSteps(AbstractStepping):
-    """A number of equal steps.
+    """Steps of equal length.
 
-    With `most` alone the number is part of the program, which can be differentiated in both modes. With `steps`, an
-    array, one compiled program serves every number, up to `most` if that is given; forward mode only.
+    With `most` alone, their number is part of the compiled program, which can be differentiated in both modes. With
+    `steps`, an array, one program serves every number, but is differentiated in forward mode only; `most` is then the
+    greatest number, for which the records' arrays of states inside periods have room.
     """
 
     most: int | None = eqx.field(static=True, default=None)
-    """Steps per period, or the greatest number of them where `steps` is given."""
+    """Steps per forcing period, or the greatest number of them where `steps` is given."""
     steps: Float[Array, ""] | None = None
-    """Steps per period as an array."""
+    """Steps per forcing period as an array."""
 
     def __check_init__(self):
         if self.steps is None:
@@ -87,6 +88,7 @@ class ConstantSteps(AbstractStepping):
         return cast(int, self.most) if self.steps is None else self.steps
 
     def prepared(self, solver):
+        # reverse mode needs a loop whose length the program knows
         kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
         return differentiable(solver, kind)
 
@@ -106,6 +108,7 @@ class ConstantSteps(AbstractStepping):
         def step(carry, k):
             state, solver_state, failed = carry
             ends = k / self.number, (k + 1) / self.number
+            # neither the error estimate nor data for an interpolation are used: XLA drops what makes them
             state, _, _, solver_state, result = solver.step(
                 terms,
                 *ends,
@@ -171,12 +174,12 @@ class ConstantSteps(AbstractStepping):
 
 
 class ControlledSteps(AbstractStepping):
-    """Steps of a step size controller; states inside a period are interpolated at equal intervals."""
+    """Steps that a step size controller chooses; states inside a period are interpolated at equal intervals."""
 
     samples: int = eqx.field(static=True)
-    """States per period that records get."""
+    """Number of instants in a forcing period at which records get states."""
     first_steps: int = eqx.field(static=True)
-    """The first step is one period over this."""
+    """The first step of a run is one forcing period over this."""
     controller: diffrax.AbstractStepSizeController
     adjoint: diffrax.AbstractAdjoint = eqx.field(static=True, default=diffrax.ForwardMode())
 
@@ -188,7 +191,7 @@ class ControlledSteps(AbstractStepping):
         solver = differentiable(solver, self.adjoint)
         if not isinstance(self.controller, AdaptiveSteps):
             return solver
-        # in the scales of the motion that root finders have
+        # root finders follow the controller's tolerance, converted to the scales of the motion that they use
         return with_tolerance(
             solver,
             self.controller.atol / scaled_size(MOTION_SCALES, self.controller.scales),
@@ -206,7 +209,7 @@ class ControlledSteps(AbstractStepping):
             )
         # diffrax's controllers have rtol and atol, our own one has one tolerance
         at = lambda s: [getattr(s.controller, name) for name in fields]
-        return eqx.tree_at(at, self, [v / 10 for v in at(self)])
+        return eqx.tree_at(at, self, replace_fn=lambda tolerance: tolerance / 10)
 
     def begin(self, terms, solver, state, args):
         carries = isinstance(solver, AbstractLatchingSolver)
@@ -221,6 +224,7 @@ class ControlledSteps(AbstractStepping):
         return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, solver_state, args, inside):
+        # `wanted` is the step that our own controller would have taken next; diffrax's begin anew in each period
         solver_state, wanted = solver_state
         # the end is saved by itself, because the last instant is interpolated
         subs = {"end": diffrax.SubSaveAt(t1=True)}
@@ -243,6 +247,7 @@ class ControlledSteps(AbstractStepping):
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         states = None
         if inside:
+            # an interpolated state gets the memory that fits its gaps
             within = jax.tree.map(lambda ys: ys[: self.samples], solution.ys["inside"])
             within = jax.vmap(lambda t, y: field_of(terms).inside_step(t, y, args))(instants, within)
             states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys]), state, within)
@@ -258,13 +263,15 @@ def as_stepping(stepping: AbstractStepping | int) -> AbstractStepping:
 
 
 def capacity_for_periods(count: int) -> int:
-    """Return the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
-    are not used cost memory alone."""
+    """Return the least of 1, 8, 64, 512, 1024, 2048, ... that is `count` or more.
+
+    It is the number of forcing periods that a program of one case has room for: unused ones cost memory alone.
+    """
     return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
 def capacity_for(count: int) -> int:
-    """Return the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
+    """Return the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is `count` or more: for few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())
