@@ -66,6 +66,7 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
 
     Logarithms are interpolated between points. Infinite where no point is that accurate.
     """
+    # from the most accurate point to the least
     rows = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
     if not rows or rows[0][0] > error:
         return np.inf
@@ -82,6 +83,7 @@ def table(points: list[Point]) -> str:
     every = []
     for point in points:
         row = dict(scene=point.case, method=point.method, setting=point.setting, error=f"{point.error:.1e}")
+        # not every code was run with every batch
         for n in batches:
             best, median = point.cost.get(n, (np.nan, np.nan))
             row[f"us at {n}, best (median)"] = f"{best:.3g} ({median:.3g})" if n in point.cost else "-"
@@ -141,6 +143,7 @@ def draw(
     # one line of each method for the legend
     lines = {}
     for name, (color, style) in zip(names, LOOKS, strict=False):
+        # the first method of `shown` stands out
         width = 3.2 if name == next(iter(shown)) else 1.3
         for ax, scene in zip(axes.flat, scenes, strict=False):
             own_points = [p for p in points if (p.case, p.method) == (scene, name)]

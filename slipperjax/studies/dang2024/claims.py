@@ -73,6 +73,7 @@ class Claim(NamedTuple):
         return Answer(ours, found.good, found.why or run.evidence)
 
 
+# conditions of several claims
 _not_periodic = lambda of: of.kinds.kind != "period"
 _two_points_in_pitch = lambda of: of.has_points("w_y", 2)
 

@@ -65,6 +65,7 @@ def _cases(
 def _figure_4(data: Data) -> Figure:
     figure, axes = plt.subplots(3, 3, figsize=(7.2, 6.0), layout="constrained")
     for case, row in _cases(data, range(3), axes):
+        # the wavelength of the paper's rail is 8 m
         forcing = float(case["speed"]) / 8
         time = case["period"].values - case["period"].values[0]
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
@@ -144,6 +145,7 @@ def _diagram(name: str, data: Data) -> Figure:
     if not followed:
         return bifurcations(data[name])[0].figure
     figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
+    # five sections and six panels: the second one is for the legend
     first, spare, *others = axes.flat
     panels = [first, *others]
     handles = {}

@@ -70,6 +70,7 @@ def cases(**varied: Numbers) -> CaseList:
 def study_cases(effort: Effort) -> dict[str, CaseList]:
     """Return the study's lists of cases by name: seven single ones, and three diagrams."""
     return {
+        # three of Fig. 4, two of Fig. 7 and two of Fig. 12, to which claims refer by their numbers
         "histories": cases(
             speed=[900.0, 1500.0, 2300.0, 1250.0, 1250.0, 1250.0, 1250.0],
             clearance=[1e-3, 1e-3, 1e-3, 1e-3, 4e-3, 1e-3, 1e-3],

@@ -170,6 +170,7 @@ def ranges(
         agrees.append(any(of.is_at(first, begins, steps) for first, _ in found))
     if ends is not None:
         agrees.append(any(of.is_at(last, ends, steps) for _, last in found))
+    # a range that ends one step before the place covers it, too
     if covers is not None:
         agrees.append(any(first - of.step <= covers <= last + of.step for first, last in found))
     texts = [f"{first:.4g}" + (f"..{last:.4g}" if last > first else "") for first, last in found]
@@ -254,6 +255,7 @@ class Singles:
 
     def spectrum(self, k: int, name: str) -> Spectrum:
         """Return the spectrum of an acceleration of case number k."""
+        # 50 samples per forcing period
         return power_spectral_density(self.history[name].values[k], 50 * self.forcing[k])
 
     def peak(self, k: int, point: str) -> float:
@@ -303,6 +305,7 @@ def peak_force(of: Singles, k: int, point: str, newtons: float) -> Answer:
 
 def softer(of: Singles, k: int, other: int) -> Answer:
     """Return the greatest forces in two cases; they agree if those of the first are less at every point."""
+    # the points for which the paper has forces
     pairs = [(of.peak(k, point), of.peak(other, point)) for point in "ACJ"]
     text = ", ".join(f"{a:.0f} against {b:.0f} N" for a, b in pairs)
     return Answer(text, all(a < b for a, b in pairs))
