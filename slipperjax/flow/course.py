@@ -345,6 +345,7 @@ class StepCubics:
         return begin, self.slopes[:-1], end, self.slopes[1:]
 
 
+@dataclass(eq=False)
 class Course:
     """One forcing period of a motion, as records see it inside the compiled program.
 
@@ -354,23 +355,17 @@ class Course:
     extremes leave the others out.
     """
 
-    def __init__(
-        self,
-        end: State,
-        inside: State | None,
-        args: Args,
-        steps: Whole,
-        rates: Motion | None = None,
-    ):
-        """**Arguments:** `end`: the state at the end of the period; `inside`: the states at both ends of every step,
-        of which the first `steps` + 1 count (the others repeat the start), None where no record needs them; `args`:
-        scene and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion
-        at the instants of `inside` [per forcing period], None where the solver did not compute them."""
-        self.end = end
-        self.args = args
-        self.steps = steps
-        self._inside = inside
-        self._rates = rates
+    end: State
+    """The state at the end of the period."""
+    inside: State | None
+    """What `states` returns; None where no record needs states inside the period. Entries beyond the first
+    `steps` + 1 repeat the start."""
+    args: Args
+    """The scene, in this period, and its epoch."""
+    steps: Whole
+    """Integration steps in the period, an `int` or traced."""
+    known_rates: Motion | None = None
+    """What `rates` returns, where the solver has computed them; else None."""
 
     @property
     def scene(self) -> Scene:
@@ -380,9 +375,9 @@ class Course:
     @property
     def states(self) -> State:
         """The states at both ends of every step, with a leading axis of ends."""
-        if self._inside is None:
+        if self.inside is None:
             raise ValueError("Property `inside` of a record must be True for it to see states inside periods.")
-        return self._inside
+        return self.inside
 
     @property
     def capacity(self) -> int:
@@ -434,8 +429,8 @@ class Course:
     @functools.cached_property
     def rates(self) -> Motion:
         """Derivatives of the motion at both ends of every step [per forcing period]."""
-        if self._rates is not None:
-            return self._rates  # the solver has left them
+        if self.known_rates is not None:
+            return self.known_rates
 
         def of_one(place: Array, at: Acting) -> Motion:
             travel = self.args.travel(place)

@@ -326,13 +326,13 @@ def _case_of(ds: "xr.Dataset", chosen: Mapping[str, object], of_start: bool) -> 
     cases = ds.coords.to_dataset()[names]
     for name, value in chosen.items():
         require(name in names, name, f"be one of what was varied, {', '.join(names) or 'nothing'}", value)
-        column = cases[name]
-        value = number(finite, name, value, column.attrs.get("units", ""))
+        varied = cases[name]
+        value = number(finite, name, value, varied.attrs.get("units", ""))
         # numbers with a unit are converted, with rounding errors
-        hits = np.isclose(column, value, rtol=1e-9, atol=0.0)
+        hits = np.isclose(varied, value, rtol=1e-9, atol=0.0)
         require(np.any(hits), name, "be one of the result's", value)
         # lists that were read side by side have one dimension
-        cases = cases.isel({dim: np.flatnonzero(hits) for dim in column.dims})
+        cases = cases.isel({dim: np.flatnonzero(hits) for dim in varied.dims})
     values = {}
     for name in names:
         if name.startswith("start_") == of_start:

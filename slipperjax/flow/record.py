@@ -404,6 +404,7 @@ class History(AbstractRecord):
         return joined._replace(period=joined.period - span.start)
 
     def label(self, scene, dims, values: HistoryValues):
+        # one column for each coordinate and acceleration, then the forces and gaps
         rows = np.concatenate([values.states, values.acceleration], axis=-1)
         data = {}
         for k, (name, q) in enumerate((COORDINATES | ACCELERATIONS).items()):

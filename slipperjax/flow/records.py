@@ -129,6 +129,7 @@ class AbstractNumber(AbstractQuantityRecord):
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
+        # what changes nothing where it is reduced with the value of the first period
         return np.full(self.shape(scene), self.join.empty)
 
     def add(self, carried, course):
@@ -321,6 +322,7 @@ class ContactChecks(Unlabelled):
         return 3
 
     def begin(self, scene, state):
+        # sum of the contact fractions, greatest penetration and stability number
         return np.zeros(()), np.full((), -np.inf), np.zeros(())
 
     def add(self, carried, course):

@@ -416,7 +416,7 @@ def simulate(
         status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
     # with adaptive steps, the number of instants at which states were interpolated
     shown = steps if controller is None or loads or saves == 1 else saves
-    options = dict(
+    call = dict(
         periods=periods,
         steps_per_period=steps,
         saves_per_period=saves,
@@ -426,9 +426,17 @@ def simulate(
         probe=probe,
         begin=origin,
     )
-    call = json.dumps(describe(options))
-    taken = passage.steps_taken
-    return Trajectory(scene, times, states, shown, taken, status, loads_of_periods, call, measured)
+    return Trajectory(
+        scene,
+        times,
+        states,
+        shown,
+        passage.steps_taken,
+        status,
+        loads_of_periods,
+        json.dumps(describe(call)),
+        measured,
+    )
 
 
 def _from_start(
@@ -511,9 +519,8 @@ def beginning_of(scene: Scene, begin: float | None) -> Real:
         if not is_traced(track):
             # distances that were computed may have rounding errors
             slack = 1e-9 * abs(begin)
-            on_rail = track.begin - slack <= begin < track.extent
             need = f"be on the rail, which is known from {track.begin:.10g} to {track.extent:.10g} m"
-            require(on_rail, "begin", need, shown=f"{begin:.10g} m")
+            require(track.begin - slack <= begin < track.extent, "begin", need, shown=f"{begin:.10g} m")
         return begin
     # Tables by distance that end before the rail begins were meant to count from there, not from distance zero.
     for name in ("speed", "wear"):

@@ -31,7 +31,7 @@ def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any
         if name == "crossings":
             course.crossings = Crossings(*parts)
         else:
-            setattr(course, name, StepCubics(*map(jnp.asarray, parts), course))
+            setattr(course, name, StepCubics(*map(jnp.asarray, parts), course=course))
     if {"force", "gap"} <= set(given):
         course.loads = contact_loads(course.force.values, course.gap.values, jnp.zeros(steps + 1), course.args, steps)
     return course
