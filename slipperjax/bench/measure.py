@@ -48,7 +48,7 @@ def run(
     scene = dataclasses.replace(case.scene, memory=method.memory)
     grid = Grid(scene, {"speed": speeds}, product=False)
     # a sweep's plan, for its chunks and threads
-    options = Call(0, case.periods, 1, None, method.solver)
+    options = Call(0, case.periods, steps_per_period=1, solver=method.solver)
     plan = make_plan(grid, case.start, options)
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:

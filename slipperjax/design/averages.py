@@ -114,7 +114,7 @@ def _run_members(
     records = RecordSet((PeriodValues(courses),) if courses else ())
     stages = tuple(plan.objectives[k] for k in plan.exponents)
     ensemble = plan.ensemble
-    options = Call(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
+    options = Call(ensemble.transient, ensemble.periods, plan.steps, steps_per_period=plan.steps, solver=plan.solver)
     cases = Grid(plan.scene, grid, product=False)
     runs = make_plan(cases, plan.start, options, records, stages)
     structure = jax.tree.structure(MOTION_SCALES)

@@ -75,7 +75,7 @@ def judge_on_orbits(
     parameters near these. Its orbits are followed where they are still stable; elsewhere the motion settles anew
     from its states.
     """
-    options = Call(0, 1, plan.steps, None, plan.solver)
+    options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
     settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
     # fewer periods do not show whether an orbit was reached
     transient = settling.strobes(max(plan.transient, 20))

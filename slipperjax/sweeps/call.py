@@ -6,19 +6,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from diffrax import AbstractSolver
 
-from ..flow.record import AbstractOutput
 from ..tools.checks import require, whole
 
 
+@dataclass(frozen=True, kw_only=True)
 class AbstractCall:
-    """What a store asks of a call."""
+    """Arguments that sweeps and runs share, as a user gives them."""
 
-    function: str
+    record: object = ()
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None
+    refine: int = 1
+    """Factor of the default steps [1]."""
+    solver: AbstractSolver | str | None = None
+    product: bool = True
+    """Whether the grid is a product of its axes; False: one case for each place in its lists."""
+    function: str = "sweep"
     """Name of the function that was called."""
-    product: bool
-    """Whether the grid is a product of its axes."""
-    steps_per_period: int | Sequence[int] | np.ndarray | None
-    solver: AbstractSolver | str | None
+
+    def __post_init__(self):
+        refined(self.refine, self.steps_per_period)
 
 
 @dataclass(frozen=True)
@@ -29,23 +35,16 @@ class Call(AbstractCall):
     """Forcing periods that pass before anything is measured."""
     measured: int
     """Forcing periods that are recorded, or over which exponents are measured."""
-    steps_per_period: int | Sequence[int] | np.ndarray | None = None
     saves_per_period: int | None = None
-    solver: AbstractSolver | str | None = None
-    refine: int = 1
-    """Factor of the default steps [1]."""
     begin: float | None = None
     """Where the run begins [m]; None for where its rail does."""
-    record: str | AbstractOutput | Sequence[str | AbstractOutput] = ()
     loads: bool | None = None
     probe: bool | None = None
-    product: bool = True
-    function: str = "sweep"
 
     def __post_init__(self):
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
-        refined(self.refine, self.steps_per_period)
+        super().__post_init__()
 
     def kept(self, solver: AbstractSolver) -> dict[str, object]:
         """Return the fields by name as a dataset keeps them, whose variable `steps_per_period` has the steps."""

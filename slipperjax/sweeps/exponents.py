@@ -134,10 +134,8 @@ def run_longer_motions(
 
     **Returns:** the longer motions, and whether the run was interrupted.
     """
-    plan = plan.strobes(HOLD)
     before = Calls(PERIODS_PER_CALL, (HOLD - LAST) // PERIODS_PER_CALL)
-    during = Calls(PERIODS_PER_CALL, LAST // PERIODS_PER_CALL)
-    plan = replace(plan, transient=before, recorded=during)
+    plan = replace(plan.strobes(LAST), transient=before)
 
     def work(part: Part) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
@@ -221,6 +219,7 @@ def exponent_variables(
     cases.
     """
     good = measured.status == Status.FINITE
+    chosen = longer.chosen
     history = measured.history
     exponent = history.mean(axis=1)
     error = standard_error(history)
@@ -228,18 +227,18 @@ def exponent_variables(
     alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
     error[alone] = one_motion_standard_error(history[alone])
     stayed = longer.escapes == 0
-    exponent[longer.chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
-    error[longer.chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    exponent[chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
+    error[chosen[stayed]] = pooled_standard_error(longer.history[stayed])
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
     escapes = np.zeros(len(good), int)
-    escapes[longer.chosen] = longer.escapes
+    escapes[chosen] = longer.escapes
     stretch = history.shape[1] + BLOCK
     chaotic_for = np.zeros(len(good), int)
-    chaotic_for[longer.chosen] = passed + stretch + stayed * (HOLD + stretch)
+    chaotic_for[chosen] = passed + stretch + stayed * (HOLD + stretch)
     life = np.full(len(good), np.nan)
-    life[longer.chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
+    life[chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
@@ -411,8 +410,15 @@ class LyapunovExponents(AbstractStage):
 
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
-            of_index = dict(index=index, periods=measured_periods(blocks) * (1 + self.certify), tangents=True)
-            run = run_cases(plan, work, name=f"exponents of {len(index)} cases", **of_index, **how)
+            run = run_cases(
+                plan,
+                work,
+                periods=measured_periods(blocks) * (1 + self.certify),
+                index=index,
+                tangents=True,
+                name=f"exponents of {len(index)} cases",
+                **how,
+            )
             interrupted = run.interrupted
             if run.results is not None:
                 for mine, found in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):

@@ -59,8 +59,16 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    lengths = transient, periods, steps_per_period, saves_per_period, solver
-    call = Call(*lengths, begin=begin, record=record, function="follow")
+    call = Call(
+        transient,
+        periods,
+        saves_per_period,
+        begin,
+        record=record,
+        steps_per_period=steps_per_period,
+        solver=solver,
+        function="follow",
+    )
     start = first_of(start)
     grid, _, values = path_grid(check_steady(scene), path)
     records, stages = resolved_record(call.record)
@@ -161,7 +169,7 @@ def find_jump(
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within = number(positive, "within", within)
     threshold = number(positive, "threshold", threshold)
-    call = Call(transient, periods, steps_per_period, begin=begin)
+    call = Call(transient, periods, begin=begin, steps_per_period=steps_per_period)
     lanes = filled(np.zeros(1, int), 1)
     epoch = 0
 

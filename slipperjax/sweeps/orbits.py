@@ -130,14 +130,14 @@ class Maps(NamedTuple):
 
     def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
         stepping = ConstantSteps(capacity, as_argument(self.steps))
-        options: dict[str, object] = dict(solver=self.solver, periods=PERIODS_PER_CALL)
         seen = advance(
             scenes,
             states,
             self.epoch,
             stepping,
             records=RecordSet((ContactChecks(),)),
-            **options,
+            solver=self.solver,
+            periods=PERIODS_PER_CALL,
         )
         return np.asarray(
             judged_by_contacts(
@@ -307,7 +307,6 @@ class _Search:
         """Return the orbits, with multipliers where there are any, after one more step by their Jacobian."""
         maps = self.maps
         rows = self.rows
-        everyone = np.arange(len(rows))
         status = np.asarray(_statuses(maps.states(rows)))
         status = np.where(
             (status == Status.FINITE) & ~(self.residual <= tolerance),
@@ -324,10 +323,9 @@ class _Search:
             growth[good] = [_growth(*both) for both in zip(matrices, maps.weights(good, rows[good]), strict=True)]
             self.inverse[good] = _inverses(matrices)
             rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
-        self.inverse[~np.isin(everyone, good)] = np.nan
-        state = maps.states(rows)
+        self.inverse[~np.isin(np.arange(len(rows)), good)] = np.nan
         return Orbits(
-            state,
+            maps.states(rows),
             self.residual,
             self.iterations,
             self.jacobians,

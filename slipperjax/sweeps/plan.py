@@ -107,18 +107,19 @@ class Plan:
         """The most steps of any case."""
         return int(self.steps.max())
 
-    def capacity(self, steps: int) -> int:
-        """Return the steps per period for which a recording program is compiled that takes `steps`."""
-        return shared_capacity(self.most_steps, steps)
-
     @property
     def periods(self) -> int:
         """Forcing periods of one case."""
         return self.transient.periods + self.recorded.periods
 
+    @property
+    def periods_after(self) -> int:
+        """Forcing periods for which motions run on after the recorded ones, for the stages."""
+        return max((one.periods_after(self.recorded.periods) for one in self.stages), default=0)
+
     def estimate(self, count: int) -> Estimate:
         """Return the estimate of `count` cases such as these."""
-        periods = self.periods + periods_after(self.stages, self.recorded.periods)
+        periods = self.periods + self.periods_after
         steps = periods * float(np.mean(self.steps))
         early = self.records.from_start.records
         values = 0
@@ -233,11 +234,6 @@ class AbstractStage(AbstractOutput):
         return values, status, interrupted
 
 
-def periods_after(stages: Sequence[AbstractStage], periods: int) -> int:
-    """Return for how many forcing periods motions run on after so many recorded ones."""
-    return max((one.periods_after(periods) for one in stages), default=0)
-
-
 @dataclass(frozen=True)
 class LastStrobes(Unlabelled):
     """States once per period at the end of the recorded span, for stages."""
@@ -288,7 +284,7 @@ def sampled_plan(
     lengths = Calls.of(transient), Calls.of(call.measured)
     plan = Plan(cases, solver, RecordSet(tuple(kept)), np.atleast_1d(steps), *lengths, stages)
     begin = beginning_of(grid.scene, call.begin)
-    check_rail(grid.scene, plan.periods, begin, transient, periods_after(stages, call.measured))
+    check_rail(grid.scene, plan.periods, begin, transient, plan.periods_after)
     return plan
 
 
@@ -348,7 +344,7 @@ class Part(NamedTuple):
     @property
     def capacity(self) -> int:
         """Steps per period that its recording programs have capacity for."""
-        return self.plan.capacity(self.steps)
+        return shared_capacity(self.plan.most_steps, self.steps)
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Return whether each lane counts, and nothing is wrong with it."""

@@ -19,6 +19,9 @@ from ..tools.compile import jit
 from .attractors import FLOOR
 from .orbits import Maps, Orbits, find_orbits, rows_of
 
+NEAR = 0.05
+"""Greatest distance from an orbit of a motion that has reached it, in multiples of `COORDINATE_SCALES`."""
+
 
 class ReachedOrbits(NamedTuple):
     """Orbits that cases have reached."""
@@ -50,8 +53,6 @@ def reached_orbits(
     *,
     count: int,
     half_step: bool,
-    near: float = 0.05,
-    smallest: float = 1e-5,
 ) -> ReachedOrbits:
     """Return the orbits that motions have reached, of the cases for which that is certain.
 
@@ -60,9 +61,7 @@ def reached_orbits(
     found, stable and as near.
 
     **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
-    record `strobe`, which has 20 periods or more; `count`: number of exponents; `near`: greatest distance from the
-    orbit, in multiples of `COORDINATE_SCALES`; `smallest`: modulus per forcing period of the smallest multiplier that
-    is asked for: below it rounding errors are not told well enough.
+    record `strobe`, which has 20 periods or more; `count`: number of exponents.
     """
     nothing = nothing_reached(states, count)
     period = np.where(
@@ -76,11 +75,12 @@ def reached_orbits(
     options = dict(tolerance=TOLERANCE, max_iterations=20)
     orbits = find_orbits(maps._replace(periods=period), states, **options)
     exponents = _exponents(orbits, period, count)
-    period = np.where(_sound(orbits) & np.all(exponents > np.log(smallest), axis=1), period, 0)
+    # rounding errors drown multipliers whose modulus per forcing period is smaller
+    period = np.where(_sound(orbits) & np.all(exponents > np.log(1e-5), axis=1), period, 0)
     along = _along(maps._replace(periods=period.copy()), orbits.state)
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
-        period[k] = least_period(path) if is_near(strobe[k], path, near) else 0
+        period[k] = least_period(path) if is_near(strobe[k], path) else 0
     half = nothing.half_step
     if half_step and period.any():
         finer_maps = maps._replace(periods=period, steps=2 * maps.steps)
@@ -88,26 +88,21 @@ def reached_orbits(
         there = _along(finer_maps, finer.state)
         apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)
         half = _exponents(finer, period, 1)[:, 0]
-        period = np.where(_sound(finer) & (apart <= near), period, 0)
+        period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
     on_orbit = period > 0
     at = np.where(on_orbit[:, None], rows_of(orbits.state), rows_of(states))
     exponents = np.where(on_orbit[:, None], exponents, np.nan)
     return ReachedOrbits(period, exponents, np.where(on_orbit, half, np.nan), maps.states(at))
 
 
-def likely_periods(
-    strobe: Float[np.ndarray, "cases periods coordinates"], longest: int = 16, recurs: float = 0.02
-) -> Int[np.ndarray, " cases"]:
+def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
     """Return the forcing periods after which motions seem to recur, 0 where they do not.
 
     Smallest lag within three times of the best recurrence: a motion that approaches an orbit of period 1 with a
     multiplier near -1 recurs after 2 periods.
-
-    **Arguments:** `longest`: period; `recurs`: distance of states a period apart below which a motion recurs, in
-    multiples of `COORDINATE_SCALES`.
     """
     periods = strobe.shape[1]
-    lags = min(longest, periods // 4)
+    lags = min(16, periods // 4)
     finite = np.where(np.all(np.isfinite(strobe), axis=(1, 2), keepdims=True), strobe, np.nan)
     series = recurrence(finite / COORDINATE_SCALES, lags)
     missed = np.stack(
@@ -117,7 +112,7 @@ def likely_periods(
     missed = np.where(np.isfinite(missed), missed, np.inf)
     best = missed.min(axis=1, keepdims=True)
     close = missed <= np.maximum(3 * best, FLOOR)
-    return np.where(best[:, 0] <= recurs, np.argmax(close, axis=1) + 1, 0)
+    return np.where(best[:, 0] <= 0.02, np.argmax(close, axis=1) + 1, 0)
 
 
 def least_period(path: Float[np.ndarray, "periods coordinates"]) -> int:
@@ -130,7 +125,6 @@ def least_period(path: Float[np.ndarray, "periods coordinates"]) -> int:
 def is_near(
     strobe: Float[np.ndarray, "periods coordinates"],
     path: Float[np.ndarray, "period coordinates"],
-    near: float = 0.05,
 ) -> bool:
     """Return whether a motion that ends at the path's start is near it, and was no nearer before."""
     back = -np.arange(len(strobe))
@@ -138,7 +132,7 @@ def is_near(
     quarter = len(strobe) // 4
     late = apart[:quarter].max()
     early = apart[quarter : 2 * quarter].max()
-    return bool(apart[: max(len(path), quarter // 4)].max() <= near and late <= max(early, FLOOR))
+    return bool(apart[: max(len(path), quarter // 4)].max() <= NEAR and late <= max(early, FLOOR))
 
 
 def _exponents(orbits: Orbits, period: np.ndarray, count: int) -> np.ndarray:

@@ -1,9 +1,6 @@
 """Records that classify motions or measure exponents after the recorded span, and the values of `record`."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
-
-from jaxtyping import Float
 
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
@@ -25,7 +22,6 @@ from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from ..tools.columns import column
-from ..tools.types import AnyArray
 from .attractors import LAST, Motions, classify_motions
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
@@ -52,14 +48,11 @@ class MotionKind(AbstractRecord):
         whole("latest", self.latest, LEAST_PERIODS)
 
     name = "motion"
+    inside = False
 
     @property
     def variables(self):
         return "kind", "period"
-
-    @property
-    def inside(self):
-        return False
 
     def last(self, periods):
         return min(self.latest, periods)
@@ -95,13 +88,6 @@ class MotionKind(AbstractRecord):
         }, {}
 
 
-class OneExponent(NamedTuple):
-    """Largest Lyapunov exponents."""
-
-    exponent: Float[AnyArray, "*cases"]
-    stderr: Float[AnyArray, "*cases"]
-
-
 @dataclass(frozen=True)
 class LargestExponent(AbstractStage):
     """The largest Lyapunov exponent [1/period] with its standard error, uncertified.
@@ -119,11 +105,7 @@ class LargestExponent(AbstractStage):
             whole("periods", self.periods, 8)  # without which there is no standard error
 
     name = "exponent"
-
-    @property
-    def quantity(self) -> Quantity:
-        """Name, unit and description."""
-        return Quantity("exponent", "1/period", "largest Lyapunov exponent", r"\lambda")
+    quantity = Quantity("exponent", "1/period", "largest Lyapunov exponent", r"\lambda")
 
     @property
     def smooth(self) -> "LargestExponent":
@@ -141,18 +123,19 @@ class LargestExponent(AbstractStage):
         blocks = counted_blocks(self.periods, part.plan.recorded.periods)
         local = measure(part, states, epoch, blocks, 1)
         found = local.history.mean(axis=1)[:, 0], one_motion_standard_error(local.history)[:, 0]
-        return OneExponent(*found), first_problem(status, local.status)
+        return found, first_problem(status, local.status)
 
-    def label(self, scene, dims, values: OneExponent) -> Labelled:
+    def label(self, scene, dims, values) -> Labelled:
+        exponent, stderr = values
         text = "standard error of the largest Lyapunov exponent"
         return {
             "exponent": column(
                 dims,
-                values.exponent,
+                exponent,
                 "1/period",
                 "largest Lyapunov exponent, uncertified",
             ),
-            "exponent_stderr": column(dims, values.stderr, "1/period", text),
+            "exponent_stderr": column(dims, stderr, "1/period", text),
         }, {}
 
 

@@ -69,16 +69,24 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     early = records.from_start
     carry = initial_carry(early, scenes, states)
     if first and plan.transient.count and not calls_lapack(plan.solver):
-        unused = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
-        unused |= dict(solver=plan.solver, periods=plan.recorded.capacity, records=records)
-        ahead(lambda: advance(scenes, states, at.period, recording, **unused))
+        none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
+        of_record = dict(solver=plan.solver, periods=plan.recorded.capacity, records=records)
+        ahead(lambda: advance(scenes, states, plan.epoch, recording, **none, **of_record))
     at, _ = run_span(part, scenes, at, plan.transient, stepping, early, carry, samples)
     probe = None
     if plan.probed:
         # the program of the transient, which is there already, serves this one period, too
-        once = dict(used=as_argument(1), earlier=carry)
-        once |= dict(solver=plan.solver, periods=plan.transient.capacity, records=early)
-        probe = half_step_change(scenes, at.states, at.period, part.steps, **once)
+        probe = half_step_change(
+            scenes,
+            at.states,
+            at.period,
+            part.steps,
+            used=as_argument(1),
+            earlier=carry,
+            solver=plan.solver,
+            periods=plan.transient.capacity,
+            records=early,
+        )
     carry = initial_carry(records, scenes, at.states)
     at, carry = run_span(part, scenes, at, plan.recorded, recording, records, carry, samples)
     states = at.states
@@ -117,11 +125,19 @@ def run_span(
     **Arguments:** `carry`: of the records before; `samples`: to which those of the span are added.
     """
     states, period, status = at
-    options: dict[str, object] = dict(solver=part.plan.solver, periods=calls.capacity, records=records)
-    used = as_argument(calls.length)
     for _ in range(calls.count):
         part.on_progress(0)
-        passed = advance(scenes, states, period, stepping, used=used, earlier=carry, **options)
+        passed = advance(
+            scenes,
+            states,
+            period,
+            stepping,
+            used=as_argument(calls.length),
+            earlier=carry,
+            solver=part.plan.solver,
+            periods=calls.capacity,
+            records=records,
+        )
         states = passed.state
         carry = passed.carried
         status = first_problem(status, passed.status)

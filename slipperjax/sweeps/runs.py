@@ -33,7 +33,7 @@ from ..tools.checks import number, positive, require, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
-from .call import AbstractCall, refined
+from .call import AbstractCall
 from .estimate import Estimate
 from .grid import Cases, Grid, filled
 from .plan import Calls, Part, Plan, check_variables, shared_capacity
@@ -62,22 +62,16 @@ PERCENTILES = (50.0, 90.0, 99.0)
 
 @dataclass(frozen=True)
 class RunCall(AbstractCall):
-    """What `run` was asked besides its scene, cases and start."""
+    """Arguments of `run` besides its scene, grid and start."""
 
     length: float
     begin: float
     window: float
-    record: str | AbstractNumber | Sequence[str | AbstractNumber] | None
-    steps_per_period: int | None
-    refine: int
-    solver: diffrax.AbstractSolver | str | None
     probe: int
-    product: bool
     only: bool
     """Whether it is one run, without a grid."""
     worn: np.ndarray | None
     """Play that earlier work has opened at each face [m]; None where slippers do not wear."""
-    function: str = "run"
 
 
 def run(
@@ -146,14 +140,15 @@ def run(
         number(positive, "length", length, "m"),
         origin,
         number(positive, "window", window, "m"),
-        record,
-        steps_per_period,
-        refined(refine, steps_per_period),
-        solver,
         whole("probe", probe, 0),
-        product,
         grid is None,
         _worn(scene, start, origin),
+        record=record,
+        steps_per_period=steps_per_period,
+        refine=refine,
+        solver=solver,
+        product=product,
+        function="run",
     )
     how: dict[str, object] = dict(chunk=chunk, workers=workers, progress=progress)
     if grid is None:
@@ -179,16 +174,14 @@ def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
     records = _records(scene, call.record)
     profiles = _step_profiles(cases, call, windows)
     steps, _ = _keys(profiles)
-    names = (*cases.dims, "status", "state")
-    check_variables(records.records, names)
+    check_variables(records.records, (*cases.dims, "status", "state"))
     solver = resolve_solver(scene, call.solver)
     return Plan(cases, solver, records, steps, Calls(1, 0), Calls(windows, 1)), profiles
 
 
 def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
     """Return the estimate of runs, before anything is compiled."""
-    plan, _ = _planned(call, grid.sample(start))
-    return plan.estimate(grid.count)
+    return _planned(call, grid.sample(start))[0].estimate(grid.count)
 
 
 def _computed(
@@ -200,11 +193,10 @@ def _computed(
     plan.estimate(cases.count).check()
     _, profile_of = _keys(profiles)
     stretches = profiles.shape[1]
-    probed = np.linspace(0, stretches - 1, min(call.probe, stretches))
-    probed = np.unique(probed.astype(int))
+    probed = np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
 
     def work(part: Part) -> _Results:
-        return _run_windows(plan, call, profile_of[part.steps], part, probed.tolist())
+        return _run_windows(call, profile_of[part.steps], part, probed.tolist())
 
     done = run_cases(plan, work, periods=plan.periods, **how)
     return done.checked(lambda: _dataset(plan, done.results, profiles, probed, call))
@@ -326,18 +318,13 @@ def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
     return Batched(opened, eqx.tree_at(at, scenes.shared, None))
 
 
-def _run_windows(
-    plan: Plan,
-    call: RunCall,
-    profile: np.ndarray,
-    part: Part,
-    probed: list[int],
-) -> _Results:
+def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[int]) -> _Results:
     """Run a chunk of cases stretch by stretch.
 
     **Arguments:** `profile`: integration steps in a window of each stretch; `probed`: stretches at whose start errors
     are measured.
     """
+    plan = part.plan
     scenes = _windowed(part.scenes, call.window)
     if call.worn is not None:
         scenes = _opened(scenes, call.worn[None])
@@ -347,7 +334,7 @@ def _run_windows(
     records = plan.records
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
-    around = max(1, round(float(np.max(plan.cases.scene.wavelength)) / call.window))
+    wavelength = max(1, round(float(np.max(plan.cases.scene.wavelength)) / call.window))
     pieces = []
     marks = []
     plays = []
@@ -360,8 +347,8 @@ def _run_windows(
             now = scenes
             for worn in _worn_in(carry):
                 now = _opened(scenes, worn.play)
-            over = dict(used=as_argument(around), periods=capacity_for(around))
-            errors.append(half_step_change(now, at.states, at.period, steps, solver=plan.solver, **over))
+            around = dict(used=as_argument(wavelength), periods=capacity_for(wavelength), solver=plan.solver)
+            errors.append(half_step_change(now, at.states, at.period, steps, **around))
         stepping = ConstantSteps(steps)
         if np.ptp(profile):
             stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
@@ -445,11 +432,10 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     coords["seconds"] = column(over, joined(seconds), "s", "time")
     varied = () if call.only else cases.axes
     attrs = scene_attributes(cases.scene, without=varied)
-    whole_call = vars(replace(call, solver=plan.solver))
-    attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, varied))
+    asked = vars(replace(call, solver=plan.solver))
+    attrs |= run_attributes(cases.scene, cases.start, asked, map(cases.label, varied))
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
-    ds = xr.Dataset(data, {**coords, **cases.coordinates()}, attrs)
-    ds = _with_rates(ds)
+    ds = _with_rates(xr.Dataset(data, {**coords, **cases.coordinates()}, attrs))
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 

@@ -102,16 +102,32 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    lengths = transient, periods, steps_per_period, saves_per_period, solver, refine, begin
-    call = Call(*lengths, record, loads, probe, product)
-    how: dict[str, object] = dict(
+    call = Call(
+        transient,
+        periods,
+        saves_per_period,
+        begin,
+        loads,
+        probe,
+        record=record,
+        steps_per_period=steps_per_period,
+        refine=refine,
+        solver=solver,
+        product=product,
+    )
+    return run_or_store(
+        _computed,
+        _estimated,
+        call,
+        scene,
+        grid,
+        first_of(start),
+        store=store,
+        executor=executor,
         chunk=chunk,
         workers=workers,
         progress=progress,
-        store=store,
-        executor=executor,
     )
-    return run_or_store(_computed, _estimated, call, scene, grid, first_of(start), **how)
 
 
 def _computed(

@@ -57,25 +57,23 @@ class PeakDistance(AbstractAtPeak, AbstractNumber):
 
 
 PEAK_DISTANCE = PeakDistance()
-FRICTION_WORK = Record(
-    Quantity("friction_work", "J", "heat that friction makes", "Q"),
-    lambda c: c.friction_power.integral,
-    "sum",
-    POINTS,
-)
-SPRING_FORCE = Record(
-    Quantity("spring_force", "N", "greatest force of the sled's springs", shown_unit="kN"),
-    lambda c: jnp.maximum(c.spring_force.greatest, -c.spring_force.least),
-    "max",
-    (("direction", ("lateral", "vertical")),),
-)
 WINDOW_RECORDS: dict[str, AbstractNumber] = {
     record.name: record
     for record in (
         PEAK_DISTANCE,
         Record(Quantity("impacts", "1", "number of touchdowns", "n"), touchdowns, "sum", POINTS),
-        FRICTION_WORK,
-        SPRING_FORCE,
+        Record(
+            Quantity("friction_work", "J", "heat that friction makes", "Q"),
+            lambda c: c.friction_power.integral,
+            "sum",
+            POINTS,
+        ),
+        Record(
+            Quantity("spring_force", "N", "greatest force of the sled's springs", shown_unit="kN"),
+            lambda c: jnp.maximum(c.spring_force.greatest, -c.spring_force.least),
+            "max",
+            (("direction", ("lateral", "vertical")),),
+        ),
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }
@@ -185,7 +183,7 @@ class ThirdOctaves(AbstractRecord):
 
     @property
     def variables(self):
-        return ("band_a_y", "band_a_z")
+        return "band_a_y", "band_a_z"
 
     def values(self, scene, periods):
         return 2 * (SAMPLES_PER_WINDOW + 3) * periods

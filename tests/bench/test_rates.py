@@ -49,7 +49,7 @@ def test_wrong_arguments_are_named(batches, engines, name):
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
     scene = paper_scene()
     grid = Grid(scene, {"mass": [14.0] * 3000}, product=False)
-    plan = make_plan(grid, table_2_start(), Call(0, 1, 50))
+    plan = make_plan(grid, table_2_start(), Call(0, 1, steps_per_period=50))
     assert plan.chunks(None, 2)[1] == 2
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     chunks, threads = plan.chunks(None, 2)

@@ -41,7 +41,7 @@ def test_costs():
     calls, kept = {}, {}
     for name, record in ASKED.items():
         records = RecordSet() if record is None else resolved_record(record)
-        plan = make_plan(grid, sj.table_2_start(), Call(0, PERIODS, STEPS), records)
+        plan = make_plan(grid, sj.table_2_start(), Call(0, PERIODS, steps_per_period=STEPS), records)
         kept[name] = 8 * plan.records.values(scene, 0, PERIODS)
         options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
         calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options).state
