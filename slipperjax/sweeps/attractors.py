@@ -15,7 +15,7 @@ from ..tools.columns import column
 from ..tools.types import AnyArray
 
 FLOOR = 1e-5
-"""Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
+"""Distances below it count as zero in classification, in multiples of `COORDINATE_SCALES`: 10 nm."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
 
@@ -30,18 +30,17 @@ class Motions(NamedTuple):
 def classify_motions(
     strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]
 ) -> Motions:
-    """Return the kinds of motions by their states once per period; nothing is concluded from cases with a status."""
+    """Return kinds and periods of motions from their states once per period; those with a status are unresolved."""
     finite = (status == Status.FINITE)[:, None, None]
     motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
     return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
 
 
 def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods coordinates"]:
-    """Return states once per forcing period, of the `last` periods of a sweep's result.
+    """Return the states of a sweep once per forcing period; NaN for all cases with a status other than 0.
 
-    Cases with a status other than 0 are NaN throughout: nothing is concluded from them.
-
-    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe".
+    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe"; `last`: periods at
+    the end that are wanted, by default all.
 
     **Raises:** `ValueError` for other datasets.
     """
@@ -62,8 +61,8 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
 
     See `slipperjax.analysis.attractor`.
 
-    Cases with a status other than 0 are "unresolved", and the evidence names the status. `slipperjax.lyapunov_sweep`
-    says which periodic ones are on exact orbits of that period.
+    Cases with a status other than 0 are "unresolved", and their evidence is the status. Whether a periodic motion is
+    on an exact orbit of that period, `slipperjax.lyapunov_sweep` tells.
 
     **Arguments:** `floor`: distances below it are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
     default 10 nm.
@@ -71,6 +70,7 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
     motions = classify(strobe_states(ds, last), scales=COORDINATE_SCALES, floor=floor, **options)
     if "status" not in ds:
         return motions
+    # as objects, so that a longer text is not cut off
     evidence = np.asarray(motions.evidence, dtype=object)
     for place in np.argwhere(ds["status"].values != Status.FINITE):
         evidence[tuple(place)] = f"status {Status(int(ds['status'].values[tuple(place)]))}"
@@ -78,16 +78,18 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
 
 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Dataset:
-    """Number the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
+    """Number the attractors that a grid of starts leads to: 0, 1, ... from the largest basin to the smallest.
 
-    Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples
-    of `slipperjax.model.COORDINATE_SCALES`. Of a motion that recurs after n periods, within a tenth of `tolerance`,
-    whole multiples of n are taken, so that motions on one orbit share a group whatever their phase. Reliable for
-    periodic attractors; a chaotic one may make several groups.
+    Two cases are on one attractor where mean and standard deviation of their last strobe states agree within
+    `tolerance`, in multiples of `slipperjax.model.COORDINATE_SCALES`. If a motion recurs after n periods, within a
+    tenth of `tolerance`, they are taken over whole multiples of n periods, which makes them independent of its phase.
+    Reliable for periodic attractors; a chaotic one may be numbered as several.
 
-    **Returns:** `basin`, a number over the grid, -1 for cases with a status other than 0; `basin_period` of each
-    `attractor`, after how many periods it recurs, 0 if it does not; `share` of the cases [1]. It is drawn by
-    `slipperjax.plots.basin_map`.
+    **Arguments:** `ds`: as for `strobe_states`; `last`: periods at its end that are used; `tolerance` [1].
+
+    **Returns:** an `xarray.Dataset`, which `slipperjax.plots.basin_map` draws: `basin`, the number of each case's
+    attractor, -1 for cases with a status other than 0; for each `attractor`, `basin_period`, the forcing periods
+    after which it recurs, 0 if it does not, and `share` of the cases [1].
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
     marks = [_mark(case, tolerance / 10) for case in states.reshape(-1, *states.shape[-2:])]
@@ -107,7 +109,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Datase
             periods.append(period)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(centres))
     order = np.argsort(-sizes, kind="stable")
-    rank = np.append(np.argsort(order), -1)  # which -1 picks, too
+    rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
     basin = rank[numbers].reshape(strobe.shape)
     share = sizes[order] / max(len(numbers), 1)
@@ -122,9 +124,10 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Datase
 
 
 def _mark(states: np.ndarray, near: float) -> tuple[np.ndarray, int]:
-    """Return mean and spread of scaled states (periods, 10), over whole recurrences; after how many, or 0."""
+    """Return mean and spread of scaled states (periods, 10) over whole recurrences, and the period of these, or 0."""
     periods = len(states)
     recurs = (n for n in range(1, periods // 2 + 1) if np.max(np.abs(states[n:] - states[:-n])) < near)
     n = next(recurs, 0)
+    # the latest states, as many as whole multiples of n
     used = states[periods % n :] if n else states
     return np.concatenate([used.mean(axis=0), used.std(axis=0)]), n

@@ -1,4 +1,4 @@
-"""What a sweep was asked: one frozen object, which is kept with its results and compared before a store goes on."""
+"""Arguments of a sweep as one frozen object: kept with its results, and compared before a store goes on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -42,19 +42,21 @@ class Call(AbstractCall):
     probe: bool | None = None
 
     def __post_init__(self):
+        # errors name the arguments as `sweep` calls them
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
         super().__post_init__()
 
     def kept(self, solver: AbstractSolver) -> dict[str, object]:
-        """Return the fields by name as a dataset keeps them, whose variable `steps_per_period` has the steps."""
+        """Return the fields by name, for a dataset."""
+        # the steps of each case are a variable of it
         return vars(replace(self, solver=solver, steps_per_period=None, refine=1))
 
 
 def refined(refine: int, steps_per_period: object) -> int:
     """Return the factor of the default steps [1].
 
-    **Raises:** `ValueError` where it is none, or steps are given besides.
+    **Raises:** `ValueError` where it is no whole number from 1 to 1000, or is not 1 though steps are given.
     """
     refine = whole("refine", refine, 1, 1000)
     require(

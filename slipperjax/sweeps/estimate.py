@@ -1,4 +1,4 @@
-"""Time, memory and disk of a sweep: impossible ones are refused before anything is compiled."""
+"""Estimated time, memory and disk of a sweep: impossible ones are refused before anything is compiled."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,21 +20,21 @@ class Estimate:
     periods: str = ""
     """Length of a case in words, such as " of 364 forcing periods"."""
     workers: int = field(default_factory=cores)
-    """Cores."""
+    """Cores that compute."""
     tiles: Tiling | None = None
-    """Those of a store, each worker computes one at a time; without one, all results are in memory at the end."""
+    """Tiles of a store, one at a time for each worker; None without a store, where memory holds all results."""
     free: float = math.inf
     """Bytes that are free on the disk of the store."""
     shared: bool = False
-    """Whether more processes than this one compute the store: an executor's, or those of other shares."""
+    """Whether other processes compute the store, too: those of an executor, or of other shares."""
     stored_per_case: float | None = None
     """Bytes on disk of a case, compressed; None where no case was computed."""
     facts: str = ""
-    """What was measured besides, in lines."""
+    """Further facts that were measured, as lines of text."""
 
     @classmethod
     def counted(cls, cases: int, steps: float, values: int, periods: str) -> "Estimate":
-        """Return the estimate of cases of so many steps and kept values each."""
+        """Return the estimate of cases with so many steps and kept values each, and `periods` in words."""
         # a step of a case in a batch takes 0.38 us of one core, see the page on speed
         return cls(cases=cases, per_case=4e-7 * steps, bytes_per_case=8.0 * values, periods=periods)
 
@@ -66,6 +66,7 @@ class Estimate:
 
         **Raises:** `ValueError` that names memory and time.
         """
+        # how many processes share the work is not known here
         seconds = 0.0 if self.shared else self.seconds
         refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, seconds)
         if self.tiles is not None and self.stored > self.free:

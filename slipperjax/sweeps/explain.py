@@ -1,4 +1,4 @@
-"""Time, memory and disk of a sweep before it is begun, measured on a few of its cases."""
+"""Time, memory and disk of a sweep before it begins, measured on a few of its cases."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -37,8 +37,10 @@ def explain(
     ```
 
     **Arguments:** `function`: `sweep`, `lyapunov_sweep` or another one that can be stored; `workers`: cores that will
-    be at work, default those of this process; more than these are taken as workers of an executor, which compute a
-    tile each; `store` and `options`: as for the function.
+    compute, by default those of this process; if they are more than this process has, an executor's are assumed, each
+    with a tile of its own; `store` and `options`: as for the function.
+
+    **Returns:** an `Estimate`, to be printed.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -61,6 +63,7 @@ def explain(
         chunk=options.get("chunk") or LARGEST_CHUNK,
     )
     options["steps_per_period"] = used
+    # the first run compiles, so the second one alone is the time
     seconds = []
     ds = xr.Dataset()
     for _ in range(2):
@@ -76,6 +79,7 @@ def explain(
     compiling = shown_time(max(seconds[0] - seconds[1], 0.0))
     return Estimate(
         cases=cases.count,
+        # by the mean steps of all cases, where the probe's are rounded
         per_case=seconds[1] / LARGEST_CHUNK * float(steps.mean()) / used,
         bytes_per_case=ds.nbytes / LARGEST_CHUNK,
         workers=workers,
@@ -86,12 +90,13 @@ def explain(
 
 
 def _compressed(ds: xr.Dataset) -> float:
-    """Return the bytes on disk of a case, of the probe's cases together."""
+    """Return the bytes on disk of one of the probe's cases, compressed together as in a tile."""
     from numcodecs import Zstd
 
     total = 0
     for variable in ds.variables.values():
         if "case" in variable.dims:
+            # texts as bytes, which is about what zarr writes
             is_text = variable.dtype.kind in "UO"
             values = variable.values.astype("S") if is_text else variable.values
             total += len(Zstd(level=3).encode(values.tobytes()))

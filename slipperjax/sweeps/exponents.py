@@ -1,7 +1,7 @@
 """Lyapunov exponents of many cases as a record that runs on, with a certificate for each case.
 
-After the recorded periods, periodic cases take the exponents of their orbits; the others are measured; chaotic ones
-run for longer. Each stage has chunks of its own.
+After the recorded periods, periodic cases take the exponents of their orbits. The others are measured, and chaotic
+ones among them run for longer. Each of these groups is cut into chunks anew.
 """
 
 from collections.abc import Mapping
@@ -47,17 +47,17 @@ BLOCK = 20
 
 
 def counted_blocks(periods: int | None, recorded: int) -> int:
-    """Return the blocks that make up `periods`, or where that is None as many periods as are recorded."""
+    """Return the blocks that `periods` take, rounded up; None for as many periods as are `recorded`."""
     return -(-(recorded if periods is None else periods) // BLOCK)
 
 
 def measured_periods(blocks: int) -> int:
-    """Return the forcing periods of a measurement of which `blocks` count."""
+    """Return the forcing periods of a measurement of so many counted blocks."""
     return BLOCK * (blocks + 1)
 
 
 class LocalExponents(NamedTuple):
-    """Local Lyapunov exponents of a chunk."""
+    """Local Lyapunov exponents of a chunk, the logarithms of growth in each period [1/period]."""
 
     history: Float[np.ndarray, "cases periods count"]
     status: Int[np.ndarray, " cases"]
@@ -84,7 +84,7 @@ def measure(part: Part, states: State, epoch: float, blocks: int, count: int, fi
         status = first_problem(status, codes)
         if k:  # the first block turns the tangents into their directions
             rows.append(np.asarray(history))
-            strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]
+            strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]  # blocks with the last `LAST` periods
         part.on_progress(BLOCK)
     return LocalExponents(np.concatenate(rows, axis=1), status, np.concatenate(strobes, axis=1), states)
 
@@ -113,7 +113,7 @@ class LongerMotions(NamedTuple):
 
     @classmethod
     def not_run(cls, chosen: Int[np.ndarray, " cases"], count: int) -> "LongerMotions":
-        """Return those of cases of which no motion was finished."""
+        """Return the longer motions of cases of which none was finished."""
         history = np.full((len(chosen), MOTIONS, BLOCK, count), np.nan)
         return cls(chosen, history, 0 * chosen, np.full(len(chosen), int(Status.NOT_RUN)))
 
@@ -127,7 +127,7 @@ def run_longer_motions(
     count: int,
     options: Mapping[str, object],
 ) -> tuple[LongerMotions, bool]:
-    """Run `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
+    """Run `MOTIONS` motions of each chosen case, for `HOLD` periods, and then measure their exponents.
 
     **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
     period `epoch`; `blocks`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
@@ -153,8 +153,10 @@ def run_longer_motions(
     if run.results is None:
         return LongerMotions.not_run(chosen, count), True
     history, status, strobe, _ = run.results
+    # from a list of motions to an array of cases and motions
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
+    # the first code that is no 0, where there is one; but NOT_RUN goes before all others
     first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
     first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
     # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
@@ -169,10 +171,12 @@ def run_longer_motions(
 
 
 def least_mean_life(measured: int) -> float:
-    """Return the least mean life of chaos [forcing periods] with 95 % confidence, where none of the longer motions
-    became regular, of so many measured periods.
+    """Return the least mean life of chaos with 95 % confidence [forcing periods], if no longer motion became regular.
 
-    Where they end at a constant rate, one of them would have with 95 % chance in three mean lives.
+    If chaos ended at a constant rate, one of the motions would have become regular with a chance of 95 % once they
+    lasted three mean lives together.
+
+    **Arguments:** `measured`: forcing periods over which each motion was measured.
     """
     return MOTIONS * (HOLD + measured + BLOCK) / -np.log(0.05)
 
@@ -186,7 +190,7 @@ STEADY = 1e-2
 
 
 class Checks(NamedTuple):
-    """Other estimates, which certify the cases."""
+    """Other estimates of the largest exponents, which certify the cases."""
 
     half_step: Float[np.ndarray, "cases periods 1"]
     half_step_status: Int[np.ndarray, " cases"]
@@ -214,9 +218,8 @@ def exponent_variables(
 ) -> dict[str, np.ndarray]:
     """Return the variables of `LyapunovExponents` by name, with the certificate where checks were made.
 
-    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases that take the
-    exponents of the orbit that they have reached, and were not measured; `longer`: finished longer motions of chaotic
-    cases.
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: whether a case takes the exponents of
+    the orbit that it has reached, and was not measured; `longer`: finished longer motions of chaotic cases.
     """
     good = measured.status == Status.FINITE
     chosen = longer.chosen
@@ -229,11 +232,12 @@ def exponent_variables(
     stayed = longer.escapes == 0
     exponent[chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
     error[chosen[stayed]] = pooled_standard_error(longer.history[stayed])
-    # an orbit's are exact
+    # exponents of an orbit are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
     escapes = np.zeros(len(good), int)
     escapes[chosen] = longer.escapes
+    # chaos that stayed lasted through both measurements, and the periods between them
     stretch = history.shape[1] + BLOCK
     chaotic_for = np.zeros(len(good), int)
     chaotic_for[chosen] = passed + stretch + stayed * (HOLD + stretch)
@@ -270,11 +274,14 @@ def _checked(
     exponent: np.ndarray,
     error: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the other estimates, and whether they agree with the largest exponents and their standard errors."""
+    """Return the other estimates, and whether they agree with the largest exponents within their standard errors.
+
+    `slipperjax.lyapunov_sweep` states the conditions.
+    """
     good = measured.status == Status.FINITE
     agree = good & (checks.half_step_status == Status.FINITE)
     agree[longer.chosen] &= longer.status == Status.FINITE
-    # the error of one record, where that of several is known
+    # one record tells less of its error than the longer motions do, whose scatter shows long correlations
     of_one = np.zeros_like(error)
     of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
     half = checks.half_step.mean(axis=1)[:, 0]
@@ -298,9 +305,9 @@ def _checked(
 
 @dataclass(frozen=True)
 class LyapunovExponents(AbstractStage):
-    """The largest Lyapunov exponents of each case, each with its certificate, see `slipperjax.lyapunov_sweep`.
+    """The largest Lyapunov exponents of each case, with a certificate, see `slipperjax.lyapunov_sweep`.
 
-    They are those of the orbit that a case has reached, or measured after the recorded periods.
+    They are those of the orbit that a case has reached at the end of the recorded periods, or measured from there on.
     """
 
     count: int = 1
@@ -329,7 +336,7 @@ class LyapunovExponents(AbstractStage):
         return BLOCK * counted_blocks(self.periods, 0)
 
     def over(self, periods: int) -> "LyapunovExponents":
-        """Return the same over some forcing periods, where none are given."""
+        """Return the same, measured over `periods` unless it has a number of its own."""
         return replace(self, periods=periods) if self.periods is None else self
 
     @property
@@ -376,7 +383,7 @@ class LyapunovExponents(AbstractStage):
         return measured + (HOLD + measured) * self.certify
 
     def of_chunk(self, part, states, epoch, status, strobe):
-        """Return where a chunk's cases are, and the orbits that they have reached."""
+        """Return the states of a chunk, and the orbits that they have reached."""
         states = jax.tree.map(np.asarray, states)
         if not self.orbits:
             return (states, nothing_reached(states, self.count)), status
@@ -388,12 +395,12 @@ class LyapunovExponents(AbstractStage):
         if len(periodic):
             maps = Maps.of(part, reached.period, epoch)
             codes = maps.contact_status(periodic, rows_of(reached.state)[periodic], part.capacity)
-            # the measurement says what is wrong with a case
+            # a case with a bad status at its contacts is measured, which finds what is wrong
             reached.period[periodic[codes != Status.FINITE]] = 0
         return (states, reached), status
 
     def of_all(self, values, status, plan, how, interrupted):
-        """Measure the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
+        """Measure the cases that have not reached an orbit; with `certify`, run chaotic ones for longer."""
         after, reached = values
         no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
@@ -420,7 +427,7 @@ class LyapunovExponents(AbstractStage):
                 **how,
             )
             interrupted = run.interrupted
-            if run.results is not None:
+            if run.results is not None:  # put in place, leaf by leaf
                 for mine, found in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
                     mine[index] = found
         longer = LongerMotions.not_run(np.zeros(0, int), self.count)
@@ -438,7 +445,7 @@ class LyapunovExponents(AbstractStage):
         return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
 
     def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
-        """Return the exponents of cases before they are measured."""
+        """Return the exponents of cases before they are measured: NaN, unresolved, `Status.NOT_RUN`."""
         cases = len(states.motion.y)
         unknown = np.full((cases, BLOCK * blocks, self.count), np.nan)
         not_run = np.full(cases, int(Status.NOT_RUN))
@@ -449,7 +456,7 @@ class LyapunovExponents(AbstractStage):
         return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
     def _measured(self, part: Part, states: State, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
-        """Measure a chunk of cases, of some `Status` codes, from its states on."""
+        """Measure a chunk of cases from its states on. **Arguments:** `status`: its `Status` codes so far."""
         start = part.plan.epoch + part.plan.periods
         local = measure(part, states, start, blocks, self.count)
         end = jax.tree.map(np.asarray, local.state)

@@ -1,4 +1,4 @@
-"""A parameter followed with memory: each case from its neighbour's last state; and where a motion jumps."""
+"""Paths with memory: each case begins in the state in which its neighbour ended; and where a motion jumps."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from .run import ChunkRun, heed_interrupts, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
-"""Ways through a parameter's values."""
+"""Steps through the increasing values of a parameter, by the name of the direction."""
 
 
 def follow(
@@ -44,18 +44,20 @@ def follow(
 ) -> xr.Dataset:
     """Sweep a parameter with memory: each case starts from the state in which its neighbour ended.
 
-    So a motion is followed along its branch until that ends, which from a fixed start it need not be. "up" begins at
-    the first value, "down" at the last; both run as one batch. Where they disagree, attractors coexist.
+    So a motion is followed along its branch until the branch ends, while a fixed start may lead to another attractor.
+    "up" begins at the first value, "down" at the last; both run as one batch. Where they disagree, attractors
+    coexist.
 
     **Arguments:**
 
     - `path`: one parameter's name and values, in increasing order.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
         rounded up to tens if above ten.
-    - others: as for `sweep`; `start` is that of the first value met, and `begin` where the rail is then, on which
-        all values follow one another. Values that are visited together take the larger of their step counts.
+    - `start`: where each direction starts at its first value; `begin`: the place on the rail where it does [m], from
+        which one value follows another along the rail.
+    - others: as for `sweep`. Up and down advance together, both with the larger of their step counts.
 
-    **Returns:** as `sweep`, with `direction` as first dimension.
+    **Returns:** as `sweep`, with the dimension `direction` before the others.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
@@ -75,16 +77,19 @@ def follow(
     runs_on = any(isinstance(one, LyapunovExponents) for one in stages)
     require(not runs_on, "record", "not run on where cases follow one another", call.record)
     plan = make_plan(grid, start, call, records, stages)
+    # one value after the other, on one rail
     check_rail(scene, plan.periods * len(values), beginning_of(scene, call.begin))
     cases = plan.cases
     ways = len(DIRECTIONS)
     order = np.arange(len(values))
+    # indices of the values that both directions visit at the same time
     columns = np.stack([order[::way] for way in DIRECTIONS.values()], axis=1)  # (values, directions)
     chunks = []
     for column in columns:
         # where the cases at each value stand in the list of all directions and values
         index = column + len(values) * np.arange(ways)
         chunks.append(Chunk(index, ways, int(plan.steps[column].max())))
+    # where the chunk before ended, and how many chunks have passed
     states: State | None = None
     passed = 0
 
@@ -98,7 +103,7 @@ def follow(
         passed += 1
         return run
 
-    # one worker: each begins where the one before ended
+    # one worker, because each chunk begins where the one before ended
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
     steps = np.empty(len(run.finished), int)
     for chunk in chunks:
@@ -131,7 +136,7 @@ class _HeldMotion(NamedTuple):
     status: Status
 
     def distance(self, other: "_HeldMotion") -> float:
-        """How far it is from another one."""
+        """Return how far its mean strobe state is from another one's, in multiples of `COORDINATE_SCALES`."""
         return float(np.max(np.abs(self.mark - other.mark)))
 
 
@@ -149,15 +154,18 @@ def find_jump(
     threshold: float = 0.3,
     most_holds: int = 5,
 ) -> Jump:
-    """Follow a motion along a parameter until it jumps, and bisects for where.
+    """Follow a motion along a parameter until it jumps, and bisect for where.
 
-    Each case starts from the state in which the one before ended. A jump is a mean strobe state that moves by more
-    than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is
-    halved from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end
-    of a branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a
-    tenth of `threshold` from one `transient` and `periods` to the next, at most `most_holds` times.
+    Each value starts from the state in which the one before ended. A motion jumps where its mean strobe state moves
+    by more than `threshold` from one value to the next. Then the step is halved, always from the last state on the
+    branch, until it is no longer than `within`.
 
-    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
+    Near the end of a branch a motion leaves it slowly. So it is held at each value: simulated for `transient` and
+    `periods` once more, until its mean strobe state moves by less than a tenth of `threshold`.
+
+    **Arguments:** `path`: one parameter's name and its values in increasing order; `direction`: "up" or "down";
+    `within`: longest last step [the parameter's unit]; `threshold`: in multiples of
+    `slipperjax.model.COORDINATE_SCALES` [1]; `most_holds`: repetitions at one value, at most; others as for `follow`.
 
     **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a
     status other than `FINITE`, because nothing can be followed from there.
@@ -174,7 +182,7 @@ def find_jump(
     epoch = 0
 
     def run(value: float, state: State | None) -> _HeldMotion:
-        nonlocal epoch
+        nonlocal epoch  # the rail goes on, whatever the value
         plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
         part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.most_steps, heed_interrupts)
         state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
@@ -199,11 +207,13 @@ def find_jump(
     on_branch = hold(first, None)
     if on_branch.status != Status.FINITE:
         return Jump(False, at, at, float("nan"), on_branch.status)
-    # values to go to, the next one last, and the motion at the last one that seemed to be beyond a jump
+    # values to go to, the next one last
     pending = others[::-1]
+    # the last value that seemed to lie beyond a jump, and the motion there
     beyond = first, on_branch
     while pending:
         value = pending.pop()
+        # a bisection comes back to the value beyond, whose motion is known
         new = beyond[1] if value == beyond[0] else hold(value, on_branch.state)
         if new.status != Status.FINITE:
             return Jump(False, at, value, float("nan"), new.status)
@@ -212,7 +222,7 @@ def find_jump(
             at = value
             on_branch = new
         elif abs(value - at) > within:
-            pending += [value, (at + value) / 2]
+            pending += [value, (at + value) / 2]  # half way first, then here again
             beyond = value, new
         else:
             return Jump(True, at, value, size, Status.FINITE)

@@ -1,4 +1,4 @@
-"""Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
+"""Grids and samples of parameters: as batches of scenes and starts, and as tiles. Only here are names resolved."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -67,7 +67,7 @@ class Grid:
 
     @staticmethod
     def label(name: str) -> str:
-        """Return the name of an axis in a dataset, where y is the displacement and not the start's."""
+        """Return the name of an axis in a dataset, in which y alone is the displacement and not that of the start."""
         return f"start_{name}" if name in STARTS else name
 
     def coordinates(self) -> dict[str, object]:
@@ -93,11 +93,13 @@ class Grid:
 
     def spread(self, count: int) -> dict[str, np.ndarray]:
         """Return `count` cases spread evenly over the grid, as lists; of fewer some come more than once."""
+        # the middles of `count` equal parts of the flat list
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
         return self.part(np.unravel_index(index, self.shape))
 
     def part(self, index: tuple[slice, ...]) -> dict[str, np.ndarray]:
         """Return the values by name in a part of the grid: a slice, or indices, for each of `dims`."""
+        # side by side, all lists are cut by the one index of `case`
         index = index if self.product else index * len(self.axes)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
 
@@ -131,6 +133,7 @@ class Tiling(NamedTuple):
             size = min(max(2048, math.prod(shape) // 4096), 65_536)
         tile = [1] * len(shape)
         left = size
+        # the last dimensions whole, and the first one that does not fit in pieces of nearly equal length
         for k in reversed(range(len(shape))):
             pieces = -(-shape[k] // max(left, 1))
             tile[k] = -(-shape[k] // pieces)
@@ -178,14 +181,15 @@ class Cases(Grid):
     starts: Motion | State  # those of the cases, with a leading axis
 
     def __init__(self, scene: Scene, grid: Mapping[str, object], start: Motion | State, *, product: bool = True):
-        """**Arguments:** `start`: the motion or state at time zero, where the grid does not vary it; others
-        and errors as for `Grid`.
+        """**Arguments:** `start`: the motion or state at time zero, whose coordinates the grid may vary; others, and
+        errors, as for `Grid`.
         """
         super().__init__(scene, grid, product=product)
         flat = self.axes
         if self.product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
             flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}
+        # leaves with an axis more than those of a single case are the ones that vary
         varied = {name: values for name, values in flat.items() if name not in STARTS}
         single = scene.replace(**{name: values[0] for name, values in varied.items()})  # parts that were None are set
         scenes = Batched.of(scene.replace(**varied), single)
@@ -195,6 +199,7 @@ class Cases(Grid):
         of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
         spread = lambda v: np.broadcast_to(np.asarray(v, float), self.count)
         self.starts = type(motion)(**{name: spread(v) for name, v in of_start.items()})
+        # memory and other parts of a state are the same in all cases
         if isinstance(start, State):
             alike = jax.tree.map(
                 lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))),
@@ -205,11 +210,12 @@ class Cases(Grid):
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""
         scenes, starts = self.unprepared(index)
+        # most tracks have nothing to prepare, and need no program for it
         plain = type(scenes.shared.track).prepared is AbstractTrack.prepared
         return (scenes if plain else _prepared(scenes)), starts
 
     def unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """Return the same with their tracks as they are."""
+        """Return the scenes and starts at some indices, with their tracks as they are."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
@@ -251,12 +257,13 @@ def batch_size(count: int) -> int:
 
     Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
     """
+    # 8 up to 64, 16 up to 128, 32 up to 256, ...
     unit = VECTOR_LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
     return -(-max(count, 1) // unit) * unit
 
 
 def filled(index: np.ndarray, least: int) -> np.ndarray:
-    """Return indices of cases, the last one repeated until there are `least`, and as many as `batch_size` gives."""
+    """Return indices of cases that fill a batch of `least` lanes or more: the last one is repeated."""
     count = batch_size(max(least, len(index)))
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
@@ -287,7 +294,7 @@ def sample_box(
     seed: int = 0,
     scene: Scene | None = None,
 ) -> dict[str, np.ndarray]:
-    """Return Sobol points spread over a box, or by distributions, of parameters, for lists side by side.
+    """Return Sobol points of parameters, spread over a box or by distributions, as a grid for `product=False`.
 
     ```python
     grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
@@ -295,14 +302,14 @@ def sample_box(
     ds = sj.sweep(scene, grid, product=False)
     ```
 
-    **Arguments:** `box`: by name, as in a grid, in SI units, the lowest and the highest value, or a distribution of
-    `scipy.stats` with its parameters, independent of the others; `count`: of points, best a power of two; `log`:
-    names with two bounds whose logarithm is spread; `seed`: of the points; `scene`: where paths such as
-    section.play.2 are names.
+    **Arguments:** `box`: by name, as in a grid, the lowest and the highest value in SI units, or a distribution of
+    `scipy.stats` with its parameters, independent of the others; `count`: number of points, best a power of two;
+    `log`: names with two bounds that are spread evenly on a logarithmic scale; `seed`: of the points; `scene`: the
+    case that is varied, for names that are paths in it such as section.play.2; by default the paper's.
 
     **Returns:** lists of `count` values by name.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or a parameter of which a value is not allowed.
+    **Raises:** `ValueError` that names the argument which is wrong, or a parameter that may not have such a value.
     """
     from scipy.stats import qmc
 
@@ -320,7 +327,7 @@ def sample_box(
         require(name in box, "log", "name parameters of `box`", name)
     refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
     engine = qmc.Sobol(len(box), rng=np.random.default_rng(whole("seed", seed, 0)))
-    # of a power of two Sobol points, fewer are as well spread
+    # Sobol points balance in powers of two only: draw one, and take the first
     points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
     found = {}
     for (name, ends), share in zip(box.items(), points.T, strict=True):

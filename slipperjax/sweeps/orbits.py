@@ -1,7 +1,7 @@
 """Periodic orbits of many cases at once, by Newton's method with Broyden's updates.
 
-Each iteration integrates one proposal of every case that goes on, whatever it needs: a full step, a halved one, or
-one after a new Jacobian. So no case waits for another one's line search, and cases that are done cost nothing.
+Each iteration integrates one proposal of every unfinished case, whether that is a full step, a halved one, or one by
+a new Jacobian. So no case waits for the line search of another one, and finished cases cost nothing.
 """
 
 import functools
@@ -42,9 +42,10 @@ rows_of = StateLayout.pack
 
 
 class Maps(NamedTuple):
-    """Maps over some forcing periods, each of one case of a batch. Cases are given by their indices in it.
+    """Period maps of the cases of a batch, each over its own number of forcing periods.
 
-    One call per period, as in the Jacobian: cases of different periods share programs, and solvers restart alike.
+    `index` gives cases by their places in the batch, and `rows` their states as rows of numbers. Each period is one
+    call, as in the Jacobian: cases of different periods share programs, and solvers restart alike.
     """
 
     scenes: Batched[Scene]
@@ -78,6 +79,7 @@ class Maps(NamedTuple):
         rows = rows.copy()
         for k in range(self.periods[index].max(initial=1)):
             along.append(rows.copy())
+            # a case whose map is complete stands still
             going = np.flatnonzero(self.periods[index] > k)
             advanced = functools.partial(self._advanced, self.epoch + k)
             rows[going] = self._of_blocks(advanced, index[going], rows[going])
@@ -85,7 +87,7 @@ class Maps(NamedTuple):
         return np.stack(along, axis=1), rows
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-        """Return Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
+        """Return the Jacobians of each forcing period of each case, (period, size, size), for forcings that recur."""
         if not len(index):
             return []
         along, _ = self.path(index, rows)
@@ -97,11 +99,11 @@ class Maps(NamedTuple):
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-        """Return proposed states that the latch agrees with."""
+        """Return proposed states with a memory of contacts that is consistent with them, from that of `mapped`."""
         return self._of_blocks(lambda *of: rows_of(_settled(*of)), index, proposed, mapped)
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return the weights of the components of states."""
+        """Return the weights by which components of states are scaled [1/unit]; 0 for those that do not count."""
         return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
 
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
@@ -149,7 +151,7 @@ class Maps(NamedTuple):
         )
 
     def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
-        """Return `call(scenes, *states)` over the cases in blocks of one size."""
+        """Return the rows that `call(scenes, *states)` gives for the cases, in blocks of one size."""
         if not len(index):
             return np.empty((0, *rows[0].shape[1:]))
         # a program of another size takes as long to compile as hundreds of Jacobians take to compute
@@ -161,6 +163,9 @@ class Maps(NamedTuple):
             states = (self.states(r[lanes]) for r in rows)
             parts.append(call(self.scenes.take(index[lanes]), *states)[: len(part)])
         return np.concatenate(parts)
+
+
+# Functions of the module, so that each is compiled once and not once for each instance of `Maps`.
 
 
 @jit
@@ -221,7 +226,7 @@ def find_orbits(
     max_iterations: int,
     inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
-    """Find the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
+    """Find the orbit near each state of a batch by Newton's method; see `Orbits.status` for the outcome.
 
     **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
     a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
@@ -240,11 +245,11 @@ class _Search:
     """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
 
     halvings = 5
-    """How often a step is halved before it is taken whatever it gives."""
+    """Halvings of a step, after which it is taken even if the residual rises."""
     slow = 0.3
-    """Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
+    """Share of the residual that may be left after a step; above it the Jacobian is computed anew."""
     most_jacobians = 6
-    """Jacobians of a case after which it counts as without an orbit."""
+    """Jacobians of a case after which its search is given up."""
 
     def __init__(self, maps: Maps, rows: np.ndarray):
         cases, size = rows.shape
@@ -253,12 +258,13 @@ class _Search:
         self.miss = np.zeros_like(rows)
         self.residual = np.full(cases, np.inf)
         self.share = np.ones(cases)
-        """Of a full step that is tried next."""
+        """Share of a full step that is tried next."""
         self.iterations = np.zeros(cases, int)
         self.jacobians = np.zeros(cases, int)
         self.inverse = np.full((cases, size, size), np.nan)
         self.stale = np.ones(cases, bool)
         """Whether the Jacobian is computed anew before the next step."""
+        # a case without a search keeps an infinite residual, so that it never goes on
         wanted = np.flatnonzero(maps.periods)
         begin = self.rows[wanted]
         self.miss[wanted] = maps.mapped(wanted, begin) - begin
@@ -278,7 +284,7 @@ class _Search:
             self.share[index] = 1.0
 
     def step(self, index: np.ndarray, max_iterations: int) -> None:
-        """Try one step of some cases, and takes it where the residual falls, or where it was halved often."""
+        """Try one step of some cases, and take it where the residual falls enough, or after `halvings`."""
         maps = self.maps
         rows = self.rows[index]
         miss = self.miss[index]
@@ -290,6 +296,7 @@ class _Search:
         new_residual = _residuals(new_miss, weights)
         self.iterations[index] += 1
         last = share <= 0.5**self.halvings
+        # the fall that the step's share of a full one promises, as in `analysis.newton`
         good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
         taken = index[good]
         moved = (proposed - rows)[good]
@@ -301,7 +308,7 @@ class _Search:
         self.residual[taken] = new_residual[good]
         self.share[taken] = 1.0
         self.share[index[~good]] /= 2
-        self.iterations[index[~good & last]] = max_iterations  # every step leaves the finite numbers
+        self.iterations[index[~good & last]] = max_iterations  # all its steps lead to NaN: it ends here
 
     def orbits(self, tolerance: float) -> Orbits:
         """Return the orbits, with multipliers where there are any, after one more step by their Jacobian."""
@@ -322,6 +329,7 @@ class _Search:
             mu[good] = [multipliers(of_periods) for of_periods in matrices]
             growth[good] = [_growth(*both) for both in zip(matrices, maps.weights(good, rows[good]), strict=True)]
             self.inverse[good] = _inverses(matrices)
+            # one more step costs nothing now, and squares the small error
             rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
         self.inverse[~np.isin(np.arange(len(rows)), good)] = np.nan
         return Orbits(
@@ -337,12 +345,14 @@ class _Search:
 
 
 def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
+    """Return the logarithm of the greatest growth of a scaled tangent in any of a case's forcing periods."""
     used = weights > 0
     scaled = (matrices * weights[:, None])[:, used][:, :, used] / weights[used]
     return float(np.log(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)), initial=1e-300)))
 
 
 def _residuals(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the greatest scaled component of what each state misses; infinity for those with NaN."""
     greatest = np.max(np.abs(np.where(weights > 0, weights * miss, 0.0)), axis=1)
     return np.where(np.all(np.isfinite(miss), axis=1), greatest, np.inf)
 
@@ -359,7 +369,8 @@ def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return inverses that map what the residuals fell by to the steps, otherwise as before."""
+    """Return inverses that map what the misses fell by to the steps, and otherwise change little."""
+    # Broyden's first update; rows are scaled, because components of a state have several units
     row = np.einsum("ki,kij->kj", weights**2 * moved, inverse)
     share = np.einsum("ki,ki->k", row, fell)
     left = moved - np.einsum("kij,kj->ki", inverse, fell)
@@ -393,7 +404,7 @@ class NearestOrbit(AbstractStage):
         return self.period
 
     def over(self, periods: int) -> "NearestOrbit":
-        """Return itself: the orbit's period is its own."""
+        """Return itself: the orbit's period does not depend on how long is measured."""
         return self
 
     @property
@@ -408,6 +419,7 @@ class NearestOrbit(AbstractStage):
         check_forcing(scene)
 
     def of_chunk(self, part, states, epoch, status, strobe):
+        # no search for cases that have a problem already
         maps = Maps.of(part, np.where(part.good(status), self.period, 0))
         states = jax.tree.map(np.asarray, states)
         orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
@@ -418,7 +430,7 @@ class NearestOrbit(AbstractStage):
     def label(self, scene, dims, values) -> Labelled:
         strobe, state, mu, residual, iterations = values
         largest = np.abs(mu[..., 0])
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore"):  # a multiplier of zero gives minus infinity
             exponent = np.log(largest) / self.period
         stable = largest <= 1 + circle_error(mu)
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())

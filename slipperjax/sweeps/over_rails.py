@@ -21,7 +21,7 @@ def over_rails(
     resamples: int = 400,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Compute a quantile over rails, with its error, and how it differs between cases on the same rails.
+    """Compute a quantile over rails, with its error, and the differences between cases on the same rails.
 
     ```python
     rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
@@ -29,24 +29,30 @@ def over_rails(
     over_rails(ds["peak_force"].max(("end", "point")), 0.99)
     ```
 
-    With `finer`, the same of some of the rails with more steps, it says what the steps change: in chaos the runs are
-    others, but their distribution must be the same.
+    With `finer`, results of some of the rails with more steps, it also says what the number of steps changes: chaotic
+    runs differ with the steps, but the distribution over rails must stay the same.
 
     ```python
     fine = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(100)}, refine=2, **rails)
     ```
 
-    **Arguments:** `values`: of one number in each case; `quantile`: the share of rails that lies below [1], or None
-    for the mean; `dim`: the dimension of the rails; `finer`: as `values`, of rails that are among theirs;
-    `resamples`, `seed`: of the bootstrap.
+    **Arguments:** `values`: one number for each case and rail; `quantile`: the share of rails whose values lie below
+    it [1], or None for the mean; `dim`: the dimension of the rails; `finer`: as `values`, on some of their rails;
+    `resamples`, `seed`: number and random seed of the bootstrap's samples.
 
-    **Returns:** an `xarray.Dataset` over the other dimensions, all in the unit of `values`: `value`; `low` and
-    `high`, between which it lies in 95 % of all cases, for quantiles those of order statistics; `stderr`, a quarter
-    of that; `difference` from the first case along the other dimensions, and `difference_stderr` by the bootstrap.
-    With `finer`: `step_change`, the quantile of `finer` over that of the same rails in `values`, less one [1], its
-    error `step_change_stderr`, and `status`, `Status.INACCURATE` where the change is above a tenth by more than
-    twice its error. Values that are NaN, where a slipper was lost, count as greater than all others: what they leave
-    undetermined is NaN, too.
+    **Returns:** an `xarray.Dataset` over the other dimensions, in the unit of `values` where no other is named, with
+
+    - `value`, the quantile or the mean;
+    - `low` and `high`, its 95 % confidence interval: for quantiles from order statistics, otherwise two standard
+      errors on both sides;
+    - `stderr`, a quarter of the interval;
+    - `difference` from the first case along the other dimensions, and `difference_stderr` by the bootstrap;
+    - with `finer`: `step_change` [1], the relative change from the same rails in `values`, its standard error
+      `step_change_stderr`, and `status`, `Status.INACCURATE` where the change is above a tenth by more than twice its
+      error.
+
+    Values that are NaN, where a slipper was lost, count as greater than all others when quantiles are taken. A result
+    that depends on them is NaN.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -66,11 +72,12 @@ def over_rails(
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
         below = np.asarray(scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile), int)
-        places = below - np.array([1, 0])
+        places = below - np.array([1, 0])  # from 0 on
         ends = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
         low, high = np.where(np.isfinite(ends), ends, np.nan)
         stderr = (high - low) / 4
     unit = values.attrs.get("units", "")
+    # all cases of a resample have the same rails, so that what these have in common cancels
     difference_stderr = (drawn - drawn[:, :1]).std(axis=0, ddof=1)
     columns = {
         "value": (value, unit, "mean" if quantile is None else f"quantile {quantile:g}"),
@@ -81,6 +88,7 @@ def over_rails(
         "difference_stderr": (difference_stderr, unit, "standard error of the difference"),
     }
     if finer is not None:
+        # drawn together, so that both have the same rails in each resample
         fine, same = (_of_rails(part, quantile) for part in _same_rails(finer, rows, dim))
         check_quantile(quantile, len(fine))
         pairs = _fit(np.concatenate([fine, same], axis=1), quantile)
@@ -107,13 +115,13 @@ def over_rails(
 
 
 def _of_rails(rows: xr.DataArray, quantile: float | None) -> np.ndarray:
-    """Return values of shape (rails, cases); where quantiles are asked for, lost slippers count as the greatest."""
+    """Return values of shape (rails, cases); for quantiles NaN becomes infinity, because lost slippers count most."""
     numbers = rows.values.reshape(len(rows), -1)
     return np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
 
 
 def _fit(numbers: np.ndarray, quantile: float | None) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that gives quantiles or means of the rails as often as they were drawn."""
+    """Return a function of how often each rail was drawn, which gives the quantiles or means of the cases."""
 
     def fit(weights: np.ndarray) -> np.ndarray:
         drawn = numbers[np.repeat(np.arange(len(numbers)), weights.astype(int))]

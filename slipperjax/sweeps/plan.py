@@ -1,4 +1,4 @@
-"""Plans: how a list of cases is run, what is kept of each, and how it is cut into chunks."""
+"""Plans: steps, records and stages of a list of cases, and how the list is cut into chunks."""
 
 import abc
 import math
@@ -29,20 +29,20 @@ from .estimate import Estimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 
 LARGEST_CHUNK = 128
-"""Cases in one call: enough for vectors to pay, few enough to stay in a core's cache. A step of a case takes 0.43 us
-of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
+"""Most cases in one call by default: enough for vectors to pay, few enough to stay in a core's cache. A step of a
+case takes 0.43 us of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
 CHUNK_OF_DEVICE = 131_072
-"""The same on other devices than a CPU, where each kernel is a launch, and one call uses the whole device."""
+"""The same on devices other than CPUs, where each kernel costs a launch, and one call uses the whole device."""
 PERIODS_PER_CALL = 10
-"""Forcing periods in one call of a search; transients above it are rounded up to its multiples."""
+"""Forcing periods in one call of strobes; transients above it are rounded up to its multiples."""
 OnProgress = Callable[[float], Any]
 """Report progress in forcing periods; raise to stop."""
 
 
 def shared_capacity(most: int, steps: int) -> int:
-    """Return the steps for which a recording program is compiled that takes `steps`, where others take up to `most`.
+    """Return the steps that a recording program has capacity for: `most` / 8^k, the least that is not below `steps`.
 
-    At most 8 times `steps`: one program serves all unless their steps differ more than that.
+    So cases share one program unless their steps differ by more than a factor of 8.
     """
     while most // 8 >= steps:
         most //= 8
@@ -50,7 +50,7 @@ def shared_capacity(most: int, steps: int) -> int:
 
 
 class Calls(NamedTuple):
-    """A stretch of a run as calls of one compiled program."""
+    """A span of forcing periods as equal calls of one compiled program."""
 
     length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
     count: int
@@ -59,7 +59,7 @@ class Calls(NamedTuple):
     @classmethod
     def of(cls, periods: int) -> "Calls":
         """Return calls of 50 periods at most, or of all where `periods` has no divisor from 10 to 50."""
-        length = max(periods, 1)
+        length = max(periods, 1)  # of no periods, none is called
         if periods > 50:
             length = next((k for k in range(50, 9, -1) if periods % k == 0), periods)
         return cls(length, periods // length)
@@ -72,6 +72,7 @@ class Calls(NamedTuple):
     @property
     def capacity(self) -> int:
         """Forcing periods for which the program of one call is compiled; it serves shorter calls, too."""
+        # most transients and all searches have calls of this length, and a program of their own
         return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(max(self.length, self.most))
 
 
@@ -121,7 +122,7 @@ class Plan:
         """Return the estimate of `count` cases such as these."""
         periods = self.periods + self.periods_after
         steps = periods * float(np.mean(self.steps))
-        early = self.records.from_start.records
+        early = self.records.from_start.records  # which sample the transient, too
         values = 0
         for one in self.outputs:
             kept = self.periods if one in early else self.recorded.periods
@@ -151,24 +152,25 @@ class Plan:
         return data, coords
 
     def strobes(self, periods: int) -> "Plan":
-        """Return the same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
+        """Return the same cases without a transient, of which strobes of `periods` or more are kept."""
         recorded = Calls(PERIODS_PER_CALL, math.ceil(periods / PERIODS_PER_CALL))
         records = RecordSet((Strobe(),))
         return replace(self, records=records, stages=(), transient=Calls(1, 0), recorded=recorded)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
-        """Cut the cases into chunks, those of most steps first; return them and the number of their threads.
-
-        Neither changes any result.
+        """Cut the cases into chunks of equal steps, and choose the number of threads. Neither changes any result.
 
         **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default what makes the run shortest.
         `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
+
+        **Returns:** the chunks, those of most steps first, and the number of threads.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
         tangents = tangents or bool(self.stages)
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
+        # cases of one batch take the same steps
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
@@ -176,7 +178,7 @@ class Plan:
         least = 1 if len(self.steps) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
         chunks = []
-        for steps in counts[::-1]:
+        for steps in counts[::-1]:  # the longest chunk must not be the last to begin
             members = np.flatnonzero(self.steps == steps)
             for first in range(0, len(members), chunk):
                 index = members[first : first + chunk]
@@ -186,6 +188,7 @@ class Plan:
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     """Return the chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
+    # sizes that give each group one to six chunks for every worker
     shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
 
     def duration(lanes):
@@ -199,13 +202,14 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
 
 
 class AbstractStage(AbstractOutput):
-    """Something that is measured of the motions after the recorded span, for which derivatives are taken there.
+    """A measurement of the motions after the recorded span, such as exponents, which takes derivatives there.
 
+    It is made in two steps: `of_chunk` of each chunk when its recorded span ends, then `of_all` of all cases.
     Subclasses are frozen dataclasses.
     """
 
     def periods_after(self, periods: int) -> int:
-        """Return for how many forcing periods motions run on after so many recorded ones."""
+        """Return the forcing periods for which motions run on, after so many recorded ones."""
         return 0
 
     @abc.abstractmethod
@@ -217,26 +221,28 @@ class AbstractStage(AbstractOutput):
         status: Int[np.ndarray, " lanes"],
         strobe: Motion | None,
     ) -> tuple[PyTree, Int[np.ndarray, " lanes"]]:
-        """Return arrays (lanes, ...) and `Status` codes of a chunk.
+        """Return values of a chunk, arrays (lanes, ...), and its `Status` codes.
 
         **Arguments:** `states`: at the end of the recorded span, `epoch` forcing periods after distance zero;
-        `strobe`: motions once per period before, (lanes, periods), with `LastStrobes` among the records.
+        `strobe`: motions at the ends of the periods before, (lanes, periods); None without the record `LastStrobes`.
         """
 
     def of_all(
         self, values: PyTree, status: np.ndarray, plan: Plan, how: Mapping[str, object], interrupted: bool
     ) -> tuple[PyTree, np.ndarray, bool]:
-        """Continue from what `of_chunk` gave of all cases; return values, `Status` codes, and whether it was
-        interrupted. Cases that were not finished have `Status.NOT_RUN`.
+        """Return values from those of `of_chunk`, `Status` codes of all cases, and whether it was interrupted.
 
-        **Arguments:** `how`: of `run_cases`; `interrupted`: whether the run was, so that nothing is simulated.
+        Cases that were not finished have `Status.NOT_RUN`.
+
+        **Arguments:** `how`: options of `run_cases`; `interrupted`: whether the run was, so that nothing more is
+        simulated.
         """
         return values, status, interrupted
 
 
 @dataclass(frozen=True)
 class LastStrobes(Unlabelled):
-    """States once per period at the end of the recorded span, for stages."""
+    """Motions once per period at the end of the recorded span, for stages; no variable."""
 
     periods: int
 
@@ -268,7 +274,7 @@ def sampled_plan(
     records: RecordSet = RecordSet(),
     stages: tuple[AbstractStage, ...] = (),
 ) -> Plan:
-    """Return the plan of some thousand cases spread over a grid, which tells what all of them need.
+    """Return the plan of at most 4096 cases spread over a grid, from which the cost of all is estimated.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -283,6 +289,7 @@ def sampled_plan(
     kept = (History(saves) if one == History() else one for one in records.records)
     lengths = Calls.of(transient), Calls.of(call.measured)
     plan = Plan(cases, solver, RecordSet(tuple(kept)), np.atleast_1d(steps), *lengths, stages)
+    # stages travel further along the rail than the plan itself
     begin = beginning_of(grid.scene, call.begin)
     check_rail(grid.scene, plan.periods, begin, transient, plan.periods_after)
     return plan
@@ -318,7 +325,7 @@ def _steps_and_saves(cases: Cases, call: Call) -> tuple[int | np.ndarray, int]:
 def _epoch(cases: Cases, begin: float) -> float:
     """Return the forcing periods from distance zero to where a run begins [m].
 
-    **Raises:** `ValueError` where these differ between cases, which run as one batch.
+    **Raises:** `ValueError` where these differ between cases: calls of a batch begin at one number of periods.
     """
     if not begin:
         return 0.0
@@ -335,7 +342,7 @@ class Part(NamedTuple):
     scenes: Batched[Scene]
     starts: Motion | State
     index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
-    # Indices into the list of those that this run takes, in whose order the results are.
+    # Indices into the list of the cases that this run takes; results are in its order.
     row: Int[np.ndarray, " lanes"]
     cases: int  # how many lanes count; the others fill the batch up
     steps: int  # integration steps per forcing period
@@ -347,5 +354,5 @@ class Part(NamedTuple):
         return shared_capacity(self.plan.most_steps, self.steps)
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
-        """Return whether each lane counts, and nothing is wrong with it."""
+        """Return whether each lane is a case, with which nothing is wrong."""
         return (status == Status.FINITE) & (np.arange(len(status)) < self.cases)

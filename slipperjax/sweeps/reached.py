@@ -24,7 +24,7 @@ NEAR = 0.05
 
 
 class ReachedOrbits(NamedTuple):
-    """Orbits that cases have reached."""
+    """Periodic orbits that cases have reached, and their exponents."""
 
     # Forcing periods after which the orbit recurs; 0 where none was reached for certain.
     period: Int[np.ndarray, " cases"]
@@ -36,7 +36,7 @@ class ReachedOrbits(NamedTuple):
 
 
 def nothing_reached(states: State, count: int) -> ReachedOrbits:
-    """Return those of cases for which no orbit was looked for."""
+    """Return the result of a search that found no orbit for any case."""
     cases = len(states.motion.y)
     return ReachedOrbits(
         np.zeros(cases, int),
@@ -54,11 +54,11 @@ def reached_orbits(
     count: int,
     half_step: bool,
 ) -> ReachedOrbits:
-    """Return the orbits that motions have reached, of the cases for which that is certain.
+    """Return the orbits that motions have certainly reached.
 
-    It is where the motion recurs, Newton's method finds an orbit, all its multipliers lie inside the unit circle, and
-    the motion is near the orbit and does not move away; with `half_step` an orbit with steps half as long must be
-    found, stable and as near.
+    That is certain where the motion recurs, Newton's method finds an orbit, all its multipliers lie inside the unit
+    circle, and the motion is near the orbit and does not move away. With `half_step`, a stable orbit must also be
+    found near it with steps half as long.
 
     **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
     record `strobe`, which has 20 periods or more; `count`: number of exponents.
@@ -98,8 +98,8 @@ def reached_orbits(
 def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
     """Return the forcing periods after which motions seem to recur, 0 where they do not.
 
-    Smallest lag within three times of the best recurrence: a motion that approaches an orbit of period 1 with a
-    multiplier near -1 recurs after 2 periods.
+    That is the smallest lag after which they recur within three times the best distance. A motion that approaches an
+    orbit of period 1 with a multiplier near -1 changes sides, and recurs after 2 periods.
     """
     periods = strobe.shape[1]
     lags = min(16, periods // 4)
@@ -116,7 +116,7 @@ def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> In
 
 
 def least_period(path: Float[np.ndarray, "periods coordinates"]) -> int:
-    """Return the divisor of the path's length after which it recurs already, or the length."""
+    """Return the smallest divisor of the path's length after which it recurs, or the length itself."""
     n = len(path)
     missed = lambda m: np.max(np.abs(path[m] - path[0]) / COORDINATE_SCALES)
     return next((m for m in range(1, n) if n % m == 0 and missed(m) < DIVISOR), n)
@@ -127,8 +127,10 @@ def is_near(
     path: Float[np.ndarray, "period coordinates"],
 ) -> bool:
     """Return whether a motion that ends at the path's start is near it, and was no nearer before."""
+    # from the last state backwards, beside the orbit, which begins where the record ends
     back = -np.arange(len(strobe))
     apart = np.max(np.abs(strobe[back - 1] - path[back % len(path)]) / COORDINATE_SCALES, axis=1)
+    # a motion that leaves an orbit is further from it in the last quarter than in the one before
     quarter = len(strobe) // 4
     late = apart[:quarter].max()
     early = apart[quarter : 2 * quarter].max()
@@ -136,11 +138,13 @@ def is_near(
 
 
 def _exponents(orbits: Orbits, period: np.ndarray, count: int) -> np.ndarray:
+    """Return ln |multiplier| per forcing period, (cases, count), the largest first [1/period]."""
     with np.errstate(divide="ignore"):
         return np.log(np.abs(orbits.multipliers[:, :count])) / np.maximum(period, 1)[:, None]
 
 
 def _sound(orbits: Orbits) -> np.ndarray:
+    """Return whether each orbit was found, is stable, and has steps short enough for the growth along it."""
     return (orbits.status == Status.FINITE) & orbits.stable & (orbits.growth <= FASTEST_GROWTH)
 
 

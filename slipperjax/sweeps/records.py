@@ -33,22 +33,22 @@ LEAST_PERIODS = 16
 
 @dataclass(frozen=True)
 class MotionKind(AbstractRecord):
-    """The kind of each motion by recurrence in the recorded strobe states, as `slipperjax.sweeps.attractors` says it.
+    """The kind of each motion by recurrence of the recorded strobe states, as by `slipperjax.sweeps.attractors`.
 
-    The variables `kind` and `period` are those of `slipperjax.analysis.classify`: records below `MIN_TEST` (200)
-    periods can only be periodic or unresolved, with period 4 at most in 16 of them and period 16 in 64. Cases with a
+    The variables `kind` and `period` are those of `slipperjax.analysis.classify`. With fewer than `MIN_TEST` (200)
+    periods, a motion is periodic or unresolved: 16 periods show period 4 at most, and 64 show period 16. Cases with a
     status other than 0 are "unresolved".
     """
 
     latest: int = LAST
-    """How many periods at the end of the record are looked at, at most. With fewer than `MIN_TEST` only periodic
-    motions are asked for, and no warning says that the others need more."""
+    """Periods at the end of the record that are used, at most. Below `MIN_TEST` only periodic motions are wanted, and
+    no warning is given that others need more."""
 
     def __post_init__(self):
         whole("latest", self.latest, LEAST_PERIODS)
 
     name = "motion"
-    inside = False
+    inside = False  # ends of periods suffice
 
     @property
     def variables(self):
@@ -66,6 +66,7 @@ class MotionKind(AbstractRecord):
     def check(self, scene, periods, steps):
         need = f"be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell tori from chaos"
         require(periods >= LEAST_PERIODS, "periods", need, periods)
+        # who looks at fewer on purpose asks for periodic motions only
         if periods < MIN_TEST <= self.latest:
             warn(
                 f"Argument `periods` is {periods}: motions that are not periodic, chaos too, stay unresolved with "
@@ -90,15 +91,15 @@ class MotionKind(AbstractRecord):
 
 @dataclass(frozen=True)
 class LargestExponent(AbstractStage):
-    """The largest Lyapunov exponent [1/period] with its standard error, uncertified.
+    """The largest Lyapunov exponent [1/period] with its standard error, without a certificate.
 
-    It is measured by a tangent after the recorded span, over as many periods again and 20 more before, in which
-    the tangent turns into its direction; both are rounded up to multiples of 20. Nothing checks it, as
-    `slipperjax.lyapunov_sweep` does with steps half as long, a second trajectory and longer motions.
+    It is measured after the recorded span by a tangent, over as many periods again, rounded up to multiples of 20,
+    after 20 periods in which the tangent turns into the direction of fastest growth. `slipperjax.lyapunov_sweep` also
+    checks it.
     """
 
     periods: int | None = None
-    """Over how many periods; None for as many as are recorded."""
+    """Forcing periods over which it is measured; None for as many as are recorded."""
 
     def __post_init__(self):
         if self.periods is not None:
@@ -148,7 +149,7 @@ OTHERS: dict[str, tuple[AbstractOutput, ...]] = {
     "exponents": (LyapunovExponents(),),
     "orbits": (NearestOrbit(),),
 }
-"""Records by name that are no numbers of a period."""
+"""Records by name that are not numbers of a period; `RECORDS` has those."""
 NAMES = (*OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
@@ -156,8 +157,8 @@ NAMES = (*OTHERS, *ALIASES, *RECORDS)
 def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSet, tuple[AbstractStage, ...]]:
     """Return records and stages from a user's argument: a name, a record, or a list of both.
 
-    **Arguments:** `loads`: whether contact loads come with the others, None for with sections and histories. Statuses
-    that follow from loads come with any load.
+    **Arguments:** `loads`: whether contact loads are recorded, too; None for with sections and histories only. Any
+    load adds the record of the statuses that follow from loads.
 
     **Raises:** `ValueError` for anything else.
     """
@@ -169,9 +170,10 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
         outputs += [RECORDS[name] for name in LOADS]
     if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in outputs):
         outputs.append(ContactChecks())
+    # from which it is seen whether a motion has reached an orbit
     if any(isinstance(one, LyapunovExponents) for one in outputs):
         outputs.append(LastStrobes(LAST))
-    outputs = list(dict.fromkeys(outputs))
+    outputs = list(dict.fromkeys(outputs))  # each once, in order
     records = tuple(one for one in outputs if isinstance(one, AbstractRecord))
     return RecordSet(records), tuple(one for one in outputs if isinstance(one, AbstractStage))
 
@@ -181,7 +183,7 @@ OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 
 
 def _outputs(record: object) -> tuple[AbstractOutput, ...]:
-    """Return the records and stages of a name, or one as it is."""
+    """Return the records and stages that a name stands for, or a record itself."""
     if isinstance(record, AbstractOutput):
         return (record,)
     need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"

@@ -1,4 +1,4 @@
-"""The one way in which many cases are run: chunk by chunk on threads, with progress."""
+"""Many cases at work: chunks through their periods, on threads, with progress and Ctrl-C."""
 
 import functools
 import threading
@@ -30,7 +30,7 @@ from ..tools.progress import bar as progress_bar, is_live
 from .plan import Calls, Chunk, LastStrobes, OnProgress, Part, Plan
 
 TICK = 0.25
-"""Seconds between two looks at a run's threads."""
+"""Seconds between two checks of a run's threads, and for Ctrl-C."""
 
 
 class ChunkRun(NamedTuple):
@@ -43,18 +43,17 @@ class ChunkRun(NamedTuple):
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
-    """Raise `KeyboardInterrupt` where this run is asked to end: an `OnProgress` for runs that show none."""
+    """Raise `KeyboardInterrupt` where this run is asked to end. Serves as `OnProgress` of runs that show none."""
     if Stop.here().is_set():
         raise KeyboardInterrupt
 
 
 def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
-    """Run a chunk of cases through its plan, from `epoch` forcing periods behind the place where the plan begins.
+    """Run a chunk of cases through its plan: transient, recorded span, stages.
 
-    Times in records count from there.
-
-    **Arguments:** `first`: whether it is the first chunk of its run, of which the program that records is compiled
-    while that of the transient is.
+    **Arguments:** `states`: at the start; `epoch`: forcing periods from the place where the plan begins to where this
+    run does, from where the times in records count; `first`: whether it is the first chunk of its run, whose two
+    programs, of the transient and of the recorded span, are compiled at the same time.
     """
     plan = part.plan
     scenes = part.scenes
@@ -63,12 +62,15 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     samples = Samples(records, plan.recorded.periods)
     number = as_argument(part.steps)  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
+    # the ends of steps inside a period are arrays, whose length a program must know: the most steps that it serves
     if records.inside:
         alike = bool(np.all(plan.steps == part.steps))
         recording = ConstantSteps(part.steps) if alike else ConstantSteps(part.capacity, number)
     early = records.from_start
     carry = initial_carry(early, scenes, states)
+    # LAPACK must not be called from two threads
     if first and plan.transient.count and not calls_lapack(plan.solver):
+        # a call of no periods: it compiles the recording program, and costs no steps
         none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
         of_record = dict(solver=plan.solver, periods=plan.recorded.capacity, records=records)
         ahead(lambda: advance(scenes, states, plan.epoch, recording, **none, **of_record))
@@ -87,6 +89,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
             periods=plan.transient.capacity,
             records=early,
         )
+    # what was carried through the transient is dropped: only samples are kept from the start on
     carry = initial_carry(records, scenes, at.states)
     at, carry = run_span(part, scenes, at, plan.recorded, recording, records, carry, samples)
     states = at.states
@@ -96,6 +99,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     span = RecordedSpan(plan.recorded.periods, part.steps, plan.epoch + epoch, status)
     values = list(records.finish(carry, samples.joined(), span))
     strobe = next((a for r, a in zip(records.records, values, strict=True) if isinstance(r, LastStrobes)), None)
+    # each stage begins from the same states, and adds to the status what it finds
     for stage in plan.stages:
         measured, status = stage.of_chunk(part, states, at.period, status, strobe)
         values.append(measured)
@@ -103,7 +107,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
 
 
 class Passing(NamedTuple):
-    """Where a chunk of cases is on its way."""
+    """A chunk of cases on its way: states, place and statuses so far."""
 
     states: State
     period: float  # forcing periods from distance zero
@@ -120,13 +124,16 @@ def run_span(
     carry: tuple[PyTree, ...],
     samples: Samples,
 ) -> tuple[Passing, tuple[PyTree, ...]]:
-    """Run a chunk over a span with equal steps, call by call; return where it is then, and the records' carry.
+    """Run a chunk over a span with equal steps, call by call.
 
-    **Arguments:** `carry`: of the records before; `samples`: to which those of the span are added.
+    **Arguments:** `at`: where the span begins; `carry`: of the records before it; `samples`: to which those of the
+    span are added.
+
+    **Returns:** where the span ended, and the records' carry.
     """
     states, period, status = at
     for _ in range(calls.count):
-        part.on_progress(0)
+        part.on_progress(0)  # stops here after Ctrl-C
         passed = advance(
             scenes,
             states,
@@ -155,6 +162,7 @@ def half_step_change(
 
     **Arguments:** `options`: of `advance`, with the number of periods.
     """
+    # both numbers of steps are arguments of one program
     numbers = [ConstantSteps(steps=as_argument(number)) for number in (steps, 2 * steps)]
     ends = (advance(scenes, states, epoch, number, **options).state.motion for number in numbers)
     return np.asarray(_distances(scenes, *ends))
@@ -175,6 +183,7 @@ def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> 
         return jax.tree.map(lambda a: np.asarray(a)[0], tree)
 
     lanes = len(states.motion.y)
+    # shapes count and numbers do not, so one case stands for all
     one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
 
@@ -182,14 +191,14 @@ def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> 
 class Run(NamedTuple):
     """Cases after a run, or after an interrupt."""
 
-    # A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
+    # A named tuple of arrays with a leading axis of cases; unfinished cases have what `blank` gives.
     # None where no case was finished.
     results: PyTree
     finished: Bool[np.ndarray, " cases"]
     interrupted: bool
 
     def checked(self, make: Callable[[], object]) -> PyTree:
-        """Return what `make()` makes of the results; raise `Interrupted` with it where the run was interrupted."""
+        """Return `make()`, a dataset of the results; raise `Interrupted` with it where the run was interrupted."""
         made = None if self.results is None else make()
         if self.interrupted:
             raise Interrupted(made, int(self.finished.sum()), len(self.finished))
@@ -210,13 +219,14 @@ def run_cases(
 ) -> Run:
     """Call `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
 
-    **Arguments:** as for `run_chunks` and `Plan.chunks`.
+    **Arguments:** `index`: indices of cases, of which one may come several times; others as for `run_chunks` and
+    `Plan.chunks`.
     """
     listed = np.arange(plan.cases.count) if index is None else index
     chunks, threads = replace(plan, steps=plan.steps[listed]).chunks(chunk, workers, tangents=tangents)
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> PyTree:
-        lanes = listed[chunk.index]
+        lanes = listed[chunk.index]  # chunks count within `index`, and parts in the list of all cases
         cases = plan.cases.take(lanes)
         return work(Part(plan, *cases, lanes, *chunk, on_progress))
 
@@ -234,14 +244,19 @@ def run_chunks(
 ) -> Run:
     """Call `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
 
-    After Ctrl-C what is finished is returned at once; a thread that is inside a call ends after it.
+    After Ctrl-C it returns at once with the chunks that are finished; threads end after the call that they are in.
 
-    **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
-    `on_progress(n)` after n forcing periods. That raises where another chunk failed or the user interrupted, so that
-    a chunk stops at its next call. `periods`: of one case in all. `progress`, `name`: of `progress_shown`.
+    **Arguments:**
+
+    - `work`: returns a named tuple of arrays with a leading axis of lanes, one of them `status`. It calls
+      `on_progress(n)` after n forcing periods, which raises where another chunk failed or the user interrupted, so
+      that this chunk stops, too.
+    - `periods`: forcing periods of one case in all.
+    - `progress`, `name`: of `progress_shown`.
     """
     parts: list[PyTree] = [None] * len(chunks)
     cases = sum(chunk.cases for chunk in chunks)
+    # the bar counts steps, to which time is proportional
     total = periods * sum(chunk.steps * chunk.cases for chunk in chunks)
     interrupted = False
 
@@ -260,6 +275,7 @@ def run_chunks(
             gather([functools.partial(one, k) for k in range(len(chunks))], workers)
         except KeyboardInterrupt:
             interrupted = True
+    # a copy, because threads that still run may add to the list
     return _in_order(chunks, list(parts), interrupted)
 
 
@@ -274,8 +290,8 @@ def gather(
 
     After Ctrl-C, or an error of a task, the others are cancelled; in those that run `heed_interrupts` raises.
 
-    **Arguments:** `done`: called with the number of each task that has ended; `patience`: how long the end of running
-    threads is waited for after Ctrl-C or an error [s].
+    **Arguments:** `done`: called with the number of each task that has ended; `patience`: how long to wait for
+    running threads after Ctrl-C or an error [s].
 
     **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
     """
@@ -286,12 +302,13 @@ def gather(
         context.run(TOLD.set, set())  # each kind of warning once
     futures: dict[Future, int] = {}
     try:
+        # threads of this process get its context variables and its stop; tasks of an executor may be pickled
         for k, task in enumerate(tasks):
             future = context.run(stop.submit, pool, task) if executor is None else pool.submit(task)
             futures[future] = k
         while futures:
             for future in wait(futures, TICK, "FIRST_COMPLETED").done:
-                future.result()
+                future.result()  # raises the task's error
                 done(futures.pop(future))
             heed_interrupts()
     except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
@@ -304,11 +321,14 @@ def gather(
         raise
     finally:
         if executor is None:
-            pool.shutdown(wait=False)
+            pool.shutdown(wait=False)  # an executor belongs to the caller
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:
-    """Return the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
+    """Return the chunks' results in the order of the cases, without the lanes that fill chunks up.
+
+    **Arguments:** `parts`: the chunks' results; None for an unfinished one, whose cases become blank.
+    """
     cases = sum(chunk.cases for chunk in chunks)
     finished = np.zeros(cases, bool)
     for chunk, part in zip(chunks, parts, strict=True):
@@ -331,10 +351,10 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: boo
 def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> Iterator[Callable[..., None]]:
     """Show how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
 
-    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many; `wanted`: of
-    `slipperjax.tools.progress.bar`.
+    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: their number; `wanted`:
+    of `slipperjax.tools.progress.bar`.
 
-    **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
+    **Yields:** `add(work, done)`, which threads call with the work just done and the number of cases just finished.
     """
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
     lock = threading.Lock()

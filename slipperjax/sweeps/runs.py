@@ -57,7 +57,7 @@ from .windows import (
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
 PERCENTILES = (50.0, 90.0, 99.0)
-"""Percentiles of the windows' highest forces that are kept of each stretch [%]."""
+"""Percentiles of the windows' highest forces in each stretch [%]."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def run(
     store: Store | str | Path | None = None,
     executor: object = None,
 ) -> xr.Dataset:
-    """Simulate runs over a length of rail, at a speed that may change along it.
+    """Simulate runs over a length of rail, at a speed that may change along it, and record each window of distance.
 
     ```python
     fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-100.0, speed=100.0)], start=50.0)
@@ -107,32 +107,34 @@ def run(
 
     - `grid`: values by parameter name as for `sweep`, such as `{"track.seed": range(200)}`, "speed.scale" of a
         programme, or none for one run.
-    - `length`: how far to travel [m], rounded up to whole windows; `begin`: the place from which on [m], by default
-        where the rail begins.
-    - `speed`: a programme, or a constant speed [m/s]; default that of the scene.
-    - `window`: length over which records are joined [m].
+    - `length`: how far to travel [m], rounded up to whole windows; `begin`: where the run begins [m], by default
+        where the rail does.
+    - `speed`: a programme, or a constant speed [m/s]; by default that of the scene.
+    - `window`: length of rail of which each record is one value [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
-        `slipperjax.sweeps.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
-    - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, from whose
-        state at `begin` this one goes on, by default at its end.
-    - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
-        by default those that the least speed of each `STRETCH` windows needs, times `refine`.
-    - `probe`: at the start of how many stretches the error is measured by half the step, over a wavelength of the
+        `slipperjax.sweeps.windows.WINDOW_RECORDS`. By default what reports of track tests show, see below.
+    - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, which this
+        one continues from its state at `begin`, by default at its end.
+    - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
+        same all the way; by default those that the least speed of each `STRETCH` windows needs, times `refine`.
+    - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
         track or its reference length: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
         a tenth the status says so.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
-    **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
-    `speed` [m/s] in its middle and `seconds` at its end as coordinates. By default `peak_force` [N] of each point,
-    `peak_distance` where it was [m], `contact_fraction`, `impacts`, the number of touchdowns, `impulse` [N s],
-    `drive_force` [N], and `peak_a_y` and the others, the greatest accelerations; with friction `friction_work` [J],
-    and with a sled `spring_force` [N]. Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and
-    others, `band_a_y` and `band_a_z`, root mean squares in third octaves [m/s^2], `impact_rate` [1/s],
-    `peak_force_percentile` of the windows' highest forces, `state`, from which a run goes on, and with wear `play`
-    [m]. `status` of each run is 0 where nothing is wrong.
+    **Returns:** an `xarray.Dataset` over the grid with `status`, 0 where nothing is wrong, and
 
-    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted`,
-    which has the finished runs, after Ctrl-C.
+    - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
+      `seconds` at its end [s]: by default `peak_force` [N] of each point, `peak_distance` where it was [m],
+      `contact_fraction` [1], `impacts`, the number of touchdowns, `impulse` [N s], `drive_force` [N], and greatest
+      accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
+    - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
+      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s];
+      `peak_force_percentile` of the windows' highest forces [N]; `state`, from which a run can go on; with wear
+      `play` [m].
+
+    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted` after
+    Ctrl-C, with the finished runs.
     """
     scene = at_speed(scene, speed)
     origin, first = beginning(scene, begin, start)
@@ -153,6 +155,7 @@ def run(
     how: dict[str, object] = dict(chunk=chunk, workers=workers, progress=progress)
     if grid is None:
         require(store is None, "store", "come with a grid", store)
+        # a grid of one case, whose dimension the dataset drops
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
     return run_or_store(
         _computed,
@@ -187,7 +190,7 @@ def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
 def _computed(
     call: RunCall, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
 ) -> xr.Dataset:
-    """Return the results of runs. Arguments as for `run_cases`."""
+    """Return the results of runs. **Arguments:** `how`: of `run_cases`."""
     cases = Cases(scene, grid, start, product=call.product)
     plan, profiles = _planned(call, cases)
     plan.estimate(cases.count).check()
@@ -215,8 +218,9 @@ class _Results(NamedTuple):
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     """Return how many windows a run has.
 
-    **Raises:** `ValueError` where the rail ends before. A warning says where one is known no further.
+    **Raises:** `ValueError` where the rail ends before the run. A warning says where the rail is known no further.
     """
+    # rounding must not add a window, nor end the rail too early
     windows = int(np.ceil(length / window * (1 - 1e-12)))
     travelled = begin + windows * window
     far = scene.track.end + 1e-9 * abs(scene.track.end)
@@ -226,7 +230,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 
 
 def _records(scene: Scene, record: object) -> RecordSet:
-    """Return the records of a user's choice, of each window, of each stretch, and of the whole run."""
+    """Return the records that a user chose for each window, and those of each stretch and of the whole run."""
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     if record is None:
         chosen = [*DEFAULT, *PEAKS]
@@ -238,6 +242,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
         require(of_window is not None, "record", f"{need}, or a record of numbers", one)
     records: list[AbstractRecord] = [PerWindow(of_window) for of_window in known if of_window]
     names = {one.name for one in records}
+    # each variable once, of windows where the user asks for that
     records += [RECORDS[name] for name in PER_STRETCH if name not in names]
     records.append(ThirdOctaves())
     if scene.wear is not None:
@@ -253,6 +258,7 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
     stretches = -(-windows // STRETCH)
     window = call.window
     if call.steps_per_period is None:
+        # a batch of one of few sizes, so that programs are shared; what fills it up is cut off below
         batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
         edges = call.begin + window * STRETCH * np.arange(stretches)
         # the least speed of a stretch is looked for at nine places
@@ -261,13 +267,18 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
         steps = call.refine * rounded_steps(needed)
     else:
         steps = np.full((cases.count, stretches), given_steps(call.steps_per_period))
+    # from steps per wavelength to steps per window; rounding must not add one
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
     return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
 
 
 @jit
 def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Array) -> jax.Array:
-    """Return steps per reference length of each stretch, at its least speed, (cases, stretches)."""
+    """Return steps per reference length of each stretch, at its least speed, (cases, stretches).
+
+    **Arguments:** `starts`: unused, but with an axis of cases even where the scenes are all the same; `places`:
+    distances, (stretches, places) [m].
+    """
 
     def one(scene: Scene, start: Motion | State) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
@@ -279,12 +290,15 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Arr
 
 
 def _keys(profiles: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """Return a number for each case that tells its profile of steps, about their mean, and the profiles by number."""
+    """Return a key for each case, and the profile of steps by key, so that cases of one profile run as one batch.
+
+    Keys are near the mean steps, because plans take them for the steps that a case costs.
+    """
     different, which = np.unique(profiles, axis=0, return_inverse=True)
     profile_of: dict[int, np.ndarray] = {}
     for profile in different:
         key = round(profile.mean())
-        while key in profile_of:
+        while key in profile_of:  # another profile of the same mean
             key += 1
         profile_of[key] = profile
     return np.array(list(profile_of))[np.ravel(which)], profile_of
@@ -292,6 +306,7 @@ def _keys(profiles: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
 
 def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
     """Return the same scenes with windows as their unit of travel."""
+    # the window is shared; `is_leaf` finds its place, which is None before
     put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
     return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
@@ -305,6 +320,7 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     nothing, section = np.zeros(len(scene.section.faces)), scene.section
     if not (isinstance(earlier, xr.Dataset) and "play" in earlier):
         return nothing
+    # wear by distance follows from where the run is, so that only the rest is carried over
     by_distance = scene.wear.added(section, scene.slipper.length, begin, jnp.asarray(nothing))
     return earlier["play"].sel(stretch=begin).values - np.asarray(section.play) - np.asarray(by_distance)
 
@@ -319,7 +335,7 @@ def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
 
 
 def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[int]) -> _Results:
-    """Run a chunk of cases stretch by stretch.
+    """Run a chunk of cases stretch by stretch, with windows as periods.
 
     **Arguments:** `profile`: integration steps in a window of each stretch; `probed`: stretches at whose start errors
     are measured.
@@ -332,6 +348,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     states = initial_states(scenes, part.starts, epoch)
     at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
     records = plan.records
+    # records of a stretch begin with `empty`
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
     wavelength = max(1, round(float(np.max(plan.cases.scene.wavelength)) / call.window))
@@ -344,13 +361,13 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
         used = min(STRETCH, plan.periods - k * STRETCH)
         at = at._replace(period=epoch + k * STRETCH)
         if k in probed:
-            now = scenes
+            now = scenes  # as worn as they are here
             for worn in _worn_in(carry):
                 now = _opened(scenes, worn.play)
             around = dict(used=as_argument(wavelength), periods=capacity_for(wavelength), solver=plan.solver)
             errors.append(half_step_change(now, at.states, at.period, steps, **around))
         stepping = ConstantSteps(steps)
-        if np.ptp(profile):
+        if np.ptp(profile):  # stretches of other steps share a program
             stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
         samples = Samples(records, used)
         begin = at.period
@@ -359,7 +376,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
         pieces.append([])
         carry = ()
         for one, value, new, old in zip(records.records, made, carried, empty, strict=True):
-            # records of a stretch begin anew with the next one, and those of the whole run go on
+            # records of a stretch begin anew with the next one; those of the whole run, without variables, go on
             carry += (new if isinstance(one, Unlabelled) else old,)
             pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
         marks.append(StateLayout.pack(at.states))
@@ -372,7 +389,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
 
 
 def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:
-    """Return what wear has done, where slippers wear."""
+    """Return the carry of wear, of one or no record."""
     return [mine for mine in carry if isinstance(mine, Worn)]
 
 
@@ -419,7 +436,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
         text = "what half the step changes over a reference length, in scales"
         data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text)
         coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
-        status = with_accuracy(status, results.probe.max(axis=1))
+        status = with_accuracy(status, results.probe.max(axis=1))  # by the largest error of a run
     data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
     speed, seconds = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)
@@ -427,7 +444,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     over = (*dims, "distance") if differ else "distance"
     joined = lambda a: of_grid(np.asarray(a)[: cases.count]) if differ else np.asarray(a)[0]
-    name = "speed_along" if "speed" in cases.axes else "speed"
+    name = "speed_along" if "speed" in cases.axes else "speed"  # which may be an axis of the grid
     coords[name] = column(over, joined(speed), "m/s", "travelling speed")
     coords["seconds"] = column(over, joined(seconds), "s", "time")
     varied = () if call.only else cases.axes

@@ -1,7 +1,8 @@
 """Sweeps on disk: a zarr store whose tiles any executor computes, each complete or absent.
 
-A tile is a block of the grid: one task, and one chunk of every array. Its mark, a file beside the chunks of `status`
-that is written last, says of which call it is. The same call goes on where the last one ended, whatever ended it.
+A tile is a block of the grid: one task, and one chunk of every array. Its mark is a file beside the chunks of
+`status` that is written last: a tile with a mark is complete, and the mark says of which call. So the same call goes
+on where the last one ended, whatever ended it.
 """
 
 import errno
@@ -49,17 +50,17 @@ from .plan import LARGEST_CHUNK
 from .run import gather, progress_shown
 
 MARK = "slipperjax_store"
-"""Attribute by which a store of ours is known: its call as JSON, and its tiles."""
+"""Attribute by which a store of ours is known: JSON of the fields of `Archive`."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
-_ALONE = threading.Lock()
+_ALONE = threading.Lock()  # held by the one tile that is computed where two at a time are not allowed
 
 
 class StoreInUse(OSError):
-    """Error where another process writes to the store. Its lock ends with that process, however this ends."""
+    """Error where another process writes to the store. Its lock ends with it, even where it is killed."""
 
 
 class WorkerLost(OSError):
-    """Error where a worker process ended, and its executor with it. What was finished is stored."""
+    """Error where a worker process ended, and its executor with it. Finished tiles are stored."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ class Store:
 
     path: Path
     tile: int | None = None
-    """Cases, about, that are computed and written as one: what a crash can lose; default from the grid."""
+    """Cases that are computed and written together, about: what a crash can lose; default from the grid."""
     fresh: bool = False
-    """Whether a store of slipperjax that is there is deleted first."""
+    """Whether to replace a store of slipperjax that exists at the path."""
     share: tuple[int, int] | None = None
     """(i, n): compute the i-th of n shares only, i from 1 to n, while other processes compute the others."""
 
@@ -86,7 +87,7 @@ class Store:
             "be a path that ends in .zarr",
             self.path,
         )
-        object.__setattr__(self, "path", user_path(self.path))
+        object.__setattr__(self, "path", user_path(self.path))  # frozen for others
         require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:
             whole("tile", self.tile, 1)
@@ -120,6 +121,7 @@ class Store:
     @property
     def free_bytes(self) -> float:
         """Bytes that are free on its disk."""
+        # the store itself may not exist yet
         folder = next(folder for folder in self.path.absolute().parents if folder.exists())
         return float(shutil.disk_usage(folder).free)
 
@@ -128,7 +130,8 @@ class Store:
 
 
 def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[str, object]:
-    """Return as JSON all that determines the numbers of a store."""
+    """Return as plain data all that determines the numbers of a store."""
+    # sources of the package, and of the classes of others, such as a track or a record of the user
     code = {"slipperjax": IMPORTED}
     code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, vars(call)])}
     asked = {
@@ -138,6 +141,7 @@ def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[
         "call": {name: _described(value) for name, value in vars(call).items()},
         "code": code,
     }
+    # as it is read back from a store: tuples become lists
     return json.loads(json.dumps(asked))
 
 
@@ -153,6 +157,7 @@ def _described(value: object) -> object:
 
 
 def _digest(content: bytes) -> str:
+    """Return 16 hexadecimal digits that tell contents apart."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 
@@ -162,14 +167,14 @@ def _leaves(value: object, path: str = "") -> Iterator[tuple[str, str]]:
         for name, part in value.items():
             yield from _leaves(part, f"{path}.{name}".strip("."))
     else:
-        yield path, value if isinstance(value, str) else json.dumps(value)  # in which NaN is equal to itself
+        yield path, value if isinstance(value, str) else json.dumps(value)  # as text, NaN is equal to itself
 
 
 # --- the store on disk ----------------------------------------------------------------------------------------------
 
 
 class Archive(NamedTuple):
-    """A store that exists."""
+    """A store that exists: what its attribute `MARK` says, and where it is."""
 
     path: Path
     call: dict[str, Any]
@@ -195,6 +200,7 @@ class Archive(NamedTuple):
         at = dict(zip(self.dims, map(str, self.tiles.indices(number)), strict=True))
         files = []
         for name, dims in self.variables.items():
+            # zarr's file of a chunk is c/0/3/1; dimensions that are not the grid's have one chunk
             chunk = [at.get(d, "0") for d in dims]
             files.append(self.path.joinpath(name, "c", *chunk))
         return files
@@ -243,9 +249,10 @@ class Archive(NamedTuple):
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then. `ValueError` where a store
         of another call was put in this one's place.
         """
-        _open_archive(self.path, self.call)
+        _open_archive(self.path, self.call)  # raises where another store has taken its place
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
+        # chunks of zeros and NaN are written, too, because a tile without all its files is absent
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         mark = self.mark(number)
         mark.parent.mkdir(exist_ok=True)
@@ -278,7 +285,10 @@ def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
 
 
 def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], like: xr.Dataset) -> None:
-    """Write an empty store in the form of one case's results."""
+    """Write an empty store in the form of one case's results.
+
+    **Arguments:** `like`: a dataset over a grid of one case.
+    """
     import zarr
     from zarr.codecs import ZstdCodec
 
@@ -290,6 +300,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
     encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
     shapes = {}
     for name, variable in data.items():
+        # variables over the grid are filled tile by tile; others, such as labels, are the same in all tiles
         if set(dims) <= set(variable.dims):
             fill: Any = {"f": np.nan, "c": np.nan, "O": "", "b": False}.get(variable.dtype.kind, 0)
             fill = int(Status.NOT_RUN) if name == "status" else fill
@@ -329,16 +340,17 @@ def _check_replaceable(path: Path) -> None:
 
 
 def _make_archive(path: Path, *contents: object) -> Archive:
-    """Make an empty store, whole or not at all, in place of one of ours that may be there.
+    """Make an empty store, completely or not at all, in place of one of ours that may exist.
 
     **Arguments:** `contents`: as for `_create`.
 
     **Raises:** `ValueError` where something else is there.
     """
     _check_replaceable(path)
+    # made beside it and renamed, which a crash cannot leave half done
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
-        if path.exists():
+        if path.exists():  # deleted with the folder
             os.rename(path, Path(part, "old"))
         os.rename(Path(part, "new"), path)
     return _open_archive(path)
@@ -352,7 +364,7 @@ def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archi
     try:
         attributes = json.loads(content_of(path / "zarr.json"))["attributes"]
         archive = Archive(path, **json.loads(attributes[MARK]))
-        archive.files(archive.tiles.count - 1)  # shapes and dimensions suit each other
+        archive.files(archive.tiles.count - 1)  # raises where shapes and dimensions do not suit each other
     except (OSError, KeyError, ValueError, TypeError, RecursionError, AttributeError, ZeroDivisionError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None
     if call is None:
@@ -407,7 +419,7 @@ class StoreStatus(NamedTuple):
 
 
 def store_status(path: object) -> StoreStatus:
-    """Count how much of a store is done, without reading results.
+    """Count the tiles and cases of a store that are done, and its bytes, without reading results.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
@@ -424,7 +436,7 @@ def store_status(path: object) -> StoreStatus:
 
 
 def check_store(path: object) -> list[int]:
-    """Read all of a store, and make damaged tiles absent, so that the same call computes them again.
+    """Read all of a store and delete the marks of damaged tiles, so that the same call computes them again.
 
     **Returns:** the numbers of these tiles.
 
@@ -446,6 +458,7 @@ def check_store(path: object) -> list[int]:
 
 
 def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
+    """Return the lock of a store, or of a share of it."""
     store = store.resolve()  # a store has one lock, whatever links lead to it
     return store.with_name(store.name + (".lock" if share is None else f".{share[0]}-of-{share[1]}.lock"))
 
@@ -459,6 +472,7 @@ def _writing(store: Store) -> Iterator[None]:
     with _held(_lock_path(store.path, store.share)):
         if store.path.exists() and not os.access(store.path, os.W_OK):
             raise PermissionError(f"{store.path} is protected against writing")
+        # who writes to all of it must be alone: a lock that is free is taken and deleted
         shares = [] if store.share else store.path.resolve().parent.glob(f"{store.path.name}.*-of-*.lock")
         for other in shares:
             with _held(other):
@@ -468,7 +482,7 @@ def _writing(store: Store) -> Iterator[None]:
 
 @contextmanager
 def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
-    """Hold a lock, which is waited for so long, and delete its file afterwards."""
+    """Hold a lock and delete its file afterwards. **Arguments:** `seconds`: how long to wait for it."""
     import filelock
 
     if not path.parent.is_dir():
@@ -507,9 +521,13 @@ def run_or_store(
 ) -> xr.Dataset:
     """Compute a sweep, or open the store into which it is computed, tile by tile.
 
-    **Arguments:** `compute(call, scene, grid, start, **how)`: returns a dataset over the grid, in which no case
-    depends on another; `estimate(call, grid, start)`: of all cases, before anything is compiled; `call`: a frozen
-    dataclass with `function`, `product`, `steps_per_period` and `solver`; `how`: `chunk`, `workers`, `progress`.
+    **Arguments:**
+
+    - `compute(call, scene, grid, start, **how)`: returns a dataset over a grid, in which no case depends on another.
+    - `estimate(call, grid, start)`: returns the estimate of all cases, before anything is compiled.
+    - `store`: a path or a `Store`; None computes all cases here.
+    - `executor`: computes the tiles; None for threads of this process.
+    - `how`: `chunk`, `workers` and `progress`.
 
     **Raises:** `ValueError` where the store is of another call, with the differences; `StoreInUse` where another
     process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
@@ -542,25 +560,27 @@ def _stored(
     workers: int | None,
     progress: bool | None,
 ) -> xr.Dataset:
-    """Compute what is missing in a store, and open it. Arguments as for `run_or_store`."""
+    """Compute the tiles that are missing in a store, and open it. Arguments as for `run_or_store`."""
     steps = call.steps_per_period
     grid.check_steps(steps)
     workers = None if workers is None else whole("workers", workers, 1)
     asked = _fingerprint(call, grid, start)
+    # asked twice: before and after the lock is taken
     is_made = lambda: store.path.exists() and not store.fresh
     if is_made() and _open_archive(store.path, asked).complete_tiles().all():
-        return open_store(store.path)  # on a disk, perhaps, that is protected against writing
+        return open_store(store.path)  # without a lock, because the disk may be read-only
     # threads of this process compute a tile each; other processes may have several cores
     alone = executor is None
     threads = workers or cores() if alone else 1
     how = dict(
         chunk=chunk or LARGEST_CHUNK,  # of one size, so that a worker compiles its programs once
         workers=1 if alone else workers or 1,
-        progress=False,
+        progress=False,  # one bar shows the tiles
     )
 
     def work_on(index: tuple[slice, ...]) -> Callable[[], xr.Dataset]:
         """Return the function that computes a part of the grid."""
+        # steps of each case are cut like the grid
         of_part = replace(call, steps_per_period=np.asarray(steps)[index]) if np.ndim(steps) else call
         return functools.partial(compute, of_part, grid.scene, grid.part(index), start, **how)
 
@@ -582,7 +602,8 @@ def _stored(
                 except Interrupted:
                     raise Interrupted(None, 0, grid.count) from None
                 archive = _make_archive(store.path, grid, tiles, asked, like)
-        archive.open()
+        archive.open()  # raises where variables are missing
+        # workers of an executor may have another working directory
         archive = archive._replace(path=store.path.absolute())
         if store.share is None:
             for part in archive.path.rglob("*.partial"):  # of a process that was killed
@@ -595,7 +616,7 @@ def _stored(
         tasks = []
         sizes = []
         for number in np.flatnonzero(~archive.complete_tiles()).tolist():
-            if number % shares == share - 1:
+            if number % shares == share - 1:  # shares take tiles in turn, which are about equally long
                 work = work_on(archive.tiles.region(number))
                 tasks.append(functools.partial(_compute_tile, archive, number, work, one_by_one))
                 sizes.append(archive.tiles.cases(number))
@@ -633,6 +654,7 @@ def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset],
 
     **Arguments:** `one_by_one`: whether a process may compute one tile at a time only.
     """
+    # tiles of two versions must not stand in one store
     if archive.call["code"]["slipperjax"] != IMPORTED:
         raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
     if TOLD.get() is None:  # in another process
@@ -648,7 +670,7 @@ def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset],
 
 
 def _pool_of(executor: object) -> object:
-    """Return an executor with `concurrent.futures`' interface, which a client of dask has, too."""
+    """Return an executor with the interface of `concurrent.futures`, also for a client of dask."""
     if type(executor).__module__.split(".")[0] != "distributed":
         return executor
     # tasks of one function and argument are the same to dask unless they are said to be impure
@@ -656,10 +678,10 @@ def _pool_of(executor: object) -> object:
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
-    """Make an executor of spawned processes for `store`, by default one per core.
+    """Return an executor of new processes that compute the tiles of a `store`, by default one per core.
 
-    Programs that are kept on disk, see `slipperjax.compile_cache`, are kept for them, too. They end with the process
-    that made them. In a script it belongs under `if __name__ == "__main__":`, because new processes import it.
+    They keep compiled programs on disk and share them, see `slipperjax.compile_cache`, and end with the process that
+    made them. In a script the call belongs under `if __name__ == "__main__":`, because new processes import it.
 
     ```python
     with sj.processes(2) as pool:
@@ -676,7 +698,7 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
 
 def _begin(folder: str | None) -> None:
     """Prepare a new process, before JAX starts its threads."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the business of who waits for the results
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that waits for the results handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if folder is None:
         compile_cache()

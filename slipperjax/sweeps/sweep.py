@@ -1,4 +1,4 @@
-"""Grids of parameters as one batch to xarray: each case from the same start."""
+"""Sweeps: every case of a grid from the same start, as one batch, to an xarray dataset."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -62,45 +62,44 @@ def sweep(
 
     - `scene`: the case whose parameters are varied.
     - `grid`: values by parameter name (see `PARAMETERS` for names and units); several names make a product.
-        Coordinates of the start (y, z, v_y, v_z, w_x, w_y, w_z) are allowed too, which gives pictures of basins.
-    - `product`: False reads the lists of values side by side, one case each, along the dimension `case`.
+        Coordinates of the start (y, z, v_y, v_z, w_x, w_y, w_z) may be varied, too, for pictures of basins.
+    - `product`: False reads the lists side by side: case k has the k-th value of each, along the dimension `case`.
     - `record`: what to keep of the last `periods` periods: a name, a record, or a list of both. "sections":
         velocities at the upward zero crossings of each coordinate, as in the paper's bifurcation diagrams, and
         `strobe`, the state once per period from the start on; "strobe": the state once per recorded period;
-        "history": states and contact forces `saves_per_period` times per period. All others make a few numbers per
-        case while the periods are integrated, so that long records of many cases take no memory: "motion" (`kind`
-        and `period` by recurrence), "loads" or one of them ("peak_force", "peak_period", "impulse",
-        "contact_fraction", "penetration"), "rms" (of accelerations), "extremes" (of coordinates), "contact_load" and
-        others of `slipperjax.flow.RECORDS`; "exponent" (the largest, uncertified, by a tangent afterwards),
-        "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and
-        `slipperjax.flow.Record` of any function of a period's course.
-    - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `settled`. For
-        "exponents" and "orbits" alone the same: they are measured over `periods` after it.
-    - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
+        "history": states and contact forces `saves_per_period` times per period. All others keep a few numbers per
+        case, however many periods are recorded: "motion" (`kind` and `period` by recurrence), "loads" or one of them
+        ("peak_force", "peak_period", "impulse", "contact_fraction", "penetration"), "rms" (of accelerations),
+        "extremes" (of coordinates), "contact_load" and others of `slipperjax.flow.RECORDS`; "exponent" (the largest,
+        without a certificate, measured after the recorded periods); "exponents" and "orbits", see `lyapunov_sweep`
+        and `orbit_sweep`; and `slipperjax.flow.Record` of any function of a period's course.
+    - `transient`: forcing periods that pass before anything is recorded; above ten rounded up to tens, as the
+        attribute `settled` says. Where only "exponents" or "orbits" are asked for, they are measured right after it,
+        exponents over `periods`.
+    - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; by default what
         `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.
-    - `probe`: whether the error of the first recorded period is measured in every case, by half the step:
+    - `probe`: whether the first recorded period of every case is repeated with half the step, to measure its error:
         `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above a tenth the status says so.
-        Default where that takes less than a tenth of the time and compiles nothing more.
+        By default where that takes less than a tenth of the time and compiles nothing more.
     - `solver`, `start`, `begin`, `saves_per_period`: as for `simulate`.
-    - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
-        the others, default with sections and histories. With any load come the statuses that follow from loads: no
-        contact, pressed in, and too few steps where damping is too fast for them.
+    - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods are kept, too;
+        by default with sections and histories. Any load adds the statuses that follow from loads: no contact, pressed
+        in, and too few steps for the damping of contacts.
     - `chunk`: cases per call, rounded up to 16, 24, 32, 40, 48, 56, 64, 80, ..., or 8 where there are no more;
-        `workers`: threads, default one per core, and never more than one where `solver` is one of diffrax's implicit
-        ones, see `solvers.calls_lapack`. Neither changes any result.
-    - `progress`: whether to show how far it is and how long it will take: True for a bar, or a line now and then in
-        files and pipes; by default a bar on terminals and in notebooks, which goes when the run has ended.
+        `workers`: threads, by default one per core; always one where `solver` is one of diffrax's implicit ones, see
+        `solvers.calls_lapack`. Neither changes any result.
+    - `progress`: whether to show progress and the remaining time: True for a bar on terminals and in notebooks, and
+        lines now and then in files and pipes; by default the bar only, which disappears at the end.
     - `store`: path of a zarr store, or a `Store`, which is written while the sweep runs; the same call goes on where
         the last one ended. `executor`: a `dask.distributed.Client` or `concurrent.futures.Executor` that computes it.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
-    `time`. For each case, `status` is 0 where nothing is wrong and tells what happened otherwise, and
-    `steps_per_period` how many steps it took. A case that left the finite numbers leaves the others untouched. A
-    start coordinate x that is varied makes the dimension `start_x`. With `store` it is what the store holds, read
-    from disk when values are asked for.
+    `time`. `status` of each case is 0 where nothing is wrong, or says what is; `steps_per_period` is the number of
+    its integration steps. A case that diverges does not affect the others. A start coordinate x that is varied makes
+    the dimension `start_x`. With `store`, values are read from disk when they are asked for.
 
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
-    where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
+    of an impossible run; `Interrupted` after Ctrl-C, with the finished cases.
     """
     call = Call(
         transient,
@@ -133,7 +132,7 @@ def sweep(
 def _computed(
     call: Call, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
 ) -> xr.Dataset:
-    """Return the results of a sweep. Arguments as for `run_cases`."""
+    """Return the results of a sweep. **Arguments:** `how`: of `run_cases`."""
     cases = Grid(scene, grid, product=call.product)
     lengths, *outputs = _spans(call)
     plan = make_plan(cases, start, lengths, *outputs)
@@ -147,7 +146,7 @@ def _computed(
 
     def work(part: Part) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
-        # most chunks share their programs
+        # the first chunk compiles the programs that most others use, too
         return run_chunk(part, states, first=bool(part.row[0] == 0))
 
     run = run_cases(plan, work, periods=plan.periods, **how)
@@ -155,9 +154,11 @@ def _computed(
         values = list(run.results.record)
         status = run.results.status
         interrupted = run.interrupted
+        # stages that measure only some of the cases cut these into chunks of their own; values of records come first
         for k, stage in enumerate(plan.stages, len(plan.records.records)):
             values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
         results = run.results._replace(status=status, record=tuple(values))
+        # a case that ran, but that an interrupted stage did not reach, is unfinished
         run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
@@ -170,18 +171,21 @@ def _estimated(call: Call, grid: Grid, start: Motion | State) -> Estimate:
 def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
     """Return a call with the lengths of its transient and its recorded span, its records and its stages.
 
-    Exponents and orbits begin where a motion has settled: alone, they record the end of the settling.
+    Where nothing but exponents and orbits is asked for, the transient becomes the recorded span, at whose end these
+    begin.
     """
     records, stages = resolved_record(call.record, call.loads)
     if not _begin_settled(records, stages):
         return call, records, stages
     settled = whole("transient", call.settled, max(one.least_settled for one in stages))
+    # recorded spans are not rounded by the plan, as transients are
     rounded = -(-settled // PERIODS_PER_CALL) * PERIODS_PER_CALL
     return replace(call, settled=0, measured=rounded), records, tuple(one.over(call.measured) for one in stages)
 
 
 def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> bool:
-    """Return whether all that is measured begins after the recorded span."""
+    """Return whether nothing is kept of the recorded span, so that all is measured after it."""
+    # records without variables, such as the last strobes, only serve the stages
     alone = not any(one.variables for one in records.records)
     return alone and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages)
 
@@ -199,36 +203,50 @@ def lyapunov_sweep(
 ) -> xr.Dataset:
     """Measure Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
-    Where a case has reached a stable periodic orbit after the transient, its exponents are those of the orbit's
-    Floquet multipliers, exact to about 1e-8, which costs about a seventh of a measurement.
+    A case that has reached a stable periodic orbit after the transient takes its exponents from the orbit's Floquet
+    multipliers: exact to about 1e-8, at a seventh of the cost of a measurement. It does so only where that is
+    certain, see `slipperjax.sweeps.reached`. All other cases are measured: those whose orbit is unstable, distant or
+    missing, whose forcing does not recur, or with which anything is wrong.
 
-    **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
-    costs about as much again, and five times as much for chaotic cases; `orbits`: whether exponents are taken from
-    orbits, so that without it all are measured; `transient`: `BLOCK` periods at least, rounded up to tens; others as
-    for `sweep`, whose record "exponents" this is. Periods are rounded up to whole blocks of `BLOCK`, after each of
-    which the status is looked at.
+    **Arguments:**
+
+    - `count`, `periods`: as for `lyapunov_spectrum`; periods are rounded up to blocks of `BLOCK`, after each of which
+      the status is checked.
+    - `transient`: `BLOCK` forcing periods at least, rounded up to tens.
+    - `certify`: whether each case is checked by other estimates, which costs about as much again, and five times as
+      much for chaotic cases.
+    - `orbits`: whether exponents are taken from orbits; False measures all cases.
+    - others: as for `sweep`, whose record "exponents" this is.
 
     **Returns:** an `xarray.Dataset` over the grid with
 
-    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted_exponent`: the same by a smoothly weighted
-      mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `by_orbit`: whether they are those
-      of an orbit, with standard errors of zero; `kaplan_yorke` where count > 1; `kind` and `period` [forcing
-      periods]: of the orbit, or what the motion is by recurrence in the last `LAST` counted periods, see
-      `slipperjax.analysis.classify`; `regime`: see `slipperjax.analysis.regime`; `status` and `steps_per_period`: as
-      `sweep` gives them;
-    - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
-      `half_step_stderr`; `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all
-      that applies agrees; `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD`
-      periods more, `chaotic_for`, the forcing periods for which none did, and `least_mean_life`, the bound that this
-      puts with 95 % confidence on the mean life of chaos that might end [forcing periods].
+    - `exponent` and its standard error `stderr` [1/period], with dimension `count`, the largest first;
+    - `weighted_exponent` [1/period]: the same by a smoothly weighted mean, more precise for regular motions, see
+      `slipperjax.analysis.weighted_mean`;
+    - `by_orbit`: whether the exponents are those of an orbit, with standard errors of zero;
+    - `kaplan_yorke` [1], the dimension, where `count` > 1;
+    - `kind` and `period` [forcing periods]: of the orbit, or of the motion by recurrence in the last `LAST` counted
+      periods, see `slipperjax.analysis.classify`;
+    - `regime`: see `slipperjax.analysis.regime`;
+    - `status` and `steps_per_period`: as for `sweep`.
 
-    A case is `resolved` where its status is 0, the exponent with steps half as long lies within three standard errors
-    of the difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the
-    weighted exponent of a periodic motion is that of its multiplier within 1e-3. A case on an orbit is resolved where
-    the exponent of the orbit with steps half as long, which must be found and stable, too, differs by 1e-2 at most.
+    With `certify` it has also
 
-    A case takes the exponents of an orbit only where that is certain, see `slipperjax.sweeps.reached`: all others,
-    with unstable, distant or missing orbits, forcings that do not recur, or anything wrong, are measured.
+    - `half_step`, the largest exponent with steps half as long, and its standard error `half_step_stderr` [1/period];
+    - `floquet` [1/period]: ln |largest multiplier| per period of periodic motions;
+    - `resolved`: whether the estimates agree, see below;
+    - `escapes`: how many of `MOTIONS` longer motions of a chaotic case became regular within `HOLD` periods more;
+    - `chaotic_for`: forcing periods for which chaos lasted at least;
+    - `least_mean_life` [forcing periods]: the mean life of chaos that may end is longer with 95 % confidence.
+
+    A measured case is `resolved` where its status is 0 and
+
+    - the exponents with full and half steps differ by at most three standard errors of their difference, or 1e-3;
+    - those of both halves of the record differ by at most three standard errors, or 1e-2;
+    - if it is periodic, its weighted exponent is that of its multiplier within 1e-3.
+
+    A case on an orbit is resolved where a stable orbit is also found with steps half as long, and the exponents
+    differ by 1e-2 at most.
 
     The exponents of a certified chaotic case, and their standard errors, are those of its `MOTIONS` longer motions,
     see `slipperjax.analysis.pooled_standard_error`. Where some became regular, it is "transient chaos", with the
@@ -257,10 +275,13 @@ def orbit_sweep(
     before, rounded up to tens; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
     method for each case; others as for `sweep`, whose record "orbits" this is.
 
-    **Returns:** an `xarray.Dataset` over the grid with `orbit`, the state at the start of a period in the order
-    of `slipperjax.model.COORDINATES`, and `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1]
-    over `period` forcing periods; `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`;
-    `residual` [1], `iterations`; `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
+    **Returns:** an `xarray.Dataset` over the grid with
+
+    - `orbit`: the state at the start of a period, in the order and units of `slipperjax.model.COORDINATES`;
+      `orbit_state`: all its numbers;
+    - `multiplier_real` and `multiplier_imag` [1], over `period` forcing periods;
+    - `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`;
+    - `residual` [1], scaled; `iterations`; `status`, which is `Status.NO_ORBIT` where none was found.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
@@ -278,13 +299,14 @@ def sweep_dataset(
 ) -> xr.Dataset:
     """Return the results of a run as a dataset.
 
-    **Arguments:** `steps`: per forcing period of each case; `first`: dimensions before those of the grid, with their
-    coordinates; `more`: further facts of the call.
+    **Arguments:** `steps`: per forcing period of each case; `first`: coordinates of dimensions before those of the
+    grid, by name; `more`: further arguments of the call, for the attribute `call`.
     """
     cases = plan.cases
     first = first or {}
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
+    # the flat list of cases becomes the grid again
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
     data, coords = plan.label(dims, record)
     data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
@@ -305,7 +327,7 @@ def sweep_dataset(
     kept = {**call.kept(plan.solver), **more}
     attrs |= run_attributes(cases.scene, cases.start, kept, map(cases.label, cases.axes))
     attrs |= {"settled": plan.transient.periods, "measured": plan.recorded.periods}
-    if _begin_settled(plan.records, plan.stages):
+    if _begin_settled(plan.records, plan.stages):  # the recorded span was the transient, see `_spans`
         measured = max(one.measured for one in plan.stages)
         attrs |= {"settled": plan.recorded.periods, "measured": measured}
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record}

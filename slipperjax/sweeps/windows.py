@@ -1,6 +1,6 @@
-"""Windows of distance: a run's unit of records in place of the forcing period, and its records.
+"""Records of runs: each value is that of a window of distance, not of a forcing period.
 
-A run of slippers over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
+A run over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
 """
 
 import math
@@ -21,16 +21,17 @@ from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
 STRETCH = 100
-"""Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
+"""Windows in a stretch: spectra and rates are taken over one, and states are kept at its end."""
 
 
 def touchdowns(course: Course) -> Float[Array, "2 points"]:
-    """Return how often the gap of each point closed [1], as the ends of steps show it."""
+    """Return how often the gap of each contact point closed [1], by its sign at the ends of steps."""
     closed = course.gap.values < 0
     return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
 
 
 def _peak(k: int, q: Quantity) -> Record:
+    """Return the record of the greatest magnitude of the k-th acceleration."""
     text = f"greatest magnitude of the {q.long_name}"
     size = lambda c: jnp.maximum(c.acceleration.greatest, -c.acceleration.least)[k]
     return Record(Quantity(f"peak_{q.name}", q.unit, text, rf"|{q.symbol}|_{{\max}}"), size, "max")
@@ -77,7 +78,7 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }
-"""Records of numbers that runs have besides `RECORDS`."""
+"""Records of numbers for runs, besides those of `RECORDS`."""
 DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
 """Records of each window by default; with friction `friction_work`, with a sled `spring_force`, too."""
 PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
@@ -125,7 +126,7 @@ class Worn(NamedTuple):
 
 @dataclass(frozen=True)
 class Wearing(Unlabelled):
-    """No variable, but the play that a scene's wear has opened before each window."""
+    """The play that wear has opened, which changes the scene before each window; no variable."""
 
     def values(self, scene, periods):
         return 10
@@ -136,6 +137,7 @@ class Wearing(Unlabelled):
 
     def add(self, carried, course):
         work, scene = carried.work, course.scene
+        # without friction, wear depends on the distance alone
         if scene.friction is not None:
             faces = scene.section.face_of_point
             work = work.at[faces].add(jnp.sum(course.friction_power.integral, axis=0))
@@ -173,10 +175,12 @@ def _cubic_spline(x: np.ndarray) -> np.ndarray:
 class ThirdOctaves(AbstractRecord):
     """Root mean squares of the lateral and the vertical acceleration in third octaves, of a stretch.
 
-    By a periodogram with Hann's window of `SAMPLES_PER_WINDOW` equidistant accelerations of each window, which are
-    means weighted by a cubic B-spline: such a filter keeps what is too fast for the samples from appearing as slower,
-    and is divided out (doi:10.1109/79.799930). Bands that are narrower than the resolution, or beyond a quarter of
-    the sampling frequency, are NaN: there the filter folds 1.5e-4 of the power of an even spectrum back, below less.
+    From a periodogram with Hann's window. Each window of distance gives `SAMPLES_PER_WINDOW` equidistant samples,
+    which are means of the acceleration weighted by a cubic B-spline. This filter suppresses aliases of frequencies
+    that are too high for the samples; its own effect is divided out (doi:10.1109/79.799930).
+
+    Bands narrower than the resolution are NaN, and bands above a quarter of the sampling frequency. There aliases
+    have 1.5e-4 of the power of a white spectrum, and less below.
     """
 
     name = "third_octaves"
@@ -213,7 +217,7 @@ class ThirdOctaves(AbstractRecord):
 
 
 def _joined(shares: Float[np.ndarray, "cases windows shares 2"]) -> Float[np.ndarray, "cases samples 2"]:
-    """Return the samples of a stretch from their shares in each window, less those with a share beyond its ends."""
+    """Return the samples of a stretch from the shares of them in each window, without incomplete ones at its ends."""
     cases, windows, count, _ = shares.shape
     each = count - 3
     signal = np.zeros((cases, windows * each + 3, 2))
@@ -240,11 +244,13 @@ def _bands(
         detrend="constant",
         axis=1,
     )
+    # the filter's gain is sinc(f)^4, and a density has its square
     density = density / np.sinc(frequency)[:, None] ** 8
     result = np.full((len(signal), len(BANDS), 2), np.nan)
     for k, middle in enumerate(BANDS):
         low, high = (middle * 10 ** (sign / 20) / rate for sign in (-1, 1))
         inside = (frequency[None] >= low[:, None]) & (frequency[None] < high[:, None])
+        # in cycles per sample: below a quarter, and wider than the resolution
         known = (high <= 0.25) & ((high - low) * count >= 1)
         square = np.sum(np.where(inside[..., None], density, 0.0), axis=1) / count
         result[:, k] = np.where(known[:, None], np.sqrt(square), np.nan)
