@@ -273,8 +273,8 @@ tests/solvers/test_adaptive.py -k own_counts
 
 basins numbered by the order in which they are met
 tests/sweeps/test_jumps.py -k largest_basin
--    rank = np.append(np.argsort(order), -1)  # which -1 picks, too
-+    rank = np.append(order, -1)  # which -1 picks, too
+-    rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
++    rank = np.append(order, -1)  # whose last entry keeps -1, as it is the entry at -1
 
 # design
 cases with their axes exchanged

@@ -146,10 +146,15 @@ def run_longer_motions(
         local = measure(part, run.state, plan.epoch + epoch + plan.periods, blocks, count)
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
-    name = f"longer motions of {len(chosen)} chaotic cases"
-    periods = HOLD + measured_periods(blocks)
-    index = np.repeat(chosen, MOTIONS)
-    run = run_cases(plan, work, periods=periods, index=index, tangents=True, name=name, **options)
+    run = run_cases(
+        plan,
+        work,
+        periods=HOLD + measured_periods(blocks),
+        index=np.repeat(chosen, MOTIONS),
+        tangents=True,
+        name=f"longer motions of {len(chosen)} chaotic cases",
+        **options,
+    )
     if run.results is None:
         return LongerMotions.not_run(chosen, count), True
     history, status, strobe, _ = run.results

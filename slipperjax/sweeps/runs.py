@@ -34,8 +34,7 @@ from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
-from .estimate import Estimate
-from .grid import Cases, Grid, filled
+from .grid import Cases, filled
 from .plan import Calls, Part, Plan, check_variables, shared_capacity
 from .records import OF_LOADS
 from .run import Passing, half_step_change, initial_carry, run_cases, run_span
@@ -159,7 +158,7 @@ def run(
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
     return run_or_store(
         _computed,
-        _estimated,
+        lambda cases: _planned(call, cases.sample(first))[0].estimate(cases.count),
         call,
         scene,
         grid,
@@ -180,11 +179,6 @@ def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
     check_variables(records.records, (*cases.dims, "status", "state"))
     solver = resolve_solver(scene, call.solver)
     return Plan(cases, solver, records, steps, Calls(1, 0), Calls(windows, 1)), profiles
-
-
-def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
-    """Return the estimate of runs, before anything is compiled."""
-    return _planned(call, grid.sample(start))[0].estimate(grid.count)
 
 
 def _computed(

@@ -509,7 +509,7 @@ def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
 
 def run_or_store(
     compute: Callable[..., xr.Dataset],
-    estimate: Callable[[AbstractCall, Grid, Motion | State], Estimate],
+    estimate: Callable[[Grid], Estimate],
     call: AbstractCall,
     scene: Scene,
     grid: Mapping[str, object],
@@ -524,7 +524,7 @@ def run_or_store(
     **Arguments:**
 
     - `compute(call, scene, grid, start, **how)`: returns a dataset over a grid, in which no case depends on another.
-    - `estimate(call, grid, start)`: returns the estimate of all cases, before anything is compiled.
+    - `estimate(grid)`: returns the estimate of all cases, before anything is compiled.
     - `store`: a path or a `Store`; None computes all cases here.
     - `executor`: computes the tiles; None for threads of this process.
     - `how`: `chunk`, `workers` and `progress`.
@@ -549,7 +549,7 @@ def run_or_store(
 
 def _stored(
     compute: Callable[..., xr.Dataset],
-    estimate: Callable[[AbstractCall, Grid, Motion | State], Estimate],
+    estimate: Callable[[Grid], Estimate],
     call: AbstractCall,
     grid: Grid,
     start: Motion | State,
@@ -594,7 +594,7 @@ def _stored(
                 tiles = Tiling.of(grid.shape, store.tile)
                 shared = not alone or store.share is not None
                 of_store = dict(tiles=tiles, workers=threads, shared=shared, free=store.free_bytes)
-                replace(estimate(call, grid, start), **of_store).check()
+                replace(estimate(grid), **of_store).check()
                 _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:

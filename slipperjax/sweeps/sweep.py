@@ -24,7 +24,6 @@ from ..solvers.latching import solver_name
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .call import Call
-from .estimate import Estimate
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
@@ -114,13 +113,14 @@ def sweep(
         solver=solver,
         product=product,
     )
+    first = first_of(start)
     return run_or_store(
         _computed,
-        _estimated,
+        lambda cases: sampled_plan(cases, first, *_spans(call)).estimate(cases.count),
         call,
         scene,
         grid,
-        first_of(start),
+        first,
         store=store,
         executor=executor,
         chunk=chunk,
@@ -161,11 +161,6 @@ def _computed(
         # a case that ran, but that an interrupted stage did not reach, is unfinished
         run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
-
-
-def _estimated(call: Call, grid: Grid, start: Motion | State) -> Estimate:
-    """Return the estimate of a sweep, before anything is compiled."""
-    return sampled_plan(grid, start, *_spans(call)).estimate(grid.count)
 
 
 def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:

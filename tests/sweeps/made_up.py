@@ -38,11 +38,8 @@ def made_up(scene, grid, *, periods=3, product=True, steps_per_period=None, stor
     how = dict(chunk=None, workers=None, progress=False) | how
     call = MadeUp(periods, product, steps_per_period)
     options = dict(store=store, executor=executor, **how)
-    return run_or_store(computed, estimated, call, scene, grid, sj.table_2_start(), **options)
-
-
-def estimated(call, grid, start):
-    return Estimate.counted(grid.count, 0.0, 10 * call.periods, "")
+    estimate = lambda cases: Estimate.counted(cases.count, 0.0, 10 * periods, "")
+    return run_or_store(computed, estimate, call, scene, grid, sj.table_2_start(), **options)
 
 
 def computed(call, scene, grid, start, **how):
