@@ -569,7 +569,7 @@ def continue_orbit(
     until: Sequence[str] = (),
     progress: bool | None = None,
 ) -> OrbitBranch:
-    """Follow an orbit over a parameter both ways, stable or not, past folds; locate and label the events.
+    """Follow an orbit in both directions of a parameter, stable or not, past folds; locate and label the events.
 
     Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers; grazings (GR)
     by the touchdowns of each contact point and by extremes of its gap within steps, so that none is missed.
@@ -581,9 +581,9 @@ def continue_orbit(
     - `start`, `period`: as for `periodic_orbit`; `start` may also be an orbit that it found.
     - `steps_per_period`: default `FINER` times those of the more demanding bound; `solver`: as for `simulate`, with
         constant steps.
-    - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: whether a bar is
+    - `tolerance`: scaled residual of the orbits [1]. `points`: most points in each direction. `progress`: whether a bar is
         shown, by default on terminals and in notebooks.
-    - `until`: labels of events at which a way ends, such as ("LP", "PD"); default none.
+    - `until`: labels of events at which a direction ends, such as ("LP", "PD"); default none.
 
     **Returns:** an `OrbitBranch`.
 

@@ -202,7 +202,7 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
 
 
 class AbstractStage(AbstractOutput):
-    """A measurement of the motions after the recorded span, such as exponents, which takes derivatives there.
+    """A measurement of motions after the recorded periods, such as exponents, by derivatives of the period map.
 
     It is made in two steps: `of_chunk` of each chunk when its recorded span ends, then `of_all` of all cases.
     Subclasses are frozen dataclasses.

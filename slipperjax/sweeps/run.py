@@ -126,8 +126,9 @@ def run_span(
 ) -> tuple[Passing, tuple[PyTree, ...]]:
     """Run a chunk over a span with equal steps, call by call.
 
-    **Arguments:** `at`: where the span begins; `carry`: of the records before it; `samples`: to which those of the
-    span are added.
+    **Arguments:** `part`: the chunk; `scenes`: its cases, which wear may have changed; `at`: where the span begins;
+    `calls`: its forcing periods; `stepping`: how each is integrated; `carry`: of the records before it; `samples`:
+    to which those of the span are added.
 
     **Returns:** where the span ended, and the records' carry.
     """

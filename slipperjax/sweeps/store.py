@@ -65,7 +65,9 @@ class WorkerLost(OSError):
 
 @dataclass(frozen=True)
 class Store:
-    """A zarr store on a disk that all workers share.
+    """A folder on disk, in zarr's format, into which a sweep writes tile by tile and from which it goes on.
+
+    All processes that compute it must see the same disk.
 
     ```python
     sj.sweep(scene, grid, store=sj.Store("map.zarr", fresh=True))
