@@ -581,7 +581,7 @@ def continue_orbit(
     - `start`, `period`: as for `periodic_orbit`; `start` may also be an orbit that it found.
     - `steps_per_period`: default `FINER` times those of the more demanding bound; `solver`: as for `simulate`, with
         constant steps.
-    - `tolerance`: scaled residual of the orbits [1]. `points`: most points in each direction. `progress`: whether a bar is
+    - `tolerance`: scaled residual of the orbits [1]. `points`: most in each direction. `progress`: whether a bar is
         shown, by default on terminals and in notebooks.
     - `until`: labels of events at which a direction ends, such as ("LP", "PD"); default none.
 
