@@ -123,7 +123,7 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
     assert objective_named(RECORDS["peak_force"]) == PEAK
     result = objective_named(lambda course: course.steps * 1.0)
     assert isinstance(result, Record)
-    assert result.unit == "1"
+    assert result.quantity.unit == "1"
 
 
 def test_wrong_choices_are_refused():
