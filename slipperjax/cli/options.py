@@ -98,9 +98,9 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
     """Nonlinear dynamics of rocket-sled slippers."""
     if cache:
         compile_cache()
+    if modules:
+        sys.path.insert(0, str(Path.cwd()))  # where `python` would look, too
     for name in modules:
-        # where `python` would look, too
-        sys.path[:0] = [str(Path.cwd())]
         try:
             importlib.import_module(name)
         except ImportError as error:
