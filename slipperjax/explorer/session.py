@@ -314,10 +314,8 @@ class Session:
         view = self.view
         if view.is_run:
             low, high = map(float, edges_of(view.ds, "distance")[index["distance"] :][:2])
-            # integration steps of the stretch that the window lies in, for a forcing period
-            stretch = np.searchsorted(self.run["stretch"], (low + high) / 2)
-            counts = self.run["steps_per_window"].values
-            per_metre = counts[min(stretch, len(counts) - 1)] / self.run.attrs["window [m]"]
+            # integration steps of the window for a forcing period
+            per_metre = self.run["steps_per_window"].values[index["distance"]] / self.run.attrs["window [m]"]
             steps = math.ceil(per_metre * _wavelength(view.scene))
             return Case(view.scene, view.start, steps, load_call(self.run).get("solver"), (low, high))
         scene = view.scene

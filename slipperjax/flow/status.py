@@ -15,6 +15,7 @@ from jaxtyping import Array, Int
 from ..model.dynamics import State
 from ..model.scene import Scene
 from ..model.step_size import contact_duration
+from ..model.travel import LEAST_SPEED
 from ..solvers.latching import is_explicit
 from ..tools.types import AnyArray, Real
 
@@ -80,6 +81,11 @@ class Status(enum.IntEnum):
         9,
         "points dropped: a coordinate crossed zero upwards more often in a forcing period than points are kept",
         "keep more, by slipperjax.flow.PoincareSections(capacity)",
+    )
+    TOO_SLOW = (
+        10,
+        f"too slow: in this window the sled stands or is slower than {LEAST_SPEED:g} m/s, at which the run passes",
+        "judge the other windows",
     )
 
     # the member itself is the code, the texts are attributes of it

@@ -132,6 +132,11 @@ def rounded_steps(needed: Array | np.ndarray) -> np.ndarray:
             f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts "
             "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
         )
+    return rounded_up(needed)
+
+
+def rounded_up(needed: np.ndarray) -> np.ndarray:
+    """Return steps per forcing period as `rounded_steps`, however many."""
     steps = np.maximum(needed, LEAST_STEPS)
     # Units of 40 up to 240 steps, of 80 up to 480, and so on: the cases of a sweep then share a few step counts.
     octave = np.maximum(np.ceil(np.log2(steps / (6 * LEAST_STEPS))), 0)

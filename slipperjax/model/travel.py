@@ -6,15 +6,16 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import finite, in_unit, instance, number, positive, require
+from ..tools.checks import finite, in_unit, instance, not_negative, number, positive, require
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.types import Numbers, Real
 
 LEAST_SPEED = 1.0
-"""Least speed of a programme [m/s]: a sled that stands still on its way never arrives."""
+"""Least speed of histories and stages [m/s], at which runs pass where the sled is slower or stands: over a distance
+at no speed there are infinitely many steps."""
 
 
 class Travel(NamedTuple):
@@ -45,24 +46,30 @@ class Stage(ShapeChecked):
     """Length of travel [m]."""
     duration: Float[Array, ""] | None = field("s", positive, default=None)
     """Time that it takes [s]."""
-    speed: Float[Array, ""] | None = field("m/s", positive, default=None)
+    speed: Float[Array, ""] | None = field("m/s", not_negative, default=None)
     """Speed at its end [m/s]."""
 
-    def after(self, speed: float) -> tuple[float, float]:
-        """Return the length of the stage [m] and the speed at its end [m/s], from that at its beginning [m/s]."""
+    def after(self, speed: float) -> tuple[float, float, float]:
+        """Return the length of the stage [m], the speed at its end [m/s] and its duration [s], from the speed at its
+        beginning [m/s]."""
         acceleration = float(self.acceleration)
         if self.length is not None:
             length = float(self.length)
-            # what would turn back ends at zero, which no programme may have
-            return length, float(np.sqrt(max(speed**2 + 2 * acceleration * length, 0.0)))
+            square = speed**2 + 2 * acceleration * length
+            need = f"go on to their ends from {speed:g} m/s, and not stop before"
+            require(square >= 0 and speed + square > 0, "stages", need, self)
+            end = float(np.sqrt(square))
+            return length, end, 2 * length / (speed + end)
         # the way is that of the mean speed
         if self.duration is not None:
-            end = speed + acceleration * float(self.duration)
-            return float(self.duration) * (speed + end) / 2, end
+            duration = float(self.duration)
+            end = speed + acceleration * duration
+            require(end >= 0, "stages", f"not turn back from {speed:g} m/s", self)
+            return duration * (speed + end) / 2, end, duration
         require(self.speed is not None, "stages", "have a length, a duration or a speed each", self)
         end = float(self.speed)
         require((end - speed) * acceleration > 0, "stages", f"reach their speed from {speed:g} m/s", self)
-        return (end**2 - speed**2) / (2 * acceleration), end
+        return (end**2 - speed**2) / (2 * acceleration), end, (end - speed) / acceleration
 
 
 class SpeedProgramme(ShapeChecked):
@@ -72,39 +79,42 @@ class SpeedProgramme(ShapeChecked):
     fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(0.0, length=500.0)], start=50.0)
     ```
 
-    Before the first place and after the last the speed is constant.
+    Before the first place and after the last the speed is constant. Where a history or a stage is slower than
+    `LEAST_SPEED`, also at rest, the programme passes at that speed, and `time` keeps how long it takes.
     """
 
     distance: Float[Array, " places"] = field("m", finite)
     """Distances along the rail, increasing [m]."""
     speed: Float[Array, " places"] = field("m/s", positive)
-    """Speeds there [m/s], `LEAST_SPEED` at least."""
+    """Speeds there [m/s]."""
     scale: Float[Array, ""] = field("", positive, default=1.0)
     """Factor of all speeds [1], for sweeps and derivatives."""
+    time: Float[Array, " places"] | None = field("s", finite, default=None)
+    """Times there [s]; None where they follow from the speeds, from zero at the first place."""
 
     @classmethod
     def over_distance(cls, distance: Numbers, speed: Numbers) -> "SpeedProgramme":
-        """Return a programme from speeds [m/s] at some distances [m]."""
-        return cls(distance, speed)
+        """Return a programme from speeds [m/s], not negative, at some distances [m]."""
+        if is_traced((distance, speed)):
+            return cls(distance, speed)
+        distance, speed = _history("distance", "m", distance, speed)
+        # the time between two places is that of the mean speed
+        means = (speed[1:] + speed[:-1]) / 2
+        require(np.all(means > 0), "speed", "not be zero at two places one after the other", speed)
+        return cls._passing(distance, speed, np.append(0.0, np.cumsum(np.diff(distance) / means)))
 
     @classmethod
     def over_time(cls, time: Numbers, speed: Numbers, *, begin: float = 0.0) -> "SpeedProgramme":
         """Return a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
-        time. At the first one the sled is at `begin` [m] along the rail."""
-        finite("time", "s")(time)
-        positive("speed", "m/s")(speed)
-        time = np.asarray(in_unit(time, "s"), float)
-        speed = np.asarray(in_unit(speed, "m/s"), float)
-        require(
-            time.ndim == 1 and time.shape == speed.shape,
-            "speed",
-            f"have one value per time, {time.shape}",
-            shown=f"shape {speed.shape}",
-        )
-        require(np.all(np.diff(time) > 0), "time", "increase", time)
+        time. At the first one the sled is at `begin` [m] along the rail.
+
+        Where it stands, a measured speed may be below zero by less than `LEAST_SPEED`, which counts as zero.
+        """
+        time, speed = _history("time", "s", time, speed)
         # between two times the mean speed is that of both ends
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
-        return cls(number(finite, "begin", begin, "m") + np.concatenate([[0.0], way]), speed)
+        distance = number(finite, "begin", begin, "m") + np.append(0.0, way)
+        return cls._passing(distance, speed, time, measured=True)
 
     @classmethod
     def stages(cls, stages: Sequence[Stage], *, start: float, begin: float = 0.0) -> "SpeedProgramme":
@@ -116,20 +126,47 @@ class SpeedProgramme(ShapeChecked):
         """
         instance("stages", stages, Sequence, "a list of slipperjax.Stage")
         distance = [number(finite, "begin", begin, "m")]
-        speed = [number(positive, "start", start, "m/s")]
+        speed = [number(not_negative, "start", start, "m/s")]
+        time = [0.0]
         # each stage begins where the one before ended
         for stage in stages:
-            length, end = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
+            length, end, duration = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
             distance.append(distance[-1] + length)
             speed.append(end)
-        return cls(distance, speed)
+            time.append(time[-1] + duration)
+        return cls._passing(*map(np.array, (distance, speed, time)))
+
+    @classmethod
+    def _passing(
+        cls, distance: np.ndarray, speed: np.ndarray, time: np.ndarray, *, measured: bool = False
+    ) -> "SpeedProgramme":
+        """Return the programme of a history, which passes at `LEAST_SPEED` where that is slower.
+
+        **Arguments:** `measured`: whether times are kept where they follow from the speeds, too.
+        """
+        slow = speed < LEAST_SPEED
+        if not np.any(slow):
+            return cls(distance, speed, time=time if measured else None)
+        require(not np.all(slow), "speed", f"reach {LEAST_SPEED:g} m/s", speed)
+        # where the sled gets faster or slower than that, at constant acceleration
+        k = np.flatnonzero(slow[1:] != slow[:-1])
+        before, after = speed[k], speed[k + 1]
+        share_of_time = (LEAST_SPEED - before) / (after - before)
+        share_of_way = (LEAST_SPEED**2 - before**2) / (after**2 - before**2)
+        # of the slow places both ends of the history remain
+        kept = ~slow
+        kept[[0, -1]] = True
+        time = np.append(time[kept], time[k] + share_of_time * np.diff(time)[k])
+        distance = np.append(distance[kept], distance[k] + share_of_way * np.diff(distance)[k])
+        speed = np.append(np.maximum(speed[kept], LEAST_SPEED), np.full(len(k), LEAST_SPEED))
+        order = np.argsort(time)
+        return cls(distance[order], speed[order], time=time[order])
 
     def __check_init__(self):
         check_table(self, "distance", "speed", least=2)
-        if not is_traced((self.speed, self.scale)):
-            scale = np.min(np.asarray(self.scale), initial=np.inf)
-            least = float(np.min(np.asarray(self.speed)) * scale)
-            require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
+        if self.time is not None and not is_traced(self.time):
+            increasing = self.time.shape == self.distance.shape and np.all(np.diff(np.asarray(self.time)) > 0)
+            require(increasing, "time", "increase, one value per distance", self.time)
 
     @at_once
     def at(self, distance: ArrayLike) -> Float[Array, "*places"]:
@@ -157,19 +194,36 @@ class SpeedProgramme(ShapeChecked):
 
     @at_once
     def seconds(self, distance: ArrayLike) -> Float[Array, "*places"]:
-        """Return the time [s] in which some distances [m] are reached from distance zero."""
-        return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))
-
-    def _since_first(self, distance: Array) -> Array:
-        """Return the time since the first place [s]: lengths over the mean of the speeds at their ends."""
+        """Return the time [s] at which some distances are reached: as `time` says, or since the first place."""
+        distance = jnp.asarray(distance, float)
         k, share, here = self._place(distance)
-        lengths = jnp.diff(self.distance)
-        durations = 2 * lengths / (self.speed[1:] + self.speed[:-1])
+        passing, durations = self._durations
         before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(durations)])
+        # lengths over the mean of the speeds at their ends
+        within = 2 * share * jnp.diff(self.distance)[k] / (self.speed[k] + here)
+        if self.time is not None:
+            within = within * (durations / passing)[k]
         # before the first place and after the last the speed is constant
         beyond = jnp.minimum(distance - self.distance[0], 0.0) + jnp.maximum(distance - self.distance[-1], 0.0)
-        time = before[k] + 2 * share * lengths[k] / (self.speed[k] + here) + beyond / here
-        return time / self.scale
+        since_first = (before[k] + within + beyond / here) / self.scale
+        return since_first if self.time is None else self.time[0] + since_first
+
+    @at_once
+    def stands(self, begin: ArrayLike, end: ArrayLike) -> Bool[Array, "*places"]:
+        """Return whether the sled is slower than `LEAST_SPEED`, or stands, somewhere between two distances [m]."""
+        passing, durations = self._durations
+        # there it takes longer than at the speeds of the programme
+        before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(durations > passing * (1 + 1e-6))])
+        # of the stretches between places from that of `begin` to that which ends at `end` or behind
+        first = self._place(jnp.asarray(begin, float))[0]
+        last = jnp.searchsorted(self.distance, jnp.asarray(end, float), side="left")
+        return before[jnp.clip(last, 1, len(self.distance) - 1)] > before[first]
+
+    @property
+    def _durations(self) -> tuple[Array, Array]:
+        """Times between places over the scale [s]: at the speeds of the programme, and as they are."""
+        passing = 2 * jnp.diff(self.distance) / (self.speed[1:] + self.speed[:-1])
+        return passing, passing if self.time is None else jnp.diff(self.time)
 
     def _place(self, distance: Array) -> tuple[Array, Array, Array]:
         """Return the number of the stretch between places, the share of it that is behind [1], and the speed there
@@ -184,3 +238,20 @@ class SpeedProgramme(ShapeChecked):
         square = self.speed**2
         here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
         return k, share, here
+
+
+def _history(name: str, unit: str, values: Numbers, speed: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    """Return times or distances, checked, and the speeds there [m/s], of which noise below zero becomes zero.
+
+    **Raises:** `ValueError` for lists of different lengths, values that do not increase, or a sled that goes back.
+    """
+    finite(name, unit)(values)
+    finite("speed", "m/s")(speed)
+    values = np.asarray(in_unit(values, unit), float)
+    speed = np.asarray(in_unit(speed, "m/s"), float)
+    alike = values.ndim == 1 and values.shape == speed.shape and len(values) > 1
+    need = f"have one value for each of two or more {name}s"
+    require(alike, "speed", need, shown=f"shape {speed.shape} for {values.shape}")
+    require(np.all(np.diff(values) > 0), name, "increase", values)
+    require(np.all(speed > -LEAST_SPEED), "speed", "not be negative", speed)
+    return values, np.maximum(speed, 0.0)

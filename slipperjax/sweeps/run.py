@@ -82,8 +82,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
             scenes,
             at.states,
             at.period,
-            part.steps,
-            used=as_argument(1),
+            [(part.steps, 1)],
             earlier=carry,
             solver=plan.solver,
             periods=plan.transient.capacity,
@@ -157,15 +156,21 @@ def run_span(
 
 
 def half_step_change(
-    scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: object
+    scenes: Batched[Scene], states: State, epoch: float, spans: Sequence[tuple[int, int]], **options: object
 ) -> Float[np.ndarray, " lanes"]:
     """Return what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
 
-    **Arguments:** `options`: of `advance`, with the number of periods.
+    **Arguments:** `spans`: steps in each period, and number of periods, one after the other; `options`: of `advance`.
     """
-    # both numbers of steps are arguments of one program
-    numbers = [ConstantSteps(steps=as_argument(number)) for number in (steps, 2 * steps)]
-    ends = (advance(scenes, states, epoch, number, **options).state.motion for number in numbers)
+    ends = []
+    for finer in (1, 2):
+        now, period = states, epoch
+        for steps, used in spans:
+            # numbers of steps are arguments of one program
+            stepping = ConstantSteps(steps=as_argument(finer * steps))
+            now = advance(scenes, now, period, stepping, used=as_argument(used), **options).state
+            period += used
+        ends.append(now.motion)
     return np.asarray(_distances(scenes, *ends))
 
 

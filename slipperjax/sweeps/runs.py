@@ -1,5 +1,6 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,13 +19,13 @@ from ..flow.period_map import initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, warn_beyond
-from ..flow.status import MEANINGS, with_accuracy
+from ..flow.status import MEANINGS, Status, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
 from ..model.scene import Scene, at_speed
-from ..model.step_size import given_steps, rounded_steps, steps_needed
+from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
@@ -55,6 +56,8 @@ from .windows import (
 
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
+CAPACITY_OF_A_PROGRAM = 100_000
+"""Capacity for steps, of all windows of a program together, below which these share the next larger one."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
 
@@ -115,7 +118,7 @@ def run(
     - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, which this
         one continues from its state at `begin`, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
-        same all the way; by default those that the least speed of each `STRETCH` windows needs, times `refine`.
+        same all the way; by default those that the least speed of each window needs, times `refine`.
     - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
         track or its reference length: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
         a tenth the status says so.
@@ -124,7 +127,8 @@ def run(
     **Returns:** an `xarray.Dataset` over the grid with `status`, 0 where nothing is wrong, and
 
     - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
-      `seconds` at its end [s]: by default `peak_force` [N] of each point, `peak_distance` where it was [m],
+      `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
+      `Status.TOO_SLOW` where it does: by default `peak_force` [N] of each point, `peak_distance` where it was [m],
       `contact_fraction` [1], `impacts`, the number of touchdowns, `impulse` [N s], `drive_force` [N], and greatest
       accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
     - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
@@ -170,7 +174,7 @@ def run(
 
 
 def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
-    """Return the plan of some runs, and the integration steps in a window of each case and stretch."""
+    """Return the plan of some runs, and the integration steps in each window of each case."""
     scene = cases.scene
     windows = _windows(scene, call.length, call.begin, call.window)
     records = _records(scene, call.record)
@@ -189,7 +193,7 @@ def _computed(
     plan, profiles = _planned(call, cases)
     plan.estimate(cases.count).check()
     _, profile_of = _keys(profiles)
-    stretches = profiles.shape[1]
+    stretches = len(stretch_ends(plan.periods))
     probed = np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
 
     def work(part: Part) -> _Results:
@@ -247,37 +251,36 @@ def _records(scene: Scene, record: object) -> RecordSet:
     return RecordSet(tuple(records))
 
 
-def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases stretches"]:
-    """Return the integration steps in a window of each case and stretch."""
-    stretches = -(-windows // STRETCH)
+def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases windows"]:
+    """Return the integration steps in each window of each case."""
     window = call.window
     if call.steps_per_period is None:
         # a batch of one of few sizes, so that programs are shared; what fills it up is cut off below
         batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-        edges = call.begin + window * STRETCH * np.arange(stretches)
-        # the least speed of a stretch is looked for at nine places
-        places = edges[:, None] + window * STRETCH * np.linspace(0, 1, 9)[None]
-        needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
-        steps = call.refine * rounded_steps(needed)
+        edges = call.begin + window * np.arange(windows + 1)
+        needed = np.asarray(_steps_along(*batch, jnp.asarray(edges)))[: cases.count]
+        # slow places of a run may take many, but not the fastest one
+        rounded_steps(needed.min(axis=1))
+        steps = call.refine * rounded_up(needed)
     else:
-        steps = np.full((cases.count, stretches), given_steps(call.steps_per_period))
+        steps = np.full((cases.count, windows), given_steps(call.steps_per_period))
     # from steps per wavelength to steps per window; rounding must not add one
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
-    return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
+    return np.maximum(per_window, LEAST_STEPS_PER_WINDOW)
 
 
 @jit
-def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Array) -> jax.Array:
-    """Return steps per reference length of each stretch, at its least speed, (cases, stretches).
+def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Array) -> jax.Array:
+    """Return steps per reference length that each window needs, at its least speed, (cases, windows).
 
-    **Arguments:** `starts`: unused, but with an axis of cases even where the scenes are all the same; `places`:
-    distances, (stretches, places) [m].
+    **Arguments:** `starts`: unused, but with an axis of cases even where the scenes are all the same; `edges`: places
+    between which the windows are [m].
     """
 
     def one(scene: Scene, start: Motion | State) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
-            return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
-        least = jnp.min(scene.speed.at(places), axis=1)
+            return jnp.broadcast_to(steps_needed(scene), edges[1:].shape)
+        least = jax.vmap(scene.speed.least)(edges[:-1], edges[1:])
         return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
     return scenes.map(one, starts)
@@ -331,8 +334,8 @@ def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
 def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[int]) -> _Results:
     """Run a chunk of cases stretch by stretch, with windows as periods.
 
-    **Arguments:** `profile`: integration steps in a window of each stretch; `probed`: stretches at whose start errors
-    are measured.
+    **Arguments:** `profile`: integration steps in each window; `probed`: stretches at whose start errors are
+    measured.
     """
     plan = part.plan
     scenes = _windowed(part.scenes, call.window)
@@ -342,6 +345,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     states = initial_states(scenes, part.starts, epoch)
     at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
     records = plan.records
+    capacity_of = _capacities(profile)
     # records of a stretch begin with `empty`
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
@@ -350,23 +354,29 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     marks = []
     plays = []
     errors = []
-    for k, steps in enumerate(profile.tolist()):
+    for k, first in enumerate(range(0, plan.periods, STRETCH)):
         part.on_progress(0.0)
-        used = min(STRETCH, plan.periods - k * STRETCH)
-        at = at._replace(period=epoch + k * STRETCH)
+        steps = profile[first : first + STRETCH]
+        used = len(steps)
+        at = at._replace(period=epoch + first)
         if k in probed:
             now = scenes  # as worn as they are here
             for worn in _worn_in(carry):
                 now = _opened(scenes, worn.play)
-            around = dict(used=as_argument(wavelength), periods=capacity_for(wavelength), solver=plan.solver)
-            errors.append(half_step_change(now, at.states, at.period, steps, **around))
-        stepping = ConstantSteps(steps)
-        if np.ptp(profile):  # stretches of other steps share a program
-            stepping = ConstantSteps(shared_capacity(int(profile.max()), steps), as_argument(steps))
+            # the last window goes on where the run ends before
+            ahead = profile[np.minimum(first + np.arange(wavelength), plan.periods - 1)]
+            around = dict(periods=capacity_for(wavelength), solver=plan.solver)
+            errors.append(half_step_change(now, at.states, at.period, _alike(ahead), **around))
         samples = Samples(records, used)
         begin = at.period
-        at, carried = run_span(part, scenes, at, Calls(used, 1, STRETCH), stepping, records, carry, samples)
-        made = records.finish(carried, samples.joined(), RecordedSpan(used, steps, begin, at.status))
+        carried = carry
+        for each, count in _alike(steps):
+            stepping = ConstantSteps(each)
+            if np.ptp(profile):  # windows of other steps share a program
+                stepping = ConstantSteps(capacity_of[each], as_argument(each))
+            calls = Calls(count, 1, STRETCH)
+            at, carried = run_span(part, scenes, at, calls, stepping, records, carried, samples)
+        made = records.finish(carried, samples.joined(), RecordedSpan(used, int(steps.max()), begin, at.status))
         pieces.append([])
         carry = ()
         for one, value, new, old in zip(records.records, made, carried, empty, strict=True):
@@ -382,6 +392,23 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     return _Results(status, record, np.stack(marks, axis=1), play, probe)
 
 
+def _alike(profile: np.ndarray) -> list[tuple[int, int]]:
+    """Return windows one after the other that take equal steps: these, and the number of windows."""
+    return [(steps, len(list(alike))) for steps, alike in itertools.groupby(profile.tolist())]
+
+
+def _capacities(profile: np.ndarray) -> dict[int, int]:
+    """Return the capacity of the program of windows by their steps: few programs, because each is compiled."""
+    steps, counts = np.unique(profile, return_counts=True)
+    own = np.array([shared_capacity(int(profile.max()), int(each)) for each in steps])
+    sizes = np.unique(own)
+    # a few windows run with more capacity than they need
+    for size, larger in itertools.pairwise(sizes.tolist()):
+        if larger * counts[own == size].sum() < CAPACITY_OF_A_PROGRAM:
+            own[own == size] = larger
+    return dict(zip(steps.tolist(), own.tolist(), strict=True))
+
+
 def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:
     """Return the carry of wear, of one or no record."""
     return [mine for mine in carry if isinstance(mine, Worn)]
@@ -390,8 +417,8 @@ def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:
 def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.ndarray, call: RunCall) -> xr.Dataset:
     """Label the results of runs.
 
-    **Arguments:** `profiles`: integration steps in a window of each case and stretch; `probed`: stretches whose
-    errors were measured.
+    **Arguments:** `profiles`: integration steps in each window of each case; `probed`: stretches whose errors were
+    measured.
     """
     cases = plan.cases
     dims = cases.dims
@@ -409,7 +436,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     data = {
         "state": column((*along_stretch, "number"), of_grid(results.marks), "", text),
         "steps_per_window": column(
-            along_stretch,
+            (*dims, "distance"),
             of_grid(profiles),
             "1",
             "integration steps per window",
@@ -433,7 +460,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
         status = with_accuracy(status, results.probe.max(axis=1))  # by the largest error of a run
     data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    speed, seconds = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)
+    speed, seconds, stands = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)
     # by names and not by values, so that each part of a store has the same dimensions
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     over = (*dims, "distance") if differ else "distance"
@@ -441,6 +468,9 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     name = "speed_along" if "speed" in cases.axes else "speed"  # which may be an axis of the grid
     coords[name] = column(over, joined(speed), "m/s", "travelling speed")
     coords["seconds"] = column(over, joined(seconds), "s", "time")
+    if stands is not None:
+        codes = np.where(joined(stands), Status.TOO_SLOW, Status.FINITE)
+        data["window_status"] = column(over, codes, "", "status of each window", meaning=MEANINGS)
     varied = () if call.only else cases.axes
     attrs = scene_attributes(cases.scene, without=varied)
     asked = vars(replace(call, solver=plan.solver))
@@ -453,17 +483,21 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
 @jit
 def _times(
     scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Real
-) -> tuple[jax.Array, jax.Array]:
-    """Return speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows).
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
+    """Return speeds in the middle of windows [m/s], times at their ends [s], and whether the sled stands in them;
+    (cases, windows). The last is None where the programme has no times, by which sleds stand.
 
     **Arguments:** `ends`: the place where the run begins, and the end of each window [m].
     """
 
-    def one(scene: Scene, start: Motion | State) -> tuple[jax.Array, jax.Array]:
+    def one(scene: Scene, start: Motion | State) -> tuple[jax.Array, jax.Array, jax.Array | None]:
         length = scene.wavelength
         speed = jnp.asarray(scene.travel((ends[1:] - 0.5 * window) / length).speed)
         seconds = jnp.asarray(scene.seconds(ends / length))
-        return jnp.broadcast_to(speed, ends[1:].shape), seconds[1:] - seconds[0]
+        stands = None
+        if isinstance(scene.speed, SpeedProgramme) and scene.speed.time is not None:
+            stands = scene.speed.stands(ends[:-1], ends[1:])
+        return jnp.broadcast_to(speed, ends[1:].shape), seconds[1:] - seconds[0], stands
 
     return scenes.map(one, starts)
 

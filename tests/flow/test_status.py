@@ -13,7 +13,7 @@ from slipperjax.sweeps.follow import find_jump
 
 
 def test_every_status_has_a_meaning_and_what_to_do():
-    assert [int(s) for s in Status] == list(range(10))
+    assert [int(s) for s in Status] == list(range(11))
     assert str(Status.FINITE) == "finite"
     for status in list(Status)[1:]:
         assert status.meaning

@@ -63,6 +63,40 @@ def test_speeds_over_time_are_linear_in_time():
     np.testing.assert_allclose(programme.at(np.array([way(0.3)])), [160.0])
 
 
+def test_what_stands_still_is_passed_at_the_least_speed():
+    # 0.6 s on the ground, 2 s of thrust, a brake to a stop, a pause, a push, and a stop at the end
+    time = np.array([2.0, 2.6, 4.6, 6.6, 7.6, 8.6, 9.6])
+    speed = np.array([-0.02, 0.0, 200.0, 0.0, 0.0, 20.0, 0.0])
+    programme = sj.SpeedProgramme.over_time(time, speed)
+    ends = [0.0, 200.0, 400.0, 410.0, 420.0]
+    # 1 m/s is reached after 5 mm at 100 m/s^2, and 25 mm at 20 m/s^2
+    places = [0.0, 0.005, 200.0, 400.0 - 0.005, 400.025, 410.0, 420.0 - 0.025, 420.0]
+    np.testing.assert_allclose(programme.distance, places, rtol=1e-12)
+    np.testing.assert_allclose(programme.speed, [1.0, 1.0, 200.0, 1.0, 1.0, 20.0, 1.0, 1.0], rtol=1e-12)
+    # times are those of the history, also beside the pause
+    np.testing.assert_allclose(
+        programme.seconds(np.array([0.0, 0.005, 200.0, 400.025, 420.0])), [2.0, 2.61, 4.6, 7.65, 9.6]
+    )
+    halfway = 0.5 * 100.0 * 1.0**2
+    np.testing.assert_allclose(programme.seconds(halfway), 3.6, rtol=1e-12)
+    stands = programme.stands(
+        np.array([0.0, 1.0, 399.0, 399.999, 400.5, 419.0]), np.array([1.0, 399.0, 400.0, 401.0, 419.0, 420.0])
+    )
+    assert stands.tolist() == [True, False, True, True, False, True]
+    # beyond a stop it stands for ever, and before a standstill, too
+    assert programme.stands(np.array([-5.0, 425.0]), np.array([-4.0, 426.0])).tolist() == [True, True]
+    assert not np.any(PROGRAMME.stands(np.array([-5.0]), np.array([9999.0])))
+    assert programme.least(ends[0], ends[-1]) == 1.0
+    # the same speeds by their places, and by stages
+    by_place = sj.SpeedProgramme.over_distance([0.0, 200.0, 400.0], [0.0, 200.0, 0.0])
+    by_stage = sj.SpeedProgramme.stages([sj.Stage(100.0, speed=200.0), sj.Stage(-100.0, length=200.0)], start=0.0)
+    for other in (by_place, by_stage):
+        for name in ("distance", "speed"):
+            last = 400.0 if name == "distance" else 1.0
+            np.testing.assert_allclose(getattr(other, name), [*getattr(programme, name)[:4], last], rtol=1e-12)
+        np.testing.assert_allclose(other.time, [0.0, 0.01, 2.0, 3.99, 4.0], rtol=1e-12)
+
+
 DIP = sj.SpeedProgramme.over_distance([0.0, 800.0, 816.0, 824.0, 840.0], [1000.0, 1000.0, 50.0, 50.0, 1000.0])
 """Braked to 50 m/s for one forcing period, the 103rd."""
 
@@ -111,16 +145,28 @@ def stages(*rows, start=50.0):
     ("make", "words"),
     [
         (lambda: sj.SpeedProgramme([0.0, 0.0], [1.0, 2.0]), "Argument `distance` must increase"),
-        (lambda: sj.SpeedProgramme([0.0, 1.0], [0.5, 2.0]), "Argument `speed` must be 1 m/s or more, but is 0.5"),
+        (lambda: sj.SpeedProgramme([0.0, 1.0], [0.0, 2.0]), "Argument `speed` must be positive, but is 0"),
+        (lambda: sj.SpeedProgramme([0.0, 1.0], [1.0, 2.0], time=[1.0, 1.0]), "`time` must increase, one value per"),
+        (
+            lambda: sj.SpeedProgramme.over_distance([0.0, 1.0, 2.0], [0.0, 0.0, 9.0]),
+            "`speed` must not be zero at two",
+        ),
+        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [0.0, 0.5]), "`speed` must reach 1 m/s"),
+        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [-3.0, 6.0]), "`speed` must not be negative"),
+        (
+            lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [6.0]),
+            "`speed` must have one value for each of two or more",
+        ),
         (lambda: sj.SpeedProgramme.over_time([1.0, 1.0], [5.0, 6.0]), "Argument `time` must increase"),
         (lambda: sj.SpeedProgramme.over_time([0.0, {}], [1.0, 2.0]), "`time` must be finite"),
-        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], "fast"), "`speed` must be positive, but is 'fast'"),
+        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], "fast"), "`speed` must be finite, but is 'fast'"),
         (stages(sj.Stage(9.0)), "`stages` must have a length, a duration or a speed each"),
         (stages(sj.Stage(-9.0, speed=90.0)), "`stages` must reach their speed from 50 m/s"),
-        (stages(sj.Stage(-90.0, length=99.0)), "`speed` must be positive, but is 0 m/s"),
-        (stages(sj.Stage(-10.0, duration=9.0)), "`speed` must be positive, but is -40"),  # it would go backwards
+        (stages(sj.Stage(-90.0, length=99.0)), "`stages` must go on to their ends from 50 m/s, and not stop before"),
+        (stages(sj.Stage(0.0, length=9.0), start=0.0), "`stages` must go on to their ends from 0 m/s"),
+        (stages(sj.Stage(-10.0, duration=9.0)), "`stages` must not turn back from 50 m/s"),
         (stages(3.0), "`stages` must be a list of slipperjax.Stage, but is 3"),
-        (stages(start=None), "`start` must be positive, but is No"),
+        (stages(start=None), "`start` must be zero or positive, but is No"),
     ],
 )
 def test_bad_programmes_name_what_is_wrong(make, words):

@@ -102,10 +102,33 @@ def test_times_and_steps_follow_the_speed(runs):
     np.testing.assert_allclose(runs["seconds"], FAST.seconds(runs["distance"].values), rtol=1e-12)
     np.testing.assert_allclose(runs["speed"], FAST.at(runs["distance"].values - 0.5), rtol=1e-12)
     steps = runs["steps_per_window"]
-    assert steps.sizes["stretch"] == 3
-    assert bool(np.all(steps[:, 0] > steps[:, 1]))  # slowest in the first hundred metres
+    assert steps.dims == ("track.seed", "distance")
+    # slowest in the first metre, where the speed rises, and fastest in the hundredth
+    assert np.all(steps[:, 0] == steps.max())
+    assert np.all(steps[:, 99] == steps.min())
+    # as many as a constant speed there would take
+    for window in (0, 50, 99, 150):
+        least = dataclasses.replace(RAIL, speed=float(FAST.least(window, window + 1.0)))
+        np.testing.assert_array_equal(steps[:, window], np.ceil(sj.default_steps_per_period(least) / 8.0))
     assert list(runs["stretch"].values) == [100.0, 200.0, 210.0]
     assert not runs["status"].any()
+
+
+def test_a_run_from_standstill_passes_what_is_too_slow():
+    # 0.5 s at rest, 300 m/s^2 up to 40 m, and a stop at 61 m
+    history = sj.SpeedProgramme.over_time(
+        np.array([1.0, 1.5, 1.5 + np.sqrt(80 / 300), 2.3]), [0.0, 0.0, np.sqrt(24e3), 0.0]
+    )
+    ds = sj.run(RAIL, {"track.seed": [3.0, 4.0]}, length=60.0, speed=history)
+    assert not ds["status"].any()
+    slow = ds["window_status"] == sj.Status.TOO_SLOW
+    assert np.flatnonzero(slow).tolist() == [0]
+    np.testing.assert_allclose(ds["seconds"], history.seconds(ds["distance"].values) - 1.0, rtol=1e-12)
+    # 1 m/s is reached after 1.7 mm
+    np.testing.assert_allclose(ds["seconds"][0], 0.5 + np.sqrt(2 / 300), rtol=1e-9)
+    assert np.all(np.isfinite(ds["peak_force"]))
+    # as many steps as the contacts take: as in 1 m at 1 m/s, but not in the second
+    assert float(ds["steps_per_window"][0, 0]) > 10 * float(ds["steps_per_window"][0, 1])
 
 
 @pytest.mark.slow
@@ -282,8 +305,8 @@ def test_grids_of_starts_have_steps():
     cases = Cases(SCENE, {"y": [0.0, 1e-4]}, sj.Motion())
     call = SimpleNamespace(begin=0.0, window=8.0, steps_per_period=None, refine=1)
     profiles = _step_profiles(cases, call, 2)
-    assert profiles.shape == (2, 1)
-    assert profiles[0] == profiles[1]
+    assert profiles.shape == (2, 2)
+    np.testing.assert_array_equal(profiles[0], profiles[1])
 
 
 def test_estimates_know_the_speed_that_is_asked_for():
