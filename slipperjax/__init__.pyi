@@ -37,7 +37,6 @@ from .model.dynamics import (
     Args as Args,
     Reactions as Reactions,
     State as State,
-    initial_state as initial_state,
     reactions as reactions,
     vector_field as vector_field,
 )
@@ -57,6 +56,7 @@ from .model.scene import Scene as Scene
 from .model.section import Section as Section
 from .model.sled import SledMass as SledMass
 from .model.slipper import Slipper as Slipper
+from .model.starts import AtRest as AtRest, initial_state as initial_state
 from .model.step_size import (
     contact_duration as contact_duration,
     default_steps_per_period as default_steps_per_period,

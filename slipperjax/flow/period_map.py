@@ -17,10 +17,11 @@ from jaxtyping import Array, Float, Int, PyTree
 from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
 from ..model.contact import AbstractMemory
-from ..model.dynamics import Args, State, state_and_penetration, vector_field, warn_if_outside
+from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, contact_points, scales_of
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
+from ..model.starts import state_and_penetration, warn_of_start
 from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
@@ -202,8 +203,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real =
     **Arguments:** `epoch`: forcing periods from distance zero to where the runs begin.
     """
     states, outside = states_and_penetrations(scenes, starts, epoch)
-    if isinstance(starts, Motion):  # a run may end deep inside a contact
-        warn_if_outside(outside)
+    warn_of_start(starts, outside)
     return states
 
 
@@ -211,7 +211,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real =
 def states_and_penetrations(
     scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0
 ) -> tuple[State, Float[Array, " cases"]]:
-    """Return a batch's states and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
+    """Return a batch's states and penetrations: `slipperjax.model.starts.state_and_penetration`."""
     return scenes.map(lambda scene, start: state_and_penetration(scene, start, epoch), starts)
 
 

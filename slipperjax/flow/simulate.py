@@ -15,14 +15,15 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.dang2024 import table_2_start
-from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
+from ..model.dynamics import Args, Reactions, State, reactions
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.layout import StateLayout
 from ..model.scene import Scene, check_scene
+from ..model.starts import AtRest, check_start, initial_state
 from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
-from ..tools.checks import finite, instance, number, require, shown_number, warn, whole, yes_or_no
+from ..tools.checks import finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
 from ..tools.compile import as_argument, call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.jacobian import by_jacobian
@@ -357,8 +358,9 @@ def simulate(
     - `stepsize_controller`: default None, for constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, needs
         a solver that estimates its error. The first step is then a period over `steps_per_period`, and states inside
         periods are interpolated at as many instants, to third order.
-    - `start`: the motion or state at `begin`; by default Table 2 of Dang et al. 2024. A `Trajectory` is continued
-        from its end, a dataset of `slipperjax.run` from its state at `begin`, by default from its end.
+    - `start`: the motion or state at `begin`; by default Table 2 of Dang et al. 2024; "rest" for `AtRest()`. A
+        `Trajectory` is continued from its end, a dataset of `slipperjax.run` from its state at `begin`, by default
+        from its end.
     - `begin`: distance along the rail at which the run begins [m]; by default where the rail begins, zero for rails
         without a beginning. Time counts from distance zero.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`. Default 40; where
@@ -498,12 +500,16 @@ def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | 
 
 
 def first_of(start: object) -> Motion | State:
-    """Return the motion or state with which a run begins: Table 2's for None, the last state of a `Trajectory`.
+    """Return the motion or state with which a run begins: Table 2's for None, the last state of a `Trajectory`,
+    `AtRest()` for "rest".
 
     **Raises:** `ValueError` for what is no start, or has a number that is not finite.
     """
     if start is None:
         return table_2_start()
+    if isinstance(start, str):
+        one_of("start", start, ("rest",))
+        return AtRest()
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
 
 

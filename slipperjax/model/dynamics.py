@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, real, require, shown_number, warn
-from ..tools.compile import as_argument, is_traced, jit
+from ..tools.checks import instance, real, require, shown_number
 from ..tools.fused import store_cotangent, store_if_differentiated, sums
 from ..tools.types import Real
 from .contact import Before
@@ -24,17 +23,15 @@ from .kinematics import (
     RailFrame,
     SledMotion,
     attitude_rates,
-    check_motion,
     contacts,
-    of_slipper,
     rail_frame,
     rotation,
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
-from .scene import Scene, check_scene
+from .scene import Scene
 from .sled import SledMass
 from .sliding import tractions
-from .step_size import contact_depth, settle_memory
+from .step_size import settle_memory
 from .travel import Travel
 
 
@@ -82,88 +79,6 @@ class Args(NamedTuple):
 def phase(t: Real, epoch: Real) -> Real:
     """Return forcing periods travelled since distance zero [1], the phase of the forcing."""
     return epoch + t
-
-
-def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = None) -> State:
-    """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
-
-    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, or a `State`, such as a run ended with,
-    which keeps its memory; `epoch`: forcing periods travelled before, by default those to the beginning of the rail.
-
-    Gives an `ImplausibleWarning` where the slipper begins far outside its play.
-
-    **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
-    """
-    check_scene(scene)
-    motion = check_start("motion", motion)
-    if isinstance(motion, State) and motion.memory is not None:
-        require(
-            np.shape(motion.memory) == (scene.points,),
-            "motion",
-            f"have a memory of shape ({scene.points},), one for each point",
-            shown=f"one of shape {np.shape(motion.memory)}",
-        )
-    epoch = scene.epoch_at(scene.track.origin) if epoch is None else finite("epoch")(epoch)
-    require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
-    # numbers become arrays, so that new ones need no compilation
-    state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
-    if isinstance(motion, Motion):  # a run may end deep inside a contact
-        warn_if_outside(outside)
-    return state
-
-
-def check_start(name: str, start: Motion | State) -> Motion | State:
-    """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
-    motion = start.motion if isinstance(start, State) else start
-    kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
-    require(isinstance(motion, Motion), name, f"be {kinds}", start)
-    if isinstance(start, State) and np.ndim(motion.y) and not is_traced(motion):
-        raise ValueError(
-            f"Argument `{name}` must be of one instant, such as `.end` of a trajectory, but has {np.size(motion.y)}."
-        )
-    check_motion(name, motion)
-    return start
-
-
-@jit  # compiled once for all calls from Python; inside programs it is a part of them
-def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) -> tuple[State, Float[Array, ""]]:
-    """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
-    if not isinstance(start, State):
-        start = State(start, None)
-    motion = start.motion
-    memory = start.memory
-    if scene.sled is not None and not isinstance(motion, SledMotion):
-        # the sled begins at rest on its springs
-        sag = scene.sled.sag(scene.gravity)
-        sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
-        motion = SledMotion(**vars(motion), **sled)
-    elif scene.sled is None:
-        # a motion with a sled may start a scene without one
-        motion = of_slipper(motion)
-    place = phase(0.0, epoch)
-    now = contacts(rail_frame(scene, place), motion)
-    outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
-    if not scene.contact.has_memory:
-        memory = None
-    elif memory is None:  # closed contacts of a motion begin here
-        memory = scene.memory.initial(now.gap, now.rate)
-    return State(motion, memory), outside
-
-
-def warn_if_outside(penetration: Array) -> None:
-    """Give an `ImplausibleWarning` for starts outside the play, more than three times as deep as typical impacts.
-
-    **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
-    """
-    if is_traced(penetration):
-        return
-    depths = np.asarray(penetration)
-    # not how many: a batch is a part of the cases, filled up with copies of one
-    if np.any(depths > 3):
-        warn(
-            f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
-            "deep as in a typical impact; plausible are 3 times at most."
-        )
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:

@@ -143,7 +143,7 @@ class LinearSystem(eqx.Module):
         for damping, stiffness, turn in zip(at.damping, at.stiffness, by_turn, strict=True):
             by_place = [*stiffness[:2], *turn]
             reduced.append([d + self.step * s for d, s in zip(damping, by_place, strict=True)])
-        matrix = _factored(_unit_minus(reduced, factor))
+        matrix = factored(_unit_minus(reduced, factor))
         turn = _product(transport, _turn_by_attitude(m))
         self.matrix, self.transport, self.turn = store((matrix, transport, turn))
         self.attitude = _attitude_by_turn(m)
@@ -153,21 +153,28 @@ class LinearSystem(eqx.Module):
         leaves, tree = jax.tree.flatten(right)
         turn = _times(self.turn, leaves[2:5])
         push = _times(self.stiffness, [*leaves[:2], *turn])
-        # forwards through L, then backwards through U, whose diagonal is all ones
-        x = [r + self.factor * p for r, p in zip(leaves[5:], push, strict=True)]
-        for i in range(5):
-            for j in range(i):
-                x[i] = x[i] - self.matrix[i][j] * x[j]
-            x[i] = x[i] / self.matrix[i][i]
-        for i in reversed(range(5)):
-            for j in range(i + 1, 5):
-                x[i] = x[i] - self.matrix[i][j] * x[j]
+        x = solved(self.matrix, [r + self.factor * p for r, p in zip(leaves[5:], push, strict=True)])
         turn = [a + self.step * b for a, b in zip(turn, _times(self.transport, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
         return store(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 
 
-def _factored(a: Matrix) -> Matrix:
+def solved(factors: Matrix, right: list[Real]) -> list[Real]:
+    """Return the solution of a linear system from the LU factors of its matrix."""
+    x = list(right)
+    n = len(x)
+    # forwards through L, then backwards through U, whose diagonal is all ones
+    for i in range(n):
+        for j in range(i):
+            x[i] = x[i] - factors[i][j] * x[j]
+        x[i] = x[i] / factors[i][i]
+    for i in reversed(range(n)):
+        for j in range(i + 1, n):
+            x[i] = x[i] - factors[i][j] * x[j]
+    return x
+
+
+def factored(a: Matrix) -> Matrix:
     """Return LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
     n = len(a)
     a = [list(row) for row in a]

@@ -217,8 +217,9 @@ class Scene(ShapeChecked):
         if start is not None:
             # by its name, because its module needs this one
             need = "be a slipperjax.Motion in TOML, such as run.end.motion"
-            require(type(start).__name__ == "Motion", "start", need, start)
-            lines += ["", "[start]"]
+            kind = type(start).__name__
+            require(kind in ("Motion", "AtRest"), "start", need, start)
+            lines += ["", "[start]", *([f'{TYPE} = "{kind}"'] if kind == "AtRest" else [])]
             for name, value in describe(start).items():
                 if name != TYPE and value != 0:
                     lines += _line(name, value, START[name].unit)

@@ -35,6 +35,7 @@ from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
 from .sled import SledMass
 from .slipper import Slipper
+from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedTrack
 from .tracks import AbstractTrack
@@ -137,7 +138,7 @@ class _Reader:
                 if name in PARTS:
                     values[name] = self.part(name, dict(value), values.get(name))
                 elif name == "start":
-                    start = self.start(value)
+                    start = self.start(dict(value))
                 elif name == "run":
                     run = self.run(value)
                 elif name == "speed" and isinstance(value, dict):
@@ -231,7 +232,9 @@ class _Reader:
         return values | {TYPE: type_name(kind)}
 
     def start(self, table: Table) -> Motion:
-        """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion."""
+        """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion; of the type
+        `AtRest` what is added to the equilibrium."""
+        kind = known_type(str(table.pop(TYPE, Motion.__name__)), (Motion, AtRest), "start")
         values = {}
         for name, value in table.items():
             if name not in START:
@@ -242,7 +245,8 @@ class _Reader:
         quaternion = [name for name in table if START[name].unit == "1"]
         if angles and quaternion:
             raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
-        return check_motion("start", Motion.from_euler(**values) if angles else Motion(**values))
+        motion = Motion.from_euler(**values) if angles else Motion(**values)
+        return check_motion("start", kind(**vars(motion)))
 
     def run(self, table: Table) -> dict[str, float | int | str]:
         """Return the arguments of a run that the table gives, in SI units."""

@@ -21,11 +21,12 @@ from ..flow.period_map import PeriodMap
 from ..flow.record import PoincareSections, RecordedSpan, RecordSet, SectionPoints, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import Interrupted, Stop
-from ..model.dynamics import State, initial_state
+from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import coordinates
 from ..model.parameters import Parameter, parameter
 from ..model.scene import Scene, check_scene
+from ..model.starts import initial_state
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, positive, require, whole

@@ -21,10 +21,11 @@ from ..flow.simulate import (
 )
 from ..flow.status import judge_states, with_growth, with_resolution
 from ..flow.stepping import ConstantSteps
-from ..model.dynamics import State, initial_state
+from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
 from ..model.scene import Scene, check_scene, check_steady
+from ..model.starts import initial_state
 from ..solvers.named import resolve_solver
 from ..tools.checks import require, whole
 from ..tools.compile import is_traced

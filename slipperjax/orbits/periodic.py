@@ -25,10 +25,11 @@ from ..flow.simulate import (
 )
 from ..flow.status import Status, judge_states
 from ..flow.stepping import ConstantSteps
-from ..model.dynamics import State, initial_state
+from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene, check_scene
+from ..model.starts import initial_state
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced, jit

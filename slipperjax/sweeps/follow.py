@@ -38,7 +38,7 @@ def follow(
     steps_per_period: int | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
-    start: Motion | State | Trajectory | None = None,
+    start: Motion | State | Trajectory | str | None = None,
     begin: float | None = None,
     progress: bool | None = None,
 ) -> xr.Dataset:
@@ -149,7 +149,7 @@ def find_jump(
     transient: int = 60,
     periods: int = 10,
     steps_per_period: int | None = None,
-    start: Motion | State | Trajectory | None = None,
+    start: Motion | State | Trajectory | str | None = None,
     begin: float | None = None,
     threshold: float = 0.3,
     most_holds: int = 5,

@@ -85,7 +85,7 @@ def run(
     begin: float | None = None,
     window: float = 1.0,
     record: str | AbstractNumber | Sequence[str | AbstractNumber] | None = None,
-    start: Motion | State | Trajectory | xr.Dataset | None = None,
+    start: Motion | State | Trajectory | xr.Dataset | str | None = None,
     steps_per_period: int | None = None,
     refine: int = 1,
     solver: diffrax.AbstractSolver | str | None = None,
@@ -115,8 +115,9 @@ def run(
     - `window`: length of rail of which each record is one value [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
         `slipperjax.sweeps.windows.WINDOW_RECORDS`. By default what reports of track tests show, see below.
-    - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, which this
-        one continues from its state at `begin`, by default at its end.
+    - `start`: as for `simulate`, at the place where the run begins, but by default "rest", on the rail, see
+        `AtRest`; or, without a store, an earlier run, which this one continues from its state at `begin`, by default
+        at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
         same all the way; by default those that the least speed of each window needs, times `refine`.
     - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
@@ -140,7 +141,7 @@ def run(
     Ctrl-C, with the finished runs.
     """
     scene = at_speed(scene, speed)
-    origin, first = beginning(scene, begin, start)
+    origin, first = beginning(scene, begin, "rest" if start is None else start)
     call = RunCall(
         number(positive, "length", length, "m"),
         origin,

@@ -45,7 +45,7 @@ def sweep(
     refine: int = 1,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
-    start: Motion | State | Trajectory | None = None,
+    start: Motion | State | Trajectory | str | None = None,
     begin: float | None = None,
     probe: bool | None = None,
     loads: bool | None = None,

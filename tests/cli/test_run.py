@@ -59,7 +59,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert text.startswith(f"wrote {tmp_path / 'sled'}.nc and {tmp_path / 'sled'}.png\n")
     assert "1 of 1 cases" in error
     assert ds["distance"].values.tolist() == [8.0 * k for k in range(1, 11)]
-    assert ds["steps_per_window"].values.tolist() == [60]
+    assert set(ds["steps_per_window"].values.tolist()) == {60}
     scene = sj.load_scene(ds)
     assert float(scene.slipper.mass) == 15.0
     picture(tmp_path / "sled", 7.2, 8.0)

@@ -14,9 +14,10 @@ from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.simulate import dynamic_steps
-from slipperjax.model.dynamics import State, initial_state
+from slipperjax.model.dynamics import State
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.parameters import at_values
+from slipperjax.model.starts import initial_state
 
 from .shadowing import segments_of, slope_of
 from .test_calibration import OBJECTIVES_IN_CHAOS, STEPS, settled

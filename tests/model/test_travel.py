@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model.dynamics import state_and_penetration
+from slipperjax.model.starts import state_and_penetration
 
 
 @pytest.mark.parametrize("memory", [sj.EventLatch(), sj.SmoothSwitch()])

@@ -1,0 +1,274 @@
+"""Starts of runs: states from motions, and the equilibrium of a slipper at rest on its rail."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import finite, instance, require, warn
+from ..tools.compile import as_argument, is_traced, jit
+from ..tools.types import Real
+from .dynamics import Acting, State, driven_mass, motion_rates, phase
+from .kinematics import (
+    Motion,
+    SledMotion,
+    check_motion,
+    contacts,
+    moved,
+    of_slipper,
+    rail_frame,
+    scalar_part,
+)
+from .linearised import factored, solved
+from .scene import Scene, check_scene
+from .step_size import contact_depth
+
+STANDARD_WEIGHT = 9.81
+"""Acceleration by which forces are scaled in a scene without gravity and load [m/s^2]."""
+CENTRING = 1e-6
+"""Force that leads a slipper to the middle of its play where nothing else holds it, at one play over its load [1]."""
+MOST_ITERATIONS = 200
+"""Of 4000 slippers with six decades of stiffness 3997 found their rest, the slowest after 92, the mean after 13."""
+LEAST_APPROACH = 1e-9
+"""Rate beyond that of the rail from which on a contact of a slipper at rest approaches [m/s]."""
+
+
+class AtRest(Motion):
+    """A start at rest on the rail: the static equilibrium under gravity and loads, and what is added to it.
+
+    The slipper follows the rail as it travels, and its contacts begin without damping. Where nothing decides, as
+    sideways on a flat face, it stands in the middle of its play. A sled stands on its springs.
+    """
+
+
+def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = None) -> State:
+    """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
+
+    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, or a `State`, such as a run ended with,
+    which keeps its memory; `epoch`: forcing periods travelled before, by default those to the beginning of the rail.
+
+    Gives an `ImplausibleWarning` where the slipper begins far outside its play.
+
+    **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
+    """
+    check_scene(scene)
+    motion = check_start("motion", motion)
+    if isinstance(motion, State) and motion.memory is not None:
+        require(
+            np.shape(motion.memory) == (scene.points,),
+            "motion",
+            f"have a memory of shape ({scene.points},), one for each point",
+            shown=f"one of shape {np.shape(motion.memory)}",
+        )
+    epoch = scene.epoch_at(scene.track.origin) if epoch is None else finite("epoch")(epoch)
+    require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
+    # numbers become arrays, so that new ones need no compilation
+    state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
+    warn_of_start(motion, outside)
+    return state
+
+
+def check_start(name: str, start: Motion | State) -> Motion | State:
+    """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
+    motion = start.motion if isinstance(start, State) else start
+    kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
+    require(isinstance(motion, Motion), name, f"be {kinds}", start)
+    if isinstance(start, State) and np.ndim(motion.y) and not is_traced(motion):
+        raise ValueError(
+            f"Argument `{name}` must be of one instant, such as `.end` of a trajectory, but has {np.size(motion.y)}."
+        )
+    check_motion(name, motion)
+    return start
+
+
+@jit  # compiled once for all calls from Python; inside programs it is a part of them
+def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) -> tuple[State, Float[Array, ""]]:
+    """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
+    if not isinstance(start, State):
+        start = State(start, None)
+    motion = start.motion
+    memory = start.memory
+    place = phase(0.0, epoch)
+    frame = rail_frame(scene, place)
+    rest = None
+    if isinstance(motion, AtRest):
+        rest = at_rest(scene, place)
+        motion = moved(rest, motion)
+    motion = _with_sled(scene, motion)
+    now = contacts(frame, motion)
+    outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
+    if not scene.contact.has_memory:
+        memory = None
+    elif memory is None:  # closed contacts of a motion begin here
+        rate = now.rate
+        if rest is not None:
+            # contacts that carry a slipper at rest approach by rounding errors alone
+            approach = rate - contacts(frame, rest).rate
+            rate = jnp.where(jnp.abs(approach) > LEAST_APPROACH, approach, 0.0)
+        memory = scene.memory.initial(now.gap, rate)
+    return State(motion, memory), outside
+
+
+def warn_of_start(start: Motion | State, penetration: Array) -> None:
+    """Give an `ImplausibleWarning` for motions outside the play, more than three times as deep as typical impacts,
+    and for slippers that find no rest.
+
+    **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
+    """
+    # a state may be of a run that ended deep inside a contact
+    if is_traced(penetration) or isinstance(start, State):
+        return
+    depths = np.asarray(penetration)
+    if isinstance(start, AtRest) and np.any(np.isnan(depths)):
+        warn("A slipper finds no rest on the rail: start it with a motion.")
+    # not how many: a batch is a part of the cases, filled up with copies of one
+    if np.any(depths > 3):
+        warn(
+            f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
+            "deep as in a typical impact; plausible are 3 times at most."
+        )
+
+
+def at_rest(scene: Scene, epoch: Real) -> Motion:
+    """Return the motion of a slipper at rest on its rail after `epoch` forcing periods; NaN where it finds no
+    equilibrium.
+
+    By Newton's iterations with a bounded step. The derivative is that of the equilibrium.
+    """
+    instance("scene", scene, Scene, "a slipperjax.Scene")
+    here = jnp.asarray(epoch, float)
+    frozen, at = jax.lax.stop_gradient((scene, here))
+    scales = _Scales.of(frozen, at)
+    search = _equilibrium(frozen, at, scales)
+
+    def pose(place: Array) -> Motion:
+        """Return the equilibrium at a place nearby, to first order."""
+        step = _newton_step(search.slope, _residual(scene, place, scales, search.unknown))
+        return _pose(scene, place, scales, search.unknown - step)
+
+    motion, change = jax.jvp(pose, (here,), (jnp.ones(()),))
+    period = scene.travel(here).period
+    # from the quaternion's derivative, the inverse of `attitude_rates`
+    q = jnp.stack([motion.q_x, motion.q_y, motion.q_z])
+    q_0, q_rate = scalar_part(motion), jnp.stack([change.q_x, change.q_y, change.q_z]) / period
+    spin = 2 * (q_0 * q_rate + q * jnp.dot(q, q_rate) / q_0 - jnp.cross(q, q_rate))
+    rest = Motion(motion.y, motion.z, *q, change.y / period, change.z / period, *spin)
+    found = jnp.max(jnp.abs(search.residual)) < 1e-6
+    return jax.tree.map(lambda value: jnp.where(found, value, jnp.nan), rest)
+
+
+class _Scales(NamedTuple):
+    """Scales of a slipper at rest, by which its unknowns and residuals are about one."""
+
+    pose: Float[Array, "5"]
+    """Of y and z [m] and q_x, q_y, q_z [1]: they move points by the play, or as deep as the load presses."""
+    load: Array
+    """Force that the contacts carry [N]."""
+
+    @classmethod
+    def of(cls, scene: Scene, epoch: Array) -> "_Scales":
+        reach = jnp.max(jnp.abs(scene.section.points))
+        half_length = scene.slipper.length / 2
+        load = jnp.zeros(()) if scene.gravity is None else driven_mass(scene) * jnp.abs(scene.gravity)
+        if scene.load is not None:
+            (_, *force), moment = scene.load.wrench(scene.travel(epoch).speed)
+            load = load + sum(map(jnp.abs, force)) + sum(map(jnp.abs, moment)) / half_length
+        load = jnp.where(load > 0, load, scene.slipper.mass * STANDARD_WEIGHT)
+        depth = (load / scene.contact.stiffness) ** (2 / 3)
+        size = jnp.max(scene.section.play) + depth
+        # a quaternion is half an angle
+        return cls(size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length]), load)
+
+
+def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, "5"]) -> Motion:
+    """Return the motion without velocities at the place of `unknown`, which counts from the middle of the play."""
+    length = scene.slipper.length
+    distance = epoch * scene.wavelength
+    front, rear = (scene.track.irregularity(at) for at in (distance, distance - length))
+    # on the line through the rail at both ends; nose down is a positive pitch
+    middle = [
+        (front.lateral + rear.lateral) / 2,
+        (front.vertical + rear.vertical) / 2,
+        jnp.zeros(()) if front.roll is None else (front.roll + rear.roll) / 4,
+        -(front.vertical - rear.vertical) / length / 2,
+        (front.lateral - rear.lateral) / length / 2,
+    ]
+    return Motion(*(m + size * u for m, size, u in zip(middle, scales.pose, unknown, strict=True)))
+
+
+def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
+    """Return force along y and z [N] and moment about x, y and z [N m] on a slipper that stands there.
+
+    The forces of contacts are elastic, because nothing approaches.
+    """
+    frame = rail_frame(scene, epoch)
+    now = contacts(frame, motion)
+    still = jnp.zeros_like(now.gap)
+    force = scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
+    acting = Acting(frame, now, _with_sled(scene, motion), force)
+    rates = motion_rates(scene, acting, scene.travel(epoch))
+    j_x, j_y, j_z = scene.slipper.inertia
+    mass = scene.slipper.mass
+    return [mass * rates.v_y, mass * rates.v_z, j_x * rates.w_x, j_y * rates.w_y, j_z * rates.w_z]
+
+
+def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, "5"]:
+    """Return the work of forces and moments over the scales of a slipper's pose, over that of its load [1]."""
+    wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown)))
+    # twice the quaternion is the angle
+    ways = scales.pose * jnp.array([1.0, 1.0, 2.0, 2.0, 2.0])
+    return wrench * ways / (scales.pose[0] * scales.load) - CENTRING * unknown
+
+
+def _newton_step(slope: Array, residual: Array) -> Array:
+    """Return what an iteration of Newton's method takes off, without LAPACK, which threads must not share."""
+    return jnp.stack(solved(factored(list(map(list, slope))), list(residual)))
+
+
+class _Search(NamedTuple):
+    """Newton's iterations for the equilibrium, in the units of `_Scales`."""
+
+    unknown: Float[Array, "5"]
+    step: Float[Array, "5"]
+    """The last one."""
+    most: Array
+    """Greatest size of the next step."""
+    residual: Float[Array, "5"]
+    """Before the last step, as the slope."""
+    slope: Float[Array, "5 5"]
+    count: Array
+
+
+def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
+    """Return the end of the search for the equilibrium."""
+    # the residual beside its derivatives, by one program
+    along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u), (unknown,), (way,))
+    linearised = jax.vmap(along, (None, 0), (None, 1))
+
+    def improve(at: _Search) -> _Search:
+        residual, slope = linearised(at.unknown, jnp.eye(5))
+        full = -_newton_step(slope, residual)
+        # an open slipper falls by a part of its play in each iteration; one that goes to and fro takes shorter ones
+        most = jnp.where(jnp.dot(full, at.step) < 0, 0.5 * at.most, jnp.minimum(1.05 * at.most, 1.0))
+        step = full * jnp.minimum(1.0, most / jnp.maximum(jnp.max(jnp.abs(full)), 1e-300))
+        return _Search(at.unknown + step, step, most, residual, slope, at.count + 1)
+
+    go_on = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) & (at.count < MOST_ITERATIONS)
+    one = jnp.ones(5)
+    return jax.lax.while_loop(
+        go_on, improve, _Search(0 * one, one, jnp.asarray(0.5), one, jnp.eye(5), jnp.zeros((), int))
+    )
+
+
+def _with_sled(scene: Scene, motion: Motion) -> Motion:
+    """Return a motion with a sled at rest on its springs where the scene has one."""
+    if scene.sled is None:
+        # a motion with a sled may start a scene without one
+        return of_slipper(motion)
+    if isinstance(motion, SledMotion):
+        return motion
+    sag = scene.sled.sag(scene.gravity)
+    sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
+    return SledMotion(**vars(of_slipper(motion)), **sled)
