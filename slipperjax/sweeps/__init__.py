@@ -1,11 +1,11 @@
 """Many cases: grids, paths with memory, jumps, attractors and Lyapunov exponents over parameters."""
 
 from .attractors import attractors as attractors, groups as groups, strobe_states as strobe_states
+from .compare import over_rails as over_rails
 from .explain import Estimate as Estimate
 from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump, find_jump as find_jump
 from .orbits import NearestOrbit as NearestOrbit
-from .over_rails import over_rails as over_rails
 from .plan import AbstractStage as AbstractStage
 from .records import LargestExponent as LargestExponent, MotionKind as MotionKind
 from .store import (
