@@ -61,7 +61,7 @@ from .model.step_size import (
     contact_duration as contact_duration,
     default_steps_per_period as default_steps_per_period,
 )
-from .model.surveys import load_rail as load_rail
+from .model.surveys import load_rail as load_rail, load_speed as load_speed
 from .model.tracks import (
     AbstractTrack as AbstractTrack,
     FourierTrack as FourierTrack,

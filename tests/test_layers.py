@@ -25,7 +25,7 @@ MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "bench", "explorer", "cl
 MAY_BE_HEAVY += (
     "accessor",
     "tools.progress",
-    "model.surveys",
+    "tools.tables",
     "flow.datasets",
     "orbits.branches",
     "orbits.critical",

@@ -3,9 +3,12 @@
 import gc
 import sys
 import warnings
+from contextvars import copy_context
 
 import click
 
+from ..tools.checks import TOLD
+from ..tools.tables import TableError
 from . import design, explore, motions, runs, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
 from .options import INTERRUPTED, WRONG, app as app
@@ -31,7 +34,8 @@ def main(arguments: list[str] | None = None) -> None:
     # an interrupt may raise here, or set its code while the command ends by itself
     with Signals() as signals:
         try:
-            code = _called(sys.argv[1:] if arguments is None else arguments, signals)
+            # in a context of its own, which keeps the warnings that were given
+            code = copy_context().run(_called, sys.argv[1:] if arguments is None else arguments, signals)
         except KeyboardInterrupt:
             code = INTERRUPTED
         if signals.code is not None or code == INTERRUPTED:
@@ -48,7 +52,11 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _called(arguments: list[str], signals: Signals) -> int:
-    """Run a command and return its exit code; print its error in one line."""
+    """Run a command and return its exit code; print its error in one line, or the faults of a table in a line each.
+
+    Each kind of warning is printed once.
+    """
+    TOLD.set(set())
     try:
         # click returns the code, instead of ending the process
         code = app(args=arguments or ["--help"], prog_name="slipperjax", standalone_mode=False)
@@ -63,5 +71,5 @@ def _called(arguments: list[str], signals: Signals) -> int:
         if not usage and not isinstance(error, ValueError | OSError) and signals.code is None:
             raise
         text = error.format_message() if usage else str(error)
-        print("error: " + " ".join(text.split()), file=sys.stderr)
+        print("error: " + (text if isinstance(error, TableError) else " ".join(text.split())), file=sys.stderr)
         return WRONG

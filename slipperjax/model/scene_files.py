@@ -26,6 +26,7 @@ from ..tools.checks import brief, finite, instance, positive
 from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path
+from ..tools.tables import TableError
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
@@ -37,7 +38,7 @@ from .sled import SledMass
 from .slipper import Slipper
 from .starts import AtRest
 from .step_size import given_steps
-from .surveys import SurveyedTrack
+from .surveys import SurveyedTrack, load_speed
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
 
@@ -192,9 +193,8 @@ class _Reader:
         return self.made(kind, table, name, **values)
 
     def programme(self, table: Table) -> SpeedProgramme:
-        """Return the programme of speeds in the table `speed`: places, times or stages."""
+        """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
         begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
-        # stages, speeds at times, or speeds at places
         if "stages" in table:
             rows = table.pop("stages")
             if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
@@ -202,12 +202,14 @@ class _Reader:
             start = quantity("start", table.pop("start", None), "m/s")
             stages = [self.made(Stage, row, "stages") for row in rows]
             programme = SpeedProgramme.stages(stages, start=start, **begin)
+        elif "file" in table:
+            programme = load_speed(self.beside(table.pop("file")), **begin)
         elif "time" in table:
             time = quantity("time", table.pop("time"), "s")
             programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
         else:
             return self.made(SpeedProgramme, table, "speed", **begin)
-        # names that neither stages nor times use
+        # names that none of these uses
         if table:
             raise ValueError(f"`{next(iter(table))}` must not be given here.")
         return programme
@@ -227,9 +229,13 @@ class _Reader:
                 values[name] = inner if rows is value else inner[0]
             else:
                 values[name] = quantity(name, value, unit_of(kind, name))
-        if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file
-            values["file"] = str(Path(self.file).parent / user_path(str(values["file"])))
+        if issubclass(kind, SurveyedTrack) and "file" in values:
+            values["file"] = self.beside(values["file"])
         return values | {TYPE: type_name(kind)}
+
+    def beside(self, file: object) -> str:
+        """Return the path of a file that is named from the folder of the scene's file."""
+        return str(Path(self.file).parent / user_path(str(file)))
 
     def start(self, table: Table) -> Motion:
         """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion; of the type
@@ -259,6 +265,8 @@ class _Reader:
         """Add file and line to errors: the line of the name that an error mentions, or of the table."""
         try:
             yield
+        except TableError:  # which names its own file
+            raise
         except ValueError as error:
             names = self.tables.get(table, {}) if table else self.tables
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))

@@ -34,6 +34,31 @@ def equal(scene, other):
 # reading
 
 
+@pytest.mark.filterwarnings("always::slipperjax.ImplausibleWarning")
+def test_faults_of_a_table_are_a_line_each_and_warnings_come_once(tmp_path, capsys):
+    """Scene, start and run are read from one file, and the survey with each of them."""
+    rows = [f"{k},{'' if k in (5, 9) else 1},loose" for k in range(40)]
+    (tmp_path / "rail.csv").write_text("\n".join(["station [ft],lateral [mm],remark", *rows]))
+    scene = tmp_path / "sled.toml"
+    scene.write_text('base = "paper"\n[track]\nfile = "rail.csv"\n[run]\nlength = "1 m"\n')
+    out, error = call(["run", scene, "--out", tmp_path / "run"], capsys, 2)
+    warned, *lines = error.splitlines()
+    assert not out
+    assert warned == f"warning: File {tmp_path / 'rail.csv'} has columns that are not read: remark."
+    assert lines == [
+        f"error: {tmp_path / 'rail.csv'} has 2 faults:",
+        "  rail.csv, line 7: `lateral` has no number.",
+        "  rail.csv, line 11: `lateral` has no number.",
+    ]
+    # a good one is read three times, before the first file that cannot be written
+    (tmp_path / "rail.csv").write_text("\n".join(["station [ft],lateral [mm],remark", *rows]).replace(",,", ",1,"))
+    _, error = call(["run", scene, "--out", tmp_path / "rail.csv" / "run"], capsys, 2)
+    assert error.count("warning: ") == 1
+    # and the next command warns again
+    _, error = call(["run", scene, "--out", tmp_path / "rail.csv" / "run"], capsys, 2)
+    assert error.count("warning: ") == 1
+
+
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # one is no stiffness
 def test_axes_are_read_in_display_units():
     for axis, values in (

@@ -92,7 +92,7 @@ HEADER = "distance [m], lateral [mm], vertical [mm]"
         (HEADER, {(7, 1): "-9999"}, "line 10: `lateral` has no number"),
         (HEADER, {(7, 1): "1,5"}, "line 10: has 4 values for 3 names; decimal commas need semicolons"),
         (HEADER, {(7, 0): "1+75"}, r"line 10: `distance` must be a number, or as 129\+773 in m.* but is '1\+75'"),
-        ("distance [m], lateral [mm], y [mm]", {}, r"lateral \[mm\] and y \[mm\] are both lateral: leave one out"),
+        ("distance [m], lateral [mm], y [mm]", {}, "line 1: lateral and y are both lateral: leave one out"),
         (HEADER, {(7, 0): 1.5}, r"line 10: distance 1.5 m does not exceed 1.5 m"),
         (HEADER, {(240, 0): 90.0}, r"line 243: a gap of 30.25 m after 59.75 m, in samples every 0.25 m"),
     ],
@@ -160,13 +160,19 @@ def test_stations_are_distances(tmp_path, unit, station):
 
 def test_numbers_that_may_mean_two_things_are_one_line(tmp_path):
     for content, words in (
-        (text([HEADER], table=TABLE[::-1]), "distances fall, .* reverse the rows"),
-        (text([HEADER.replace(",", ";")], ";").replace("0.25;", "0,25;", 1), "has commas and points in its numbers"),
+        (
+            text([HEADER], table=TABLE[::-1]),
+            "`distance` falls from row to row: reverse the rows, and change the signs of lateral and roll",
+        ),
+        (
+            text([HEADER.replace(",", ";")], ";").replace("0.25;", "0,25;", 1),
+            "line 3: `distance` must be a number, with decimal points, but is '0,25'",
+        ),
         ("", "has no line of names with units"),
         (HEADER, "has no samples"),
     ):
         (tmp_path / "survey.csv").write_text(content)
-        with pytest.raises(ValueError, match=rf"survey\.csv:? {words}"):
+        with pytest.raises(ValueError, match=rf"survey\.csv[:,]? {words}"):
             sj.load_rail(tmp_path / "survey.csv")
 
 
@@ -205,17 +211,17 @@ def test_packed_variables_are_unpacked(tmp_path, format):
 def test_gaps_in_netcdf_files_are_named(tmp_path):
     lost = lambda ds: ds.assign(y=ds["y"].where(ds["row"] != 7))
     for attribute in ("_FillValue", "missing_value"):
-        with pytest.raises(ValueError, match=r"survey\.nc, sample 7: `lateral` has no number"):
+        with pytest.raises(ValueError, match=r"survey\.nc, sample 7: `y` has no number"):
             sj.load_rail(netcdf(tmp_path, change=lost, y={attribute: -9999.0, "dtype": "float64"}))
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda ds: ds.assign(z=ds["z"].assign_attrs(positive="down")), ": z` must be positive upwards"),
+        (lambda ds: ds.assign(z=ds["z"].assign_attrs(positive="down")), ": `z` must be positive upwards"),
         (lambda ds: ds.assign(lateral=ds["y"]), ": (y and lateral|lateral and y) are both lateral: leave one out"),
-        (lambda ds: ds.assign(y=ds["y"].astype(str).assign_attrs(units="m")), ": y` must be numbers along one dim"),
-        (lambda ds: ds.assign(y=ds["y"].assign_attrs(units="s")), ": y: `lateral` must be in a unit like m"),
+        (lambda ds: ds.assign(y=ds["y"].astype(str).assign_attrs(units="m")), ": `y` must be numbers along one dim"),
+        (lambda ds: ds.assign(y=ds["y"].assign_attrs(units="s")), ": `y` must be in a unit like m"),
         (lambda ds: ds.assign(y=ds["y"][:9].rename(row="some")), ": .* must have one length"),
     ],
 )
@@ -241,3 +247,58 @@ def test_huge_cells_are_one_line(tmp_path):
             with pytest.raises(ValueError, match=r"survey\.csv") as told:
                 sj.load_rail(file)
             assert len(str(told.value)) < 300
+
+
+def test_a_survey_knows_the_unit_of_its_distances(survey, tmp_path):
+    assert sj.load_rail(survey).distance_unit == "ft"
+    assert sj.load_rail(netcdf(tmp_path)).distance_unit == "m"
+    assert "distance_unit" not in scene_to_json(dataclasses.replace(sj.paper_scene(), track=sj.load_rail(survey)))
+
+
+TIME = np.array([0.0, 0.5, 1.0, 2.0])
+SPEED = np.array([20.0, 120.0, 200.0, 190.0])
+
+
+def history(folder, *columns, head):
+    lines = [head, *(",".join(map(repr, row)) for row in np.column_stack(columns).tolist())]
+    (folder / "velocity.csv").write_text("\n".join(lines) + "\n")
+    return folder / "velocity.csv"
+
+
+def test_histories_of_speeds_are_read_by_time_and_by_distance(tmp_path):
+    exact = sj.SpeedProgramme.over_time(TIME, SPEED, begin=300.0)
+    file = history(tmp_path, 1e3 * TIME, SPEED / 0.3048, head="t [ms], Velocity [ft/s]")
+    here = sj.load_speed(file, begin=300.0)
+    np.testing.assert_allclose(here.distance, exact.distance, rtol=1e-14)
+    np.testing.assert_allclose(here.speed, SPEED, rtol=1e-14)
+    places = np.array([0.0, 10.0, 40.0]) / 0.3048
+    file = history(tmp_path, places, [0.0, 1.0, 2.0], SPEED[:3], head="station [ft], time [s], speed [m/s]")
+    by_distance = sj.load_speed(file, begin=100.0)
+    np.testing.assert_allclose(by_distance.distance, [100.0, 110.0, 140.0], rtol=1e-14)
+    np.testing.assert_array_equal(by_distance.speed, SPEED[:3])
+
+
+def test_scene_files_name_a_history_beside_them(tmp_path):
+    history(tmp_path, TIME, SPEED, head="time [s], speed [m/s]")
+    scene = 'base = "paper"\n[speed]\nfile = "velocity.csv"\n'
+    (tmp_path / "scene.toml").write_text(f'{scene}begin = "1000 ft"\n')
+    here = sj.load_scene(tmp_path / "scene.toml").speed
+    exact = sj.SpeedProgramme.over_time(TIME, SPEED, begin=304.8)
+    np.testing.assert_allclose(here.distance, exact.distance, rtol=1e-14)
+    (tmp_path / "scene.toml").write_text(f'{scene}scale = "2"\n')
+    with pytest.raises(ValueError, match=r"scene\.toml, line 4: `scale` must not be given here"):
+        sj.load_scene(tmp_path / "scene.toml")
+
+
+def test_faults_of_a_history_are_told_at_once_also_from_a_scene_file(tmp_path):
+    history(tmp_path, TIME[[0, 1, 1, 3]], [20.0, np.nan, 200.0, 190.0], head="time [s], speed [m/s]")
+    (tmp_path / "scene.toml").write_text('base = "paper"\n[speed]\nfile = "velocity.csv"\n')
+    with pytest.raises(ValueError, match=r"velocity\.csv has 2 faults") as told:
+        sj.load_scene(tmp_path / "scene.toml")
+    assert str(told.value).splitlines()[1:] == [
+        "  velocity.csv, line 3: `speed` must be a number, but is 'nan'.",
+        "  velocity.csv, line 4: time 0.5 s does not exceed 0.5 s of line 3.",
+    ]
+    history(tmp_path, TIME, SPEED, head="time [s], distance [m]")
+    with pytest.raises(ValueError, match=r"velocity\.csv: must have speed, and distance or time, but has time, dist"):
+        sj.load_speed(tmp_path / "velocity.csv")

@@ -1,0 +1,316 @@
+"""Tables in files, CSV or netCDF: columns with units in their headers, and all faults of a file at once."""
+
+import codecs
+import contextlib
+import csv
+import io
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .checks import brief, warn
+from .files import listed, readable
+from .units import unit_factor
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
+"""Cells that stand for no number."""
+STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
+"""What one counts before the plus of a station such as 129+773, in its unit, by that unit [m] and the digits
+behind."""
+MOST_SHOWN = 10
+"""Faults that an error shows."""
+_HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
+_FILE = -1  # in place of a row: the file as a whole
+
+
+class TableError(ValueError):
+    """Faults of a table: one line for one, else a line that counts them and a line for each."""
+
+
+class Column(NamedTuple):
+    """A column as its file has it."""
+
+    name: str
+    unit: str | None
+    """None where the file has none."""
+    values: np.ndarray
+    """Numbers in that unit; NaN where there is none."""
+
+
+class Table:
+    """Columns of a file by the names under which they are wanted, and the faults found so far.
+
+    A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm]`, or with units in
+    the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
+    between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
+    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. Columns that are
+    not wanted are left out, and a warning names them.
+    """
+
+    def __init__(self, path: Path, content: bytes, wanted: Mapping[str, str], aliases: Mapping[str, str]):
+        """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
+        numbers; `aliases`: names of columns by other names, in small letters.
+
+        **Raises:** `TableError` for a file that has no table. Other faults are raised by `si`.
+        """
+        self.path = path
+        self.wanted = wanted
+        self.aliases = aliases
+        self.columns: dict[str, Column] = {}
+        self.faults: list[tuple[int, str]] = []
+        # what a row is called in errors, and the number of each
+        self.row = "line"
+        self.numbers: list[int] = []
+        # line of the units
+        self.header = _FILE
+        is_netcdf = content.startswith((_HDF5, b"CDF"))
+        unread = self._read_netcdf(content) if is_netcdf else self._read_text(content)
+        if unread:
+            warn(f"File {path} has columns that are not read: {listed(unread)}.")
+
+    def fault(self, text: str, number: int = _FILE) -> None:
+        """Note a fault of the row with a number, or else of the file."""
+        self.faults.append((number, text))
+
+    def check_rising(self, name: str, *, gaps: bool = False, also: str = "") -> None:
+        """Note where a column does not increase, and with `gaps` where its steps are more than three usual ones.
+
+        **Arguments:** `also`: what to do besides reversing the rows of a column that falls.
+        """
+        column = self.columns[name]
+        known = np.flatnonzero(np.isfinite(column.values))
+        values = column.values[known]
+        if len(values) < 2:
+            return
+        steps = np.diff(values)
+        # the median, which a few gaps do not change
+        typical = np.median(steps)
+        if typical < 0:
+            self.fault(f"`{column.name}` falls from row to row: reverse the rows{also}")
+            return
+        # neither rows whose number is missing nor the way back from one that fell are a gap
+        wide = gaps & (steps > 3 * typical * np.diff(known)) & (np.append(typical, steps[:-1]) > 0)
+        unit = f" {column.unit}" if column.unit else ""
+        numbers = [self.numbers[k] for k in known]
+        for k in np.flatnonzero((steps <= 0) | wide):
+            before = f"{values[k]:.10g}{unit}"
+            text = f"{column.name} {values[k + 1]:.10g}{unit} does not exceed {before} of {self.row} {numbers[k]}"
+            if steps[k] > 0:
+                text = f"a gap of {steps[k]:g}{unit} after {before}, in samples every {typical:g}{unit}"
+            self.fault(text, numbers[k + 1])
+
+    def si(self) -> dict[str, np.ndarray]:
+        """Return the columns in SI units by the names under which they were wanted.
+
+        **Raises:** `TableError` with all faults, if there are any.
+        """
+        found = {}
+        for name, column in self.columns.items():
+            # a column without a unit is a fault of its own, or a pure number
+            try:
+                factor = 1.0 if column.unit is None else unit_factor(column.name, column.unit, self.wanted[name])
+                found[name] = column.values * factor
+            except ValueError as error:
+                self.fault(str(error), self.header)
+        if self.faults:
+            raise self._error()
+        return found
+
+    def _error(self) -> TableError:
+        """Return the faults as an error, in the order of the file."""
+        faults = sorted(self.faults, key=lambda fault: fault[0])
+        texts = [f"{'' if k == _FILE else f', {self.row} {k}'}: {text.rstrip('.')}." for k, text in faults]
+        if len(texts) == 1:
+            return TableError(f"{self.path}{texts[0]}")
+        lines = [f"{self.path} has {len(texts)} faults:", *(self.path.name + text for text in texts[:MOST_SHOWN])]
+        if len(texts) > MOST_SHOWN:
+            lines.append(f"and {len(texts) - MOST_SHOWN} more.")
+        return TableError("\n  ".join(lines))
+
+    def _name(self, text: str) -> str:
+        """Return the name under which a column is wanted; empty for another."""
+        name = self.aliases.get(text.lower(), text.lower())
+        return name if name in self.wanted else ""
+
+    def _add(self, name: str, column: Column) -> None:
+        """Add a column, unless there is one of its meaning."""
+        if name in self.columns:
+            self.fault(f"{self.columns[name].name} and {column.name} are both {name}: leave one out", self.header)
+        else:
+            self.columns[name] = column
+
+    def _read_text(self, content: bytes) -> list[str]:
+        """Read the columns of a text, and return the names of those that are not wanted."""
+        lines = self._decoded(content).splitlines()
+        above, delimiter, heads = self._heads(lines)
+        # of each wanted column its place in a row
+        at = {i: Column(head.written, head.unit, np.empty(0)) for i, head in enumerate(heads) if head.name}
+        rows = []
+        for k, line in enumerate(lines[above:], above + 1):
+            sample = line.partition("#")[0]
+            # spreadsheets end with rows of empty cells
+            if not sample.strip(f"{delimiter} \t"):
+                continue
+            row = _cells(sample, delimiter)
+            self.numbers.append(k)
+            # cells at the end that are not wanted may be left out
+            if max(at) < len(row) <= len(heads):
+                rows.append({i: row[i].strip() for i in at})
+                continue
+            hint = "; decimal commas need semicolons between columns, remarks with commas quotes"
+            self.fault(f"has {len(row)} values for {len(heads)} names{hint if delimiter == ',' else ''}", k)
+            rows.append({})
+        if not rows:
+            raise TableError(f"{self.path} has no samples.")
+        marks = "".join(cell for row in rows for cell in row.values())
+        decimal = "," if delimiter != "," and marks.count(",") > marks.count(".") else "."
+        for i, column in at.items():
+            values = [self._number(column, row.get(i), decimal, k) for k, row in zip(self.numbers, rows, strict=True)]
+            self._add(heads[i].name, column._replace(values=np.array(values)))
+        return [head.written for head in heads if head.written and not head.name]
+
+    def _decoded(self, content: bytes) -> str:
+        """Return a text in UTF-8 or Latin-1, or in UTF-16 that says so."""
+        wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        # Latin-1 takes any bytes: control characters show what is no text
+        for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
+            with contextlib.suppress(UnicodeDecodeError):
+                text = content.decode(encoding)
+                if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
+                    return text
+        raise TableError(f"{self.path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
+
+    def _heads(self, lines: list[str]) -> tuple[int, str, list["_Head"]]:
+        """Return the number of lines above the rows, the mark between columns, and the heads of these.
+
+        The line of names may come after lines of other words, and has the units, or the line below it.
+        """
+        for k, line in enumerate(lines[:200], 1):
+            delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
+            if delimiter is None or line.lstrip().startswith("#"):
+                continue
+            heads = [self._head(cell) for cell in _cells(line, delimiter)]
+            # other words above the table may name one column by chance
+            if sum(head.name != "" for head in heads) < 2:
+                continue
+            measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
+            below = _cells(lines[k], delimiter) if k < len(lines) else []
+            below += [""] * (len(heads) - len(below))
+            is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
+            in_line_below = bool(measured) and all(is_unit)
+            if in_line_below:
+                heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
+            self.header = k
+            for i in measured:
+                if heads[i].unit is None:
+                    self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
+            return k + in_line_below, delimiter, heads
+        need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
+        raise TableError(f"{self.path} has no line of {need}.")
+
+    def _head(self, cell: str) -> "_Head":
+        """Return the head of a column from a cell of a name, and a unit if any."""
+        match = re.fullmatch(r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
+        name, unit = (cell.strip(), None) if match is None else match.groups()
+        return _Head(self._name(name), name, unit)
+
+    def _names(self) -> str:
+        return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
+
+    def _number(self, column: Column, words: str | None, decimal: str, line: int) -> float:
+        """Return the number in a cell, a station's as `STATIONS` says; NaN where there is none, which is a fault
+        unless there is no cell."""
+        if words is None:
+            return np.nan
+        if words in MISSING:
+            self.fault(f"`{column.name}` has no number", line)
+            return np.nan
+        before = 0.0
+        after = words
+        hint = ""
+        station = re.fullmatch(r"(\d+)\+((\d+)([.,]\d*)?)", words)
+        if station is not None:
+            before = float(station[1]) * self._before_plus(column, len(station[3]))
+            after = station[2]
+            hint = ", or as 129+773 in m, or as 1297+73 in ft"
+        other = "." if decimal == "," else ","
+        if other in words:
+            hint = f", with decimal {'commas' if decimal == ',' else 'points'}"
+        with contextlib.suppress(ValueError):
+            # Python reads an underscore as a mark of thousands
+            value = before + float(after.replace(other, "?").replace(decimal, ".").replace("_", "?"))
+            if np.isfinite(value):
+                return value
+        self.fault(f"`{column.name}` must be a number{hint}, but is {brief(words)}", line)
+        return np.nan
+
+    def _before_plus(self, column: Column, digits: int) -> float:
+        """Return what one before the plus of a station counts in the column's unit; NaN where it is unknown."""
+        with contextlib.suppress(ValueError):
+            return STATIONS.get((round(unit_factor(column.name, column.unit or "", "m"), 4), digits), np.nan)
+        return np.nan
+
+    def _read_netcdf(self, content: bytes) -> list[str]:
+        """Read the variables of a netCDF file, unpacked, and return the names of those that are not wanted."""
+        import xarray as xr  # here, because importing it takes time
+
+        self.row = "sample"
+        engine = {"engine": "h5netcdf", "phony_dims": "sort"} if content.startswith(_HDF5) else {"engine": "scipy"}
+        # the bytes, and not the file again, which may have changed
+        with (
+            readable(self.path, "netCDF file"),
+            xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds,
+        ):
+            arrays = {str(key): ds[key].load() for key in ds.variables if self._name(str(key))}
+            unread = [str(key) for key in ds.variables if str(key) not in arrays]
+        for key, array in arrays.items():
+            fault = self._fault_of(self._name(key), array)
+            if fault:
+                self.fault(f"`{key}` must {fault}")
+        if len({array.size for array in arrays.values()}) > 1:
+            self.fault(f"{', '.join(arrays)} must have one length")
+        # without columns there is nothing else to find
+        if self.faults:
+            raise self._error()
+        for key, array in arrays.items():
+            values = np.asarray(array.values, float)
+            self.numbers = list(range(len(values)))
+            for k in np.flatnonzero(~np.isfinite(values)):
+                self.fault(f"`{key}` has no number", int(k))
+            self._add(self._name(key), Column(key, array.attrs.get("units"), values))
+        return unread
+
+    def _fault_of(self, name: str, array: "xr.DataArray") -> str:
+        """Return what a variable of a netCDF file must have or be, empty where it is good."""
+        if self.wanted[name] and not array.attrs.get("units"):
+            return "have an attribute `units`, but has none"
+        if array.ndim != 1 or not array.size or array.dtype.kind not in "fiu":
+            return f"be numbers along one dimension, but is {array.dtype} of shape {array.shape}"
+        if array.attrs.get("positive") == "down":
+            return "be positive upwards, but is downwards: change its signs and the attribute"
+        return ""
+
+
+class _Head(NamedTuple):
+    """The head of a column."""
+
+    name: str  # that under which it is wanted; empty for another
+    written: str
+    unit: str | None
+
+
+_UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")
+"""A cell of the line of units."""
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line; none where one is longer than any name."""
+    with contextlib.suppress(csv.Error):
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    return []
