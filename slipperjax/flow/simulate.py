@@ -172,7 +172,7 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
     total = periods + after
     if track.end < np.inf:
         need = f"be at most {most} here, with those before and after the recorded ones, {why}"
-        require(total <= most, "periods", need, total)
+        require(total <= most, "periods", need, shown=f"{total}; {longer_rails(track, begin + total * wave)}")
     recorded = begin + transient * wave < track.extent
     require(recorded, "transient", f"be fewer than {most + 1} periods here, {why}", transient)
     warn_beyond(track, "periods", begin + total * wave)
@@ -181,7 +181,19 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
 def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
     """Warn where the argument `name` leads to a distance [m] beyond what is known of a rail."""
     if travelled > track.extent + 1e-9 * abs(track.extent):
-        warn(f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only.")
+        warn(
+            f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only; "
+            f"{longer_rails(track, travelled)}."
+        )
+
+
+def longer_rails(track: AbstractTrack, travelled: float) -> str:
+    """Return in words which rails reach a distance [m] beyond the end of one."""
+    length = np.ceil(travelled - track.origin)
+    return (
+        'a rail that repeats (ends="repeat", ramp=8) goes on, and random ones are as long as one likes '
+        f"(RandomTrack.like(survey, length={length:.0f}))"
+    )
 
 
 def default_steps(scene: Scene, steps: int | None) -> int:

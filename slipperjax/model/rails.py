@@ -16,6 +16,7 @@ from ..tools.checks import (
     finite,
     in_unit,
     instance,
+    known,
     not_negative,
     number,
     one_of,
@@ -25,6 +26,7 @@ from ..tools.checks import (
 )
 from ..tools.compile import at_once, is_traced
 from ..tools.fields import field
+from ..tools.files import listed
 from ..tools.types import Numbers, Real
 from .tracks import AbstractTrack, Irregularity, chosen, greatest, on_host, smooth_step
 
@@ -195,7 +197,8 @@ class SampledTrack(AbstractRail):
     ends: str = eqx.field(static=True)
     """One of `ENDS`."""
     ramp: Float[Array, ""] = field("m", not_negative)
-    """Length over which a rail that goes on straight rises from zero at its ends [m]."""
+    """Length over which a rail that goes on straight rises from zero at its ends, or one that repeats was closed [m].
+    """
 
     def __init__(
         self,
@@ -213,8 +216,11 @@ class SampledTrack(AbstractRail):
             resampled at equal distances, and a warning says by how much that changes the rail at the samples.
         - `lateral`, `vertical`, `roll`: displacements [m] and angle [rad] there; a single number holds everywhere.
         - `ends`: what the rail is beyond its ends: "straight", risen to by ramps within it; "repeat", where the last
-            sample must be the first again; or "error", where runs that are longer are refused.
-        - `ramp`: length of the ramps [m], default `DEFAULT_RAMP` where the rail goes on straight, otherwise zero.
+            sample must be the first again, or is made so over the length `ramp`; or "error", where runs that are
+            longer are refused.
+        - `ramp`: length of the ramps [m], default `DEFAULT_RAMP` where the rail goes on straight, otherwise zero. Of
+            a rail that repeats, the length at its end over which a smooth step leads to its beginning; a warning says
+            by how much that changes the rail.
 
         **Raises:** `ValueError` that names the argument which is wrong.
         """
@@ -223,18 +229,16 @@ class SampledTrack(AbstractRail):
         channels = _channels(places, lateral, vertical, roll)
         if len(places) > 2:
             channels = _evenly_spaced(places, channels)
-        # traced samples cannot be compared
-        if ends == "repeat" and not is_traced(channels):
-            for name, array in channels.items():
-                same = abs(array[-1] - array[0]) <= 1e-9 * (np.max(np.abs(array)) or 1.0)
-                shown = f"{array[-1]:g} at the end and {array[0]:g} at the start"
-                require(same, name, "end as it begins, because the rail repeats", shown=shown)
         length = float(places[-1] - places[0])
+        usual = min(DEFAULT_RAMP, length / 4)
         if ramp is None:
-            ramp = min(DEFAULT_RAMP, length / 4) if ends == "straight" else 0.0
+            ramp = usual if ends == "straight" else 0.0
         if not is_traced(ramp):
             ramp = number(not_negative, "ramp", ramp, "m")
             require(ramp <= length / 2, "ramp", f"be at most {length / 2:g} m", ramp)
+        if ends == "repeat":
+            away = length * np.linspace(1.0, 0.0, len(channels["lateral"]))
+            channels = _closed(channels, away, known("ramp", ramp), usual)
         self.distance = jnp.asarray(places[[0, -1]])
         self.lateral = channels["lateral"]
         self.vertical = channels["vertical"]
@@ -362,6 +366,36 @@ def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
         f"changes it by {np.max(np.abs(changes)):.1g} m at most."
     )
     return resampled
+
+
+def _closed(channels: Channels, away: np.ndarray, ramp: float, usual: float) -> Channels:
+    """Return channels that end as they begin: over the length `ramp` [m] a smooth step takes out what is missing.
+
+    A warning says how much that is. Traced channels cannot be compared, and are taken to be closed without a ramp.
+
+    **Arguments:** `away`: distances of the samples from the end [m]; `usual`: a ramp that an error may propose [m].
+
+    **Raises:** `ValueError` where something is missing and there is no ramp.
+    """
+    with jax.ensure_compile_time_eval():  # known inside jit, too
+        share = on_host(smooth_step(jnp.asarray(1 - away / ramp))) if ramp > 0 else None
+    closed = dict(channels)
+    changed = []
+    for name, array in channels.items():
+        if not is_traced(array):
+            missing = abs(array[0] - array[-1])
+            if missing <= 1e-9 * (np.max(np.abs(array)) or 1.0):
+                continue
+            shown = (
+                f"{array[-1]:g} at the end and {array[0]:g} at the start; ramp={usual:g} closes it over {usual:g} m"
+            )
+            require(share is not None, name, "end as it begins, because the rail repeats", shown=shown)
+            changed.append(f"{name} by up to {1e3 * missing:.2g} {'mrad' if name == 'roll' else 'mm'}")
+        if share is not None:
+            closed[name] = array + share * (array[0] - array[-1])
+    if changed:
+        warn(f"Argument `ramp`: closing the last {ramp:g} m of the rail changes {listed(changed)}.")
+    return closed
 
 
 class TrackSet(AbstractRail):

@@ -18,7 +18,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
-from ..flow.simulate import Trajectory, beginning, warn_beyond
+from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
 from ..flow.status import MEANINGS, Status, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
@@ -223,7 +223,8 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     windows = int(np.ceil(length / window * (1 - 1e-12)))
     travelled = begin + windows * window
     far = scene.track.end + 1e-9 * abs(scene.track.end)
-    require(travelled <= far, "length", f"end before the rail does at {scene.track.end:g} m", travelled)
+    shown = f"{travelled:g}; {longer_rails(scene.track, travelled)}"
+    require(travelled <= far, "length", f"end before the rail does at {scene.track.end:g} m", shown=shown)
     warn_beyond(scene.track, "length", travelled)
     return windows
 

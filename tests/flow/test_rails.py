@@ -188,8 +188,13 @@ def test_what_begins_or_records_off_the_rail_is_refused():
             call()
     state = sj.initial_state(FAR, sj.table_2_start())
     for call in (lambda: sj.simulate(FAR, 9, steps_per_period=STEPS), lambda: sj.period_map(FAR, state, periods=9)):
-        with pytest.raises(sj.ImplausibleWarning, match="to 129845 m, but the rail is known up to 129837 m only"):
+        with pytest.raises(
+            sj.ImplausibleWarning, match="to 129845 m, but the rail is known up to 129837 m only"
+        ) as told:
             call()
+        # the remedies, with numbers to type
+        assert 'a rail that repeats (ends="repeat", ramp=8) goes on' in str(told.value)
+        assert "RandomTrack.like(survey, length=72)" in str(told.value)
 
 
 def test_records_that_run_on_beyond_the_rail_say_so():

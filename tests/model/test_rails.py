@@ -72,6 +72,31 @@ def test_a_rail_goes_on_straight_after_its_ramps():
     assert largest(track.irregularity(middle), HARMONIC.irregularity(middle)) < 1e-8  # measured 7.6e-9
 
 
+def test_a_rail_that_repeats_is_closed_over_its_ramp():
+    """A rail that ends 0.08 mm higher and 0.3 mrad more rolled than it begins."""
+    distance = np.linspace(0.0, 40.0, 401)
+    wave = 1e-3 * np.sin(2 * np.pi * distance / 8)
+    share = distance / 40.0
+    open_rail = dict(distance=distance, lateral=wave, vertical=wave + 8e-5 * share, roll=3e-4 * share)
+    with pytest.raises(ValueError, match=r"`vertical` must end as it begins.*; ramp=8 closes it over 8 m\.$"):
+        sj.SampledTrack(**open_rail, ends="repeat")
+    words = r"closing the last 10 m of the rail changes vertical by up to 0\.08 mm and roll by up to 0\.3 mrad\.$"
+    with pytest.warns(sj.ImplausibleWarning, match=words):
+        track = sj.SampledTrack(**open_rail, ends="repeat", ramp=10.0)
+    # what was added, in closed form; the lateral displacement was closed
+    x = np.clip((distance - 30.0) / 10.0, 0.0, 1.0)
+    added = x**3 * (10 - 15 * x + 6 * x**2)
+    np.testing.assert_array_equal(track.lateral, wave)
+    np.testing.assert_allclose(track.vertical, open_rail["vertical"] - 8e-5 * added, atol=1e-17)
+    np.testing.assert_allclose(track.roll, open_rail["roll"] - 3e-4 * added, atol=1e-17)
+    places = jnp.linspace(-30.0, 90.0, 500)
+    assert largest(track.irregularity(places), track.irregularity(places + 40.0)) < 1e-15  # measured 4e-17
+    # a closed rail is closed: files come back to the last bit, without a warning
+    assert eqx.tree_equal(scene_from_json(scene_to_json(on(track))).track, track)
+    traced = jax.jit(lambda v: sj.SampledTrack(distance, wave, v, ends="repeat", ramp=10.0).vertical)
+    np.testing.assert_allclose(traced(open_rail["vertical"]), track.vertical, atol=1e-17)
+
+
 def test_slopes_are_the_derivatives_of_displacements():
     for track in (sampled(32, ends="repeat"), sj.RandomTrack.sled(), LOCAL["dips"], LOCAL["joints"], SUM):
         _, slope = track.motion(PLACES)

@@ -302,3 +302,18 @@ def test_faults_of_a_history_are_told_at_once_also_from_a_scene_file(tmp_path):
     history(tmp_path, TIME, SPEED, head="time [s], distance [m]")
     with pytest.raises(ValueError, match=r"velocity\.csv: must have speed, and distance or time, but has time, dist"):
         sj.load_speed(tmp_path / "velocity.csv")
+
+
+def test_a_survey_that_repeats_is_closed_from_a_scene_file_and_again(tmp_path):
+    rows = np.column_stack([DISTANCE, LATERAL * 1e3, DISTANCE * 1e-3])
+    written(tmp_path, "distance [m], lateral [mm], vertical [mm]", rows)
+    (tmp_path / "scene.toml").write_text(
+        'base = "paper"\n[track]\nfile = "survey.csv"\nends = "repeat"\nramp = "8 m"\n'
+    )
+    words = r"closing the last 8 m of the rail changes vertical by up to 0\.06 mm"
+    with pytest.warns(sj.ImplausibleWarning, match=words):
+        scene = sj.load_scene(tmp_path / "scene.toml")
+    with pytest.warns(sj.ImplausibleWarning, match=words):
+        assert scene_from_json(scene_to_json(scene)).track == scene.track
+    here = scene.track.irregularity(jnp.asarray([0.0, 60.0, 20.0, 80.0])).vertical
+    np.testing.assert_allclose(here, [0.0, 0.0, 2e-5, 2e-5], atol=1e-18)
