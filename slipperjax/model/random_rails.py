@@ -5,6 +5,8 @@ the integral of the density between them. Published ones in rad/m are converted:
 """
 
 import abc
+from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -12,13 +14,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import converted, fraction, instance, not_negative, one_of, positive, require, warn, whole_number
+from ..tools.checks import (
+    Check,
+    converted,
+    in_unit,
+    instance,
+    known,
+    not_negative,
+    one_of,
+    positive,
+    require,
+    warn,
+    whole_number,
+)
 from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.types import Numbers, Real
-from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps
-from .tracks import Irregularity, chosen
+from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SampledTrack, SplineTrack, mean_wave, ramps
+from .survey_spectra import RailStatistics, statistics_of
+from .tracks import FourierTrack, Irregularity, chosen
+
+correlation = partial(Check, need="from -1 to 1", is_good=lambda x: abs(x) <= 1)
+"""Check of a correlation [1]."""
 
 
 class AbstractSpectrum(ShapeChecked):
@@ -115,12 +133,16 @@ class RandomTrack(AbstractRail):
     """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
     roughness: Float[Array, ""] = field("", not_negative, default=1.0)
     """Factor of all displacements [1]."""
-    coherence: Float[Array, ""] | None = field("", fraction, default=None)
+    coherence: Float[Array, ""] | None = field("", correlation, default=None)
     """Correlation of the lateral with the vertical displacement [1]; None for none."""
     ends: str = eqx.field(static=True, default="straight")
     """How the rail goes on beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
     """Length of the ramps at the ends of a rail that goes on straight [m]."""
+    lines: FourierTrack | None = None
+    """Sines that all seeds have, by the distance from the rail's beginning, such as of joints; None for none."""
+    first: float = eqx.field(static=True, converter=converted("first", "m"), default=0.0, metadata={"unit": "m"})
+    """Distance at which the rail begins [m]."""
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: object) -> "RandomTrack":
@@ -178,6 +200,48 @@ class RandomTrack(AbstractRail):
         band = tuple(1 / float(k) for k in (spectrum.wavenumber[-1], spectrum.wavenumber[0]))
         return cls(**{"band": band, "vertical": spectrum, "lateral": spectrum, **options})
 
+    @classmethod
+    def like(cls, survey: SampledTrack, **options: object) -> "RandomTrack":
+        """Return a rail of a survey's own spectra, from an eighth of its length to four samples, and coherence.
+
+        ```python
+        survey = sj.load_rail("survey.csv")
+        alike = sj.RandomTrack.like(survey)
+        track = sj.TrackSet([survey, *(dataclasses.replace(alike, seed=seed) for seed in range(1, 200))])
+        ```
+
+        Narrow peaks of the spectra, such as those of joints that recur, are not random: they become the `lines`, with
+        the survey's amplitudes and phases, and so all seeds have joints of one shape at the survey's places. A rail
+        that repeats has a whole number of them; another `length` of such a rail needs another call.
+
+        **Arguments:** `survey`: a rail of samples; `options`: fields of `RandomTrack`, by default where the survey
+        begins, its length and its ends.
+
+        **Raises:** `ValueError` for a rail without samples, or with fewer than 256.
+        """
+        instance("survey", survey, SampledTrack, "a rail of samples such as slipperjax.load_rail returns")
+        known("survey", survey)
+        channels = {name: getattr(survey, name) for name in ("lateral", "vertical", "roll")}
+        channels = {name: np.asarray(array) for name, array in channels.items() if array is not None}
+        count = survey.lateral.shape[0]
+        require(count >= 256, "survey", "have 256 samples or more, which show a spectrum", shown=str(count))
+        begin, end = survey.bounds
+        length = float(end - begin)
+        found = statistics_of(np.stack(list(channels.values())), length / (count - 1))
+        # a channel of zeros has no logarithms
+        spectra = [TableSpectrum(found.wavenumber, np.fmax(density, 1e-40)) for density in found.density]
+        band = (1 / float(found.wavenumber[-1]), 1 / float(found.wavenumber[0]))
+        own = {"band": band, "length": length, "first": float(begin), "ends": survey.ends}
+        own |= {"coherence": found.correlation[0, 1], **dict(zip(channels, spectra, strict=True))}
+        if survey.ends == "straight":
+            own["ramp"] = survey.ramp
+        own |= options
+        if found.multiple.size:
+            # whole numbers of them fit into a rail that repeats
+            length = in_unit(own["length"], "m") if own["ends"] == "repeat" else np.inf
+            own.setdefault("lines", _lines(found, tuple(channels), length))
+        return cls(**own)
+
     def __check_init__(self):
         for name in ("lateral", "vertical", "roll"):
             spectrum = getattr(self, name)
@@ -196,12 +260,14 @@ class RandomTrack(AbstractRail):
             self.length,
         )
         one_of("ends", self.ends, ENDS)
+        if self.lines is not None:
+            instance("lines", self.lines, FourierTrack, "a slipperjax.FourierTrack")
         if self.band[0] >= 1.5:
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
     def bounds(self):
-        return 0.0, self.length
+        return self.first, self.first + self.length
 
     @with_standard_promotion
     def prepared(self):
@@ -226,7 +292,7 @@ class RandomTrack(AbstractRail):
             around = jnp.fft.irfft(every, n=count) * count / 2
             return jnp.concatenate([around[-1:], around, around[:2]])
 
-        seed, known = chosen(self)
+        seed, is_rail = chosen(self)
         # a key for each direction, so that none depends on which others there are
         vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3])
         # the lateral deviates share a part with the vertical ones
@@ -235,27 +301,56 @@ class RandomTrack(AbstractRail):
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
         if self.roll is not None:
             rows.append(coefficients(self.roll, roll))
+        if self.lines is not None:
+            rows = [row + line for row, line in zip(rows, self._line_coefficients(spacing, count), strict=True)]
         # a number that chooses no rail gives NaN
-        rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
+        rail = jnp.where(is_rail, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
         # distances to the nearer end of the rail, also of the coefficients beyond it
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
         intervals = jnp.asarray(float(count))
-        return SplineTrack(jnp.zeros(()), jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
+        first = jnp.full((), self.first)
+        return SplineTrack(first, jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
+
+    def _line_coefficients(self, spacing: float, count: int) -> list[Array]:
+        """Return the coefficients of the lines' spline in the directions that the rail has."""
+        lines = self.lines
+        assert lines is not None  # where this is called
+        # as for the random waves
+        share = (2 + jnp.cos(2 * jnp.pi * spacing / lines.wavelengths)) / 3
+        sizes = {name: getattr(lines, name) for name in ("lateral", "vertical", "roll")}
+        larger = {name: size / share for name, size in sizes.items() if size is not None}
+        waves = replace(lines, **larger).irregularity(spacing * jnp.arange(-1.0, count + 2))
+        roll = [] if self.roll is None else [jnp.zeros(()) if waves.roll is None else waves.roll]
+        return [waves.lateral, waves.vertical, *roll]
 
     def rms(self, power: int = 0) -> Irregularity:
-        """Return the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
+        """Return the root mean squares of the displacements [m] and the roll [rad] that spectra and lines have, or of
         their derivatives of the order `power`."""
+        random = self._random_rms(power)
+        lines = self.lines
+        if lines is None:
+            return random
+        of_wave = self.roughness * (2 * jnp.pi / lines.wavelengths) ** power
+        with_lines = lambda rms, size: rms if size is None else jnp.sqrt(rms**2 + jnp.sum((size * of_wave) ** 2) / 2)
+        roll = None if random.roll is None else with_lines(random.roll, lines.roll)
+        return Irregularity(
+            with_lines(random.lateral, lines.lateral), with_lines(random.vertical, lines.vertical), roll
+        )
+
+    def _random_rms(self, power: int) -> Irregularity:
+        """Return the root mean squares that the spectra alone have, see `rms`."""
         of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
         return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
     @property
     def steepest_slope(self):
         """Four times the greater root mean square slope [1], the same for all seeds: of normal deviates one in 30,000
-        is greater."""
-        slope = self.rms(1)
-        return 4.0 * jnp.maximum(slope.lateral, slope.vertical)
+        is greater. Slopes of lines are added, which joints have at once."""
+        slope = self._random_rms(1)
+        steepest = 4.0 * jnp.maximum(slope.lateral, slope.vertical)
+        return steepest if self.lines is None else steepest + self.roughness * self.lines.steepest_slope
 
     @property
     @at_once
@@ -263,3 +358,15 @@ class RandomTrack(AbstractRail):
         """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
         return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)
+
+
+def _lines(found: RailStatistics, channels: tuple[str, ...], length: float) -> FourierTrack:
+    """Return the lines of a survey as sines, which recur after a length [m] if it is finite."""
+    least = found.fundamental
+    if length < np.inf:
+        least = np.round(least * length) / length
+    sines = {}
+    for name, sine, cosine in zip(channels, found.sine, found.cosine, strict=True):
+        sines[name] = np.hypot(sine, cosine)
+        sines[f"{name}_phase"] = np.arctan2(cosine, sine)
+    return FourierTrack(1 / (least * found.multiple), **sines)

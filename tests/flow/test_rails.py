@@ -59,6 +59,29 @@ def test_measured_rails_are_an_axis():
         np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
 
 
+def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
+    """Of which a result keeps the file's name, tables of the spectra and the seeds."""
+    places = np.arange(0.0, 64.0, 0.2)
+    shape = 1e-3 * np.sin(places) + 2e-5 * np.random.default_rng(0).normal(size=(2, len(places)))
+    rows = [f"{1000 + x:.1f}, {y:.9f}, {z:.9f}" for x, y, z in zip(places, *1e3 * shape, strict=True)]
+    (tmp_path / "survey.csv").write_text("\n".join(["distance [m], lateral [mm], vertical [mm]", *rows]))
+    survey = sj.load_rail(tmp_path / "survey.csv")
+    like = sj.RandomTrack.like(survey)
+    rails = [survey, *(dataclasses.replace(like, seed=seed) for seed in (1, 2))]
+    scene = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
+    options = dict(transient=0, periods=3, steps_per_period=STEPS, record="strobe")
+    ds = sj.sweep(scene, {"track.number": range(3)}, **options)
+    np.testing.assert_array_equal(ds["status"], 0)
+    assert len(np.unique(ds["strobe"][:, -1], axis=0)) == 3
+    assert len(ds.attrs["scene"]) < 5000  # no samples: measured 3844
+    ds.to_netcdf(tmp_path / "rails.nc", engine="h5netcdf")
+    for number, rail in enumerate(rails):
+        again = sj.load_scene(tmp_path / "rails.nc", **{"track.number": number})
+        places = jnp.asarray(1000.0 + np.linspace(-1.0, 65.0, 50))
+        for one, other in zip(again.track.irregularity(places)[:2], rail.irregularity(places)[:2], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-18)
+
+
 def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
     rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])

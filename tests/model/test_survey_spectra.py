@@ -1,0 +1,188 @@
+"""Random rails like a survey, which is made of a known spectrum, coherence and lines."""
+
+import contextlib
+import dataclasses
+import functools
+import itertools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.model.survey_spectra import statistics_of
+
+LENGTH, SPACING, FIRST = 800.0, 0.1, 300.0
+ROUGH, COHERENCE = 6e-10, -0.6
+PLACES = np.arange(0.0, LENGTH + SPACING / 2, SPACING)
+# joints with two harmonics, and another line that is lateral alone
+LINES = sj.FourierTrack(
+    (1.32, 0.66, 0.44, 2.1),
+    (0.0, 0.0, 0.0, 9e-5),
+    (8e-5, 6e-5, 4e-5, 0.0),
+    lateral_phase=(0.0, 0.0, 0.0, -2.0),
+    vertical_phase=(0.3, 1.1, 2.5, 0.0),
+)
+OCTAVES = 2.0 ** np.arange(-1, 6)
+"""Ends of bands of wavelengths [m]."""
+
+
+def made(lines=LINES, length=LENGTH, seed=11, **options):
+    """A survey of a rail with the density A k^-2 and lines, which begins within a much longer rail."""
+    rail = sj.RandomTrack.power_law(ROUGH, 2.0, band=(0.3, 800.0), length=1600.0, seed=seed, coherence=COHERENCE)
+    places = PLACES[: round(length / SPACING) + 1]
+    random, sines = rail.irregularity(jnp.asarray(400.0 + places)), lines.irregularity(jnp.asarray(places))
+    channels = random.lateral + sines.lateral, random.vertical + sines.vertical
+    return sj.SampledTrack(FIRST + places, *channels, **options)
+
+
+SURVEY = made(ends="error")
+
+
+@functools.cache
+def alike():
+    return sj.RandomTrack.like(SURVEY)
+
+
+@functools.cache
+def rails():
+    """Two hundred rails, at the places of the survey's samples."""
+    seeds = jnp.arange(200.0)
+    like = alike()
+    of = lambda seed: eqx.tree_at(lambda t: t.seed, like, seed).irregularity(jnp.asarray(FIRST + PLACES[:-1]))
+    return [np.asarray(channel) for channel in jax.jit(jax.vmap(of))(seeds)[:2]]
+
+
+def in_octaves(density, wavenumber):
+    """Variances in bands, from densities at equal distances of the wavenumber."""
+    inside = [(1 / long <= wavenumber) & (wavenumber < 1 / short) for short, long in itertools.pairwise(OCTAVES)]
+    return np.array([density[one].sum() for one in inside]) * (wavenumber[1] - wavenumber[0])
+
+
+CLOSED = ROUGH * (OCTAVES[1:] - OCTAVES[:-1])
+"""Variances of A k^-2 in octaves [m^2]."""
+SPREAD = 1 / np.sqrt(LENGTH * (1 / OCTAVES[:-1] - 1 / OCTAVES[1:]))
+"""Standard deviation of a variance in a band, of one rail over its mean: each wave of the length has two numbers."""
+
+
+def test_spectra_and_coherence_are_those_of_what_surveys_were_made_of():
+    """Of twelve surveys: without bias, and with no more scatter than the length allows."""
+    errors = []
+    coherence = []
+    for seed in range(12):
+        like = sj.RandomTrack.like(made(seed=seed))
+        for spectrum in (like.lateral, like.vertical):
+            bands = itertools.pairwise(OCTAVES.tolist())
+            errors.append(np.array([float(spectrum.rms(band)) ** 2 for band in bands]) / CLOSED - 1)
+        coherence.append(float(like.coherence))
+    print("octaves from", OCTAVES[:-1], "m: mean", np.mean(errors, axis=0), "scatter", np.std(errors, axis=0))
+    # the scatter of the mean is a fifth of that of one
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 3 * SPREAD / np.sqrt(24))  # measured 2.4 of it at most
+    np.testing.assert_allclose(np.std(errors, axis=0), SPREAD, rtol=0.4)  # measured 0.82 to 1.17
+    # (1 - c^2) / sqrt(two numbers for each wave) is the scatter of one, 0.01
+    assert np.mean(coherence) == pytest.approx(COHERENCE, abs=0.01)  # measured 0.0022
+    assert np.std(coherence) < 0.015  # measured 0.011
+
+
+def test_two_hundred_rails_have_the_spectra_and_the_coherence():
+    wavenumber = np.fft.rfftfreq(len(PLACES) - 1, SPACING)
+    random = [heights - np.mean(heights, axis=0) for heights in rails()]
+    for heights, spectrum in zip(random, (alike().lateral, alike().vertical), strict=True):
+        density = 2 * SPACING / heights.shape[1] * np.mean(np.abs(np.fft.rfft(heights)) ** 2, axis=0)
+        exact = np.array([float(spectrum.rms(band)) ** 2 for band in itertools.pairwise(OCTAVES.tolist())])
+        ratio = in_octaves(density, wavenumber) / exact
+        # bands end between the waves of this length
+        assert np.all(np.abs(ratio - 1) < 3 * SPREAD / np.sqrt(200) + 0.01), ratio  # measured 0.025 of 0.052
+    slopes = [np.ravel(np.diff(heights)) for heights in random]
+    assert np.corrcoef(*slopes)[0, 1] == pytest.approx(float(alike().coherence), abs=0.005)  # measured 0.001
+
+
+def waves(track, name):
+    """Wavenumbers of a track's lines and complex amplitudes in one direction, in the order of the wavenumbers."""
+    order = np.argsort(-np.asarray(track.wavelengths))
+    size = np.asarray(getattr(track, name)) * np.exp(1j * np.asarray(getattr(track, f"{name}_phase")))
+    return 1 / np.asarray(track.wavelengths)[order], size[order]
+
+
+def test_lines_have_their_wavelengths_amplitudes_and_phases():
+    for name in ("lateral", "vertical"):
+        (found, sizes), (exact, exact_sizes) = (waves(track, name) for track in (alike().lines, LINES))
+        # amplitude that the random part has in one wave of the survey
+        noise = np.sqrt(2 * ROUGH / exact**2 / LENGTH)
+        # phases are at the survey's beginning, where wavenumbers that are a little wrong tell
+        assert np.all(np.abs(sizes - exact_sizes) < 4 * noise)  # measured 1.9 of it at most
+        # cycles that are too many over the survey
+        np.testing.assert_allclose(LENGTH * found, LENGTH * exact, atol=0.05)  # measured 0.019, and 0.005 of joints
+    # a random rail alone has none
+    assert sj.RandomTrack.like(made(sj.FourierTrack((1.32,), (0.0,), (0.0,)))).lines is None
+    # slopes of lines come on top
+    assert float(alike().steepest_slope) > float(dataclasses.replace(alike(), lines=None).steepest_slope)
+
+
+def test_joints_keep_their_shape_in_every_seed():
+    """The mean over the joints of each rail is the shape of one, in waves of three samples and longer."""
+    joints = sj.LocalTrack(place=[0.66], height=[-3e-4], length=0.6, shape="joint", every=1.32)
+    like = sj.RandomTrack.like(made(joints), ends="error")
+    across = 1.32 * np.arange(64) / 64
+    harmonics = np.fft.rfft(np.asarray(joints.irregularity(jnp.asarray(across)).vertical))
+    harmonics[0] = 0.0
+    harmonics[5:] = 0.0
+    exact = np.fft.irfft(harmonics)
+    places = jnp.asarray(FIRST + (1.32 * np.arange(600))[:, None] + across)
+    for seed in (1, 2):
+        shape = np.mean(dataclasses.replace(like, seed=seed).irregularity(places).vertical, axis=0)
+        # of 0.26 mm
+        np.testing.assert_allclose(shape - shape.mean(), exact, atol=1e-5)  # measured 4.1e-6
+
+
+def test_rails_lie_where_the_survey_does_and_go_on_as_it_does():
+    assert alike().bounds == (FIRST, FIRST + LENGTH)
+    assert alike().ends == "error"
+    for ends, ramp in (("straight", 5.0), ("repeat", 6.0)):
+        with pytest.warns(sj.ImplausibleWarning) if ends == "repeat" else contextlib.nullcontext():
+            survey = made(ends=ends, ramp=ramp)
+        like = sj.RandomTrack.like(survey)
+        both = sj.TrackSet([survey, like, dataclasses.replace(like, seed=2)], 1)
+        places = jnp.asarray(FIRST + np.linspace(-5.0, LENGTH + 5.0, 997))
+        for one, other in zip(both.irregularity(places)[:2], like.irregularity(places)[:2], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-18)
+        assert eqx.tree_equal(like.ramp, survey.ramp) == (ends == "straight")
+    # lines fit into a rail that repeats, so that nothing jumps where it begins again
+    around = np.asarray(like.irregularity(FIRST + jnp.asarray([-0.01, 0.0, 0.01, LENGTH, LENGTH + 0.01])).vertical)
+    np.testing.assert_allclose(around[3:], around[1:3], atol=1e-15)
+    assert abs(around[0] - 2 * around[1] + around[2]) < 4e-6  # measured 1.1e-6
+    counts = LENGTH / np.asarray(like.lines.wavelengths)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+
+
+def test_other_lengths_and_files():
+    longer = sj.RandomTrack.like(SURVEY, length=3000.0, seed=4)
+    assert longer.bounds == (FIRST, FIRST + 3000.0)
+    scene = dataclasses.replace(sj.paper_scene(), track=longer)
+    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+    without = sj.RandomTrack.like(SURVEY, lines=None)
+    assert without.lines is None
+
+
+@pytest.mark.parametrize(
+    ("survey", "words"),
+    [
+        (sj.RandomTrack.sled(), "`survey` must be a rail of samples such as slipperjax.load_rail returns"),
+        (made(length=20.0), "`survey` must have 256 samples or more, which show a spectrum, but has 201"),
+    ],
+)
+def test_what_shows_no_spectrum_is_refused(survey, words):
+    with pytest.raises(ValueError, match=words):
+        sj.RandomTrack.like(survey)
+
+
+def test_a_channel_of_zeros_has_none():
+    found = statistics_of(np.stack([np.zeros(4001), np.asarray(SURVEY.vertical[:4001])]), SPACING)
+    assert np.all(found.density[0] == 0)
+    np.testing.assert_allclose(found.correlation, [[0.0, 0.0], [0.0, 1.0]], rtol=1e-14)
+    flat = sj.RandomTrack.like(dataclasses.replace(SURVEY, lateral=0.0))
+    assert float(flat.rms().lateral) < 1e-15
