@@ -52,12 +52,13 @@ class LyapunovSpectrum(eqx.Module):
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
             return f"LyapunovSpectrum(history={shown_number(self.history)})"
+        # exponents of a lost motion mean nothing
+        if self.status is not None and np.any(self.status):
+            return f"LyapunovSpectrum(status {shown_number(self.status)})"
         pairs = zip(np.asarray(self.per_period), self.stderr, strict=True)
         exponents = ", ".join(f"{exponent:.5g} +- {error:.2g}" for exponent, error in pairs)
         total = self.history.shape[0] * float(self.periods)
         text = f"LyapunovSpectrum({exponents} [1/period],\n  over {total:g} periods of {float(self.period):.5g} s"
-        if self.status is not None:
-            text += f", status {shown_number(self.status)}"
         if not self.resolved:
             text += f",\n  not resolved: errors without changes over {self.slowest:g} periods, see lyapunov_sweep"
         return text + ")"

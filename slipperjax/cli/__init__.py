@@ -20,7 +20,7 @@ def _one_line(message, *_) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command and exit: with 0, with 1 where no result is finite, with 2 and a line on what is wrong,
+    """Run a command and exit: with 0, with 1 where no result means anything, with 2 and a line on what is wrong,
     or after an interrupt with 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
 
     **Arguments:** `arguments`: of the command line; default those of the process, which an interrupt then ends

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..flow.status import Interrupted
-from ..model.scene import Scene
+from ..model.scene import Scene, travel_unit
 from ..tools.files import Content, listed, write_each
 from ..tools.types import Numbers
 
@@ -115,7 +115,7 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
 
 
 def step_error(scene: Scene, changes: Numbers) -> str:
-    """Return in words the largest change of a forcing period by half the step, in units of `accuracy_scales`."""
+    """Return in words the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
     from ..model.kinematics import share_of_scale
 
     most = float(np.max(changes))
@@ -123,4 +123,4 @@ def step_error(scene: Scene, changes: Numbers) -> str:
     if not np.isfinite(most):
         return "half the step does not stay finite"
     units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
-    return f"half the step changes a period by {most:.1e} (unit: {units})"
+    return f"half the step changes the motion by {most:.1e} per {travel_unit(scene)} (unit: {units})"

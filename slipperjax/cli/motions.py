@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from ..flow.status import Status
+from ..flow.status import Status, is_lost
 from ..model.parameters import Parameter
+from ..model.scene import travel_unit
 from ..tools.checks import require
 from .files import Outputs, keeping, step_error
 from .interrupts import Result, on_thread
@@ -68,9 +69,9 @@ def simulate(
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
+    parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per {travel_unit(scene)}", f"status: {status}"]
     # forces and errors of a lost motion mean nothing
-    parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
-    if status != Status.NOT_FINITE:
+    if not is_lost(status):
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
         if trajectory.probe is not None:
@@ -78,8 +79,8 @@ def simulate(
             peaks = peaks[np.isfinite(peaks)]  # NaN where there was no contact
             force = f" and its highest force by {peaks.max():.1e} of it" if len(peaks) else ""
             parts.append(step_error(scene, trajectory.probe.error) + force)
-    print("; ".join([*parts, f"status: {status}"]))
-    return LOST if status == Status.NOT_FINITE else 0
+    print("; ".join(parts))
+    return LOST if is_lost(status) else 0
 
 
 @app.command()
@@ -96,7 +97,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     files = Outputs(out, ".nc", ".png")
     print(f"looking for a motion of period {period} ...", file=sys.stderr)
     motion = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
-    if _is_lost(motion):
+    if _is_missed(motion):
         return LOST
     print(files.write(motion.to_xarray()))
     # real multipliers are written without an imaginary part
@@ -109,11 +110,11 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     return 0
 
 
-def _is_lost(motion: "PeriodicOrbit") -> bool:
+def _is_missed(motion: "PeriodicOrbit") -> bool:
     """Return whether Newton's method found no orbit, and print why."""
     status = Status(int(motion.status))
     if status != Status.FINITE:
-        print(f"no file is written; residual {float(motion.residual):.2g}; status: {status}")
+        print(f"no file is written; status: {status}")
     return status != Status.FINITE
 
 
@@ -221,7 +222,7 @@ def _from_case(
         steps = steps_of_branch(case.scene, quantity, (low, high), case.steps_per_period)
         with_steps = case.options | dict(steps_per_period=steps)
         first = periodic_orbit(case.scene, period, transient=transient, **with_steps)
-        if _is_lost(first):
+        if _is_missed(first):
             return None
         return continue_orbit(case.scene, quantity.name, (low, high), **with_steps | options | dict(start=first))
 

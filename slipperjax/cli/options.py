@@ -27,7 +27,7 @@ from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
 
 LOST = 1
-"""Exit code where nothing finite came out."""
+"""Exit code where no number that came out means anything."""
 WRONG = 2
 """Exit code after an error."""
 INTERRUPTED = 130

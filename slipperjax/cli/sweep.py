@@ -254,7 +254,7 @@ def _swept(
 
     **Arguments:** `files`: None for a share of a store, which is not drawn; `options`: of `function`.
     """
-    from ..flow.status import Status
+    from ..flow.status import is_lost
     from ..sweeps.store import store_status
 
     store = options.get("store")
@@ -276,8 +276,8 @@ def _swept(
         return 0
     _write(ds, files, show)
     print(f"{case.text(grid)}; {summary(ds, seconds)}")
-    # one finite case makes a result
-    return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
+    # one case with numbers makes a result
+    return LOST if is_lost(ds["status"].values).all() else 0
 
 
 def _draw(ds: "xarray.Dataset", show: str | None) -> Draw | None:
@@ -300,28 +300,28 @@ def _write(ds: "xarray.Dataset", files: Outputs, show: str | None) -> None:
 
 
 def summary(ds: "xarray.Dataset", seconds: float) -> str:
-    """Return a sweep in one line: numbers of cases, periods and steps, time, regimes and statuses."""
+    """Return a sweep in one line: numbers of cases, periods and steps, time, statuses, errors and regimes."""
     from ..analysis.kinds import REGIMES, lasting
-    from ..flow.status import Status
+    from ..flow.status import Status, is_lost
 
     periods = f"{ds.attrs['settled']} + {ds.attrs['measured']} periods, " if "measured" in ds.attrs else ""
     # one number, or the least and the greatest
     steps = " to ".join(map(str, np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])))
     parts = [f"{ds['status'].size} cases, {periods}{steps} steps per period: {seconds:.1f} s with compiling"]
-    # the error of a lost case says nothing
-    finite = ds["status"] != Status.NOT_FINITE
-    if "probe_error" in ds and bool(finite.any()):
-        most = float(ds["probe_error"].where(finite).max())
-        parts.append(f"half the step changes a period by {most:.1e} scales at most")
-    # chaos is named with how long it lasts at least
-    if "regime" in ds:
-        life = ds.get("least_mean_life", np.nan)
-        parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
     # how many cases have which status, without those that are fine
     wrong = ds["status"].values[ds["status"].values != Status.FINITE]
     codes, counts = np.unique(wrong, return_counts=True)
     meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
     parts.append(f"{wrong.size} cases flagged" + (f" ({meanings})" if meanings else ""))
+    # the error of a lost case says nothing
+    lost = is_lost(ds["status"].values)
+    if "probe_error" in ds and not lost.all():
+        most = float(ds["probe_error"].values[~lost].max())
+        parts.append(f"half the step changes the motion by {most:.1e} scales at most")
+    # chaos is named with how long it lasts at least
+    if "regime" in ds:
+        life = ds.get("least_mean_life", np.nan)
+        parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
     return "; ".join(parts)
 
 

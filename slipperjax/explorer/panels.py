@@ -10,7 +10,7 @@ from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, CustomJS, Div, Row, Select, Slider, Toggle
 from bokeh.plotting import figure
 
-from ..flow.status import Status
+from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import SECTIONS
 from ..plots.sections import colors_of, frames_of, label_places, rail_outline
@@ -177,7 +177,9 @@ class Panels:
         # begin with the highest force
         self.instant.end = len(drawn.period) - 1
         self.instant.value = int(np.argmax(drawn.force.max(axis=(1, 2))))
-        longest = f"lines are forces, the longest {float(drawn.force.max()) / 1e3:.3g} kN"
+        longest = "lines are forces"
+        if not is_lost(int(shown.run.status)):
+            longest += f", the longest {float(drawn.force.max()) / 1e3:.3g} kN"
         self.scale.text = f"displacements × {drawn.magnify:g}; {longest}; filled: touches"
 
 
@@ -195,13 +197,16 @@ def _words(shown: Shown) -> str:
     if shown.case.window is not None:
         begin, end = shown.case.window
         kind = f"{begin:.6g} to {end:.6g} m"
+    status = Status(int(shown.run.status))
+    said = f"<b>{kind}</b>"
+    # the status comes before numbers, and those of a lost motion mean nothing
+    if status != Status.FINITE:
+        said += f'; <span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
+    if is_lost(status):
+        return f"<b>{', '.join(words)}</b><br>{said}"
     peak = shown.run.peak
     force = "no contact"
     if float(peak.force) > 0:
         at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
         force = f"highest force {float(peak.force) / 1e3:.3g} kN at {html.escape(at)}"
-    said = f"<b>{kind}</b>; {force}"
-    status = Status(int(shown.run.status))
-    if status != Status.FINITE:
-        said += f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
-    return f"<b>{', '.join(words)}</b><br>{said}"
+    return f"<b>{', '.join(words)}</b><br>{said}; {force}"

@@ -18,7 +18,7 @@ from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, reactions
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.layout import StateLayout
-from ..model.scene import Scene, check_scene
+from ..model.scene import Scene, check_scene, travel_unit
 from ..model.starts import AtRest, check_start, initial_state
 from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
@@ -32,7 +32,7 @@ from ..tools.types import AnyArray, Real, Whole
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap
 from .record import RecordSet, Unlabelled
-from .status import Status, judge_states, most_stability_number, with_accuracy, with_loads
+from .status import Status, is_lost, judge_states, most_stability_number, with_accuracy, with_loads
 from .stepping import ConstantSteps, ControlledSteps, capacity_for, capacity_for_periods
 
 
@@ -241,7 +241,11 @@ class Peak(NamedTuple):
         if not float(self.force) > 0:
             return "no contact"
         where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
-        return f"highest contact force {float(self.force):.0f} N at {where}, period {float(self.period):.3f}"
+        when = f"period {float(self.period):.3f}"
+        # rails without waves are known by distance
+        if travel_unit(scene) != "period":
+            when = f"{float(self.period * scene.wavelength):.6g} m"
+        return f"highest contact force {float(self.force):.0f} N at {where}, {when}"
 
 
 class Trajectory(eqx.Module):
@@ -271,7 +275,7 @@ class Trajectory(eqx.Module):
         if is_traced(self.state) or np.ndim(self.status):
             return f"{saves})"
         status = Status(int(self.status))
-        has_peak = self.loads is not None and status != Status.NOT_FINITE
+        has_peak = self.loads is not None and not is_lost(status)
         peak = f", {self.peak.text(self.scene)}" if has_peak else ""
         steps = shown_number(self.steps_per_period)
         return f"{saves}, {steps} steps per period, status {int(status)}: {status}{peak})"

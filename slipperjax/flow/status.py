@@ -41,12 +41,13 @@ class Status(enum.IntEnum):
     NOT_FINITE = (
         1,
         "not finite: the steps are too long for this case, or the solver gave up",
-        "raise steps_per_period; loosen the tolerance of a solver that iterates or adapts its steps",
+        "raise steps_per_period; check the units of start and stiffness; loosen the tolerance of a solver that "
+        "iterates or adapts its steps",
     )
     DERAILED = (
         2,
         "derailed: the slipper turned by more than 90 degrees, where the contact model has no meaning",
-        "reduce the clearance or the initial spin",
+        "check the units of start and clearance; reduce the clearance or the initial spin",
     )
     TOO_FEW_STEPS = (
         3,
@@ -63,11 +64,11 @@ class Status(enum.IntEnum):
     NO_CONTACT = (
         5,
         "no contact: slipper and rail never touched",
-        "check the units of clearance and section; raise the number of periods",
+        "check the units of clearance and section; go farther",
     )
     INACCURATE = (
         6,
-        f"inaccurate: half the step changes a period by more than {INACCURATE:g} (unit: 1 mm, 10 mrad, 1 m/s, "
+        f"inaccurate: half the step changes the motion by more than {INACCURATE:g} (unit: 1 mm, 10 mrad, 1 m/s, "
         "10 rad/s; with less play than 1 mm the first two in proportion)",
         "raise steps_per_period, or take a solver of higher order",
     )
@@ -98,6 +99,15 @@ class Status(enum.IntEnum):
 
     def __str__(self) -> str:
         return self.meaning + (f"; {self.remedy}" if self.remedy else "")
+
+
+DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED)
+"""Statuses of cases whose numbers are what was computed, with a doubt; those of other statuses mean nothing."""
+
+
+def is_lost(codes: AnyArray) -> np.ndarray | np.bool:
+    """Return of each of some `Status` codes, or of one, whether numbers of such a case mean nothing."""
+    return ~np.isin(codes, (Status.FINITE, *DOUBTFUL))
 
 
 MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)

@@ -241,6 +241,11 @@ class Scene(ShapeChecked):
         return jnp.asarray(value)
 
 
+def travel_unit(scene: Scene) -> str:
+    """Return what a forcing period is in words: "period", or its length where the rail has no waves, as in "8 m"."""
+    return "period" if hasattr(scene.track, "wavelengths") else f"{float(scene.wavelength):g} m"
+
+
 def check_scene(scene: object) -> Scene:
     """Return `scene`; raise `ValueError` where it is none, or if JAX runs with 32-bit numbers."""
     need_64_bits()

@@ -23,7 +23,7 @@ from ..flow.simulate import (
     run_eagerly,
     simulate,
 )
-from ..flow.status import Status, judge_states
+from ..flow.status import Status, is_lost, judge_states
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -68,13 +68,15 @@ class PeriodicOrbit(eqx.Module):
         if is_traced(self.state) or np.ndim(self.residual):
             return f"PeriodicOrbit(period={self.period}, residual={shown_number(self.residual)})"
         status = Status(int(self.status))
+        text = f"PeriodicOrbit(period {self.period} at {shown_number(self.scene.speed)} m/s"
+        if is_lost(status):
+            return f"{text}, status {int(status)}: {status})"
         # the three largest
         leading = ", ".join(f"{m:.5g}" for m in np.asarray(self.multipliers)[:3])
         return (
-            f"PeriodicOrbit(period {self.period} at {shown_number(self.scene.speed)} m/s, "
-            f"{'stable' if self.stable else 'unstable'},\n  multipliers {leading}, ..., residual "
-            f"{shown_number(self.residual)}, {shown_number(self.iterations)} iterations,\n"
-            f"  status {int(status)}: {status})"
+            f"{text}, status {int(status)}: {status}, {'stable' if self.stable else 'unstable'},\n"
+            f"  multipliers {leading}, ..., residual {shown_number(self.residual)}, "
+            f"{shown_number(self.iterations)} iterations)"
         )
 
     @property

@@ -21,8 +21,8 @@ from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, require, whole
-from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, styled
-from .trajectories import TRAJECTORY_SOURCE, Result, contact_forces
+from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, lost, styled
+from .trajectories import TRAJECTORY_SOURCE, Along, Result, contact_forces
 
 if TYPE_CHECKING:
     import matplotlib.animation
@@ -326,7 +326,8 @@ class _Picture:
                 ax.set_title(end, fontsize=8)
             axes["R"].set_ylabel("")
             contact_forces(frames.ds, axes["H"], last=None)
-            self.cursor = axes["H"].axvline(frames.period[0], lw=0.9, color="black")
+            self.along = Along.of(frames.ds)
+            self.cursor = axes["H"].axvline(self.along.unit * frames.period[0], lw=0.9, color="black")
             self.time = axes["F"].text(
                 0.02,
                 0.97,
@@ -335,8 +336,9 @@ class _Picture:
                 va="top",
                 fontsize=7,
             )
-            longest = f"longest arrow {float(frames.force.max()) / 1e3:.3g} kN"
-            scales = f"play and displacement × {frames.magnify:g}, {longest}"
+            scales = f"play and displacement × {frames.magnify:g}"
+            if not lost(frames.ds):
+                scales += f", longest arrow {float(frames.force.max()) / 1e3:.3g} kN"
             self.figure.suptitle("; ".join(filter(None, [case_title(frames.ds), scales])), fontsize=7.5)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
@@ -352,8 +354,9 @@ class _Picture:
             dots.set_facecolors(np.where(frames.force[k, end] > 0, colors_of(frames.shape), "white"))
             arrows.set_offsets(1e3 * points)
             arrows.set_UVC(*frames.arrows[k, end].T)
-        self.cursor.set_xdata([frames.period[k]] * 2)
-        self.time.set_text(f"forcing period {frames.period[k]:.2f}")
+        instant = self.along.unit * frames.period[k]
+        self.cursor.set_xdata([instant] * 2)
+        self.time.set_text(self.along.words.format(instant))
         return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
 
 

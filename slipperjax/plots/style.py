@@ -18,7 +18,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from ..flow.status import Status
+from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import REACTIONS, Quantity
 from ..tools.checks import instance, number, positive
@@ -279,6 +279,12 @@ def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     if "status" not in ds:
         return np.zeros([ds.sizes[d] for d in dims], int)
     return ds["status"].transpose(*dims).values
+
+
+def lost(ds: xr.Dataset) -> bool:
+    """Return whether the numbers of a dataset mean nothing, by the status of its one case, or of all of its cases."""
+    status = ds["status"].values if "status" in ds else ds.attrs.get("status", int(Status.FINITE))
+    return bool(np.all(is_lost(status)))
 
 
 def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:

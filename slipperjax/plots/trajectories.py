@@ -19,6 +19,7 @@ from .style import (
     check_dataset,
     drawing,
     legend_above,
+    lost,
     name_case,
     name_status,
     shown,
@@ -28,9 +29,26 @@ from .style import (
 
 Result = Trajectory | xr.Dataset
 """One case over time."""
-TIME_LABEL = "time [forcing periods]"
 TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
 """Kind of the datasets drawn here, for errors."""
+
+
+class Along(NamedTuple):
+    """Horizontal axis of pictures of trajectories."""
+
+    unit: float
+    """A forcing period in the unit of the axis [unit/period]."""
+    label: str
+    words: str
+    """Of an instant, with a place for its number."""
+
+    @classmethod
+    def of(cls, ds: xr.Dataset) -> "Along":
+        """Return the time in forcing periods; on rails without waves, where these are arbitrary, the distance [m]."""
+        wave = ds.attrs.get("wavelength [m]")
+        if wave is None:
+            return cls(1.0, "time [forcing periods]", "forcing period {:.2f}")
+        return cls(np.ravel(wave)[0], "distance [m]", "{:.2f} m")
 
 
 def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
@@ -42,12 +60,13 @@ def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
     - `name`: a variable over time, in SI units; drawn in its display unit, as in mm or mrad.
     - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
 
-    **Returns:** the Axes, with time in forcing periods.
+    **Returns:** the Axes, with time in forcing periods, or with distance on rails without waves.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
+    along = Along.of(ds)
     with drawing(ax, ds, full=False) as ax:
-        ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
-        ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
+        ax.plot(along.unit * ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
+        ax.set(xlabel=along.label, ylabel=axis_label(name, ds))
         ax.margins(x=0.01)
     return ax
 
@@ -61,7 +80,8 @@ def contact_forces(
 ) -> Axes:
     """Draw the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
-    The legend has the peak force of each point and its time; a dot marks the peak where it lies in what is drawn. It
+    The legend has the peak force of each point and its time or place, unless the status says that numbers mean
+    nothing; a dot marks the peak where it lies in what is drawn. It
     is the peak over every integration step where `ds` has `peak_force`. A part of a run, as by `ds.isel(time=...)`,
     that excludes the run's peak has that of its saved states instead, which may be lower. Where `ds` lacks the time
     of a peak, the legend says "in the whole run".
@@ -73,21 +93,24 @@ def contact_forces(
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     period = ds["period"].values
+    along = Along.of(ds)
     # rounding must not cut off the first saved state
     begin = -np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9
     drawn = period >= begin
     with drawing(ax, ds, full=False) as ax:
         for line in most_loaded(ds, most):
-            label = f"{line.name}, peak {line.peak:.3g} kN"
-            if np.isfinite(line.instant):
-                label += f" at {line.instant:.4g}"
-            elif line.peak > 0:
-                label += " in the whole run"
-            ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
+            label = line.name
+            if not lost(ds):
+                label += f", peak {line.peak:.3g} kN"
+                if np.isfinite(line.instant):
+                    label += f" at {along.unit * line.instant:.4g}"
+                elif line.peak > 0:
+                    label += " in the whole run"
+            ax.plot(along.unit * period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
             # the peak may lie before what is drawn
             if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
-                ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
-        ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
+                ax.plot(along.unit * line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
+        ax.set(xlabel=along.label, ylabel=axis_label("contact_force"))
         ax.margins(x=0.01)
         legend_above(ax)
     return ax

@@ -1,5 +1,7 @@
 """Lyapunov spectra of systems with known exponents, and the functions from which they are computed."""
 
+import dataclasses
+
 import diffrax
 import equinox as eqx
 import jax
@@ -311,6 +313,7 @@ def test_chaos_is_not_resolved_by_a_record_that_its_slow_changes_outlast():
     assert of(0.3, 2000.0, 8000).resolved
     assert "not resolved: errors without changes over 2000 periods" in repr(of(0.3, 2000.0))
     assert "resolved" not in repr(of(0.3, 0.0))
+    assert repr(dataclasses.replace(of(0.3, 0.0), status=jnp.asarray(2))) == "LyapunovSpectrum(status 2)"
     lanes = jax.tree.map(lambda a, b: np.stack([a, b]), of(0.3, 2000.0), of(-0.3, 2000.0))
     assert lanes.resolved.tolist() == [False, True]
 

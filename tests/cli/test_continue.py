@@ -130,7 +130,7 @@ def test_options_reach_the_branch(room, tmp_path, capsys):
 def test_no_first_motion_is_exit_code_1(room, tmp_path, capsys):
     room.orbit.status = int(Status.NO_ORBIT)
     text, _ = call([*OVER, tmp_path / "run"], capsys, 1)
-    assert text == f"no file is written; residual 0.5; status: {Status.NO_ORBIT}\n"
+    assert text == f"no file is written; status: {Status.NO_ORBIT}\n"
     assert names(tmp_path) == []
 
 

@@ -146,8 +146,13 @@ def test_chaos_stands_with_its_least_mean_life_in_a_line():
     regimes, life = ["periodic", "chaotic", "chaotic"], [np.nan, 3400.0, 3365.1]
     data = {"regime": ("speed", regimes), "status": ("speed", [0] * 3), "steps_per_period": ("speed", [50] * 3)}
     ds = xr.Dataset(data)
-    told = "1 periodic, 0 regular, 2 chaotic{}, 0 unresolved, 0 transient chaos;"
+    told = "1 periodic, 0 regular, 2 chaotic{}, 0 unresolved, 0 transient chaos"
     assert told.format("") in summary(ds, 1.0)
     with_life = told.format(" (mean life 3365 periods or more)")
     assert with_life in summary(ds.assign(least_mean_life=("speed", life)), 1.0)
+    # the error of a case that is lost says nothing, and statuses come before all numbers
+    part = ds.drop_vars("regime").assign(status=("speed", [0, 4, 6]), probe_error=("speed", [0.01, 7e5, 0.2]))
+    words = summary(part, 1.0)
+    assert words.endswith("; half the step changes the motion by 2.0e-01 scales at most")
+    assert "; 2 cases flagged (1 pressed in: " in words
     assert told.format("") in summary(ds.assign(least_mean_life=("speed", [np.nan] * 3)), 1.0)

@@ -147,6 +147,12 @@ def test_names_of_points_reach_the_page_as_text():
     shown = SimpleNamespace(case=Case(scene), run=SimpleNamespace(status=0, peak=peak), kind="period", period=1)
     assert html.escape(IMAGE) in _words(shown)
     assert IMAGE not in _words(shown)
+    # a doubt is told before the force, and a lost motion without it
+    shown.run.status = 6
+    assert _words(shown).index("inaccurate") < _words(shown).index("highest force")
+    shown.run.status = 2
+    assert "derailed" in _words(shown)
+    assert "highest force" not in _words(shown)
 
 
 def test_a_followed_path_is_shown_both_ways():

@@ -4,11 +4,12 @@ import dataclasses
 import pickle
 
 import diffrax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.status import Status, first_problem, with_resolution
+from slipperjax.flow.status import Status, first_problem, is_lost, with_resolution
 from slipperjax.sweeps.follow import find_jump
 
 
@@ -19,6 +20,18 @@ def test_every_status_has_a_meaning_and_what_to_do():
         assert status.meaning
         assert status.remedy
         assert str(Status(int(status))) == f"{status.meaning}; {status.remedy}"
+
+
+def test_numbers_of_lost_cases_mean_nothing():
+    codes = np.arange(10).reshape(2, 5)
+    assert is_lost(codes).tolist() == [[False, True, True, True, True], [False, False, True, True, False]]
+    assert is_lost(Status.DERAILED)
+    assert not is_lost(Status.INACCURATE)
+    run = sj.simulate(sj.paper_scene(), 1, steps_per_period=50)
+    assert "status 0: finite, highest contact force" in repr(run)
+    for status in (Status.DERAILED, Status.PRESSED_IN, Status.TOO_FEW_STEPS):
+        lost = dataclasses.replace(run, status=jnp.asarray(int(status)))
+        assert repr(lost).endswith(f"50 steps per period, status {int(status)}: {status})")
 
 
 def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():

@@ -152,7 +152,8 @@ def test_failures_say_what_happened(nominal):
     # no residual is as small as this one
     missed = sj.periodic_orbit(SCENE, start=nominal.state, steps_per_period=STEPS, tolerance=1e-200)
     assert int(missed.status) == Status.NO_ORBIT
-    assert "no orbit" in repr(missed)
+    assert repr(missed) == f"PeriodicOrbit(period 1 at 1250 m/s, status 8: {Status.NO_ORBIT})"
+    assert "m/s, status 0: finite, stable,\n  multipliers" in repr(nominal)
     lost = sj.periodic_orbit(SCENE.replace(speed=1e-3), steps_per_period=STEPS)
     assert int(lost.status) == Status.NOT_FINITE
     assert np.all(np.isnan(lost.multipliers))

@@ -224,6 +224,19 @@ def test_contact_forces_are_those_of_the_highest_peaks():
     assert drawn(ax.lines[1]) == pytest.approx(np.array([[1.001, 5.5]]))
 
 
+def test_rails_without_waves_are_drawn_over_distance_and_lost_motions_without_numbers():
+    ds = trajectory().assign_attrs({"wavelength [m]": np.array([8.0])})
+    (line,) = plots.history(ds, "roll").lines
+    assert labels(line.axes) == ("distance [m]", "roll [mrad]")
+    assert drawn(line)[[0, -1], 0].tolist() == [0.0, 16.0]
+    ax = plots.contact_forces(ds, most=1)
+    assert (ax.get_xlabel(), legend(ax)) == ("distance [m]", ["C2, peak 5 kN at 8"])
+    assert drawn(ax.lines[1]).tolist() == [[8.0, 5.0]]
+    for status in (sj.Status.NOT_FINITE, sj.Status.DERAILED, sj.Status.PRESSED_IN, sj.Status.TOO_FEW_STEPS):
+        assert legend(plots.contact_forces(trajectory(status=int(status)), most=2)) == ["C2", "B2"]
+    assert "peak" in legend(plots.contact_forces(trajectory(status=int(sj.Status.INACCURATE)), most=1))[0]
+
+
 @pytest.mark.parametrize("steps", [1.0, 1.1], ids=["saved", "over all steps"])
 @pytest.mark.parametrize("part", [slice(0, 150), slice(150, 250), slice(250, None)], ids=["before", "with", "behind"])
 def test_peaks_of_a_part_of_a_run_are_those_of_the_part(part, steps):
