@@ -193,6 +193,16 @@ def load_run(source: object) -> dict[str, Any]:
 
     **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
     """
+    table = _run_table(source)
+    return {name: value for name, value in table.items() if name != "units"}
+
+
+def load_units(source: object) -> tuple[str, ...]:
+    """Return the units of reports from the table [run] of a TOML file; errors are those of `load_run`."""
+    return _run_table(source).get("units", ())
+
+
+def _run_table(source: object) -> dict[str, Any]:
     file = _scene_file(source, {})
     table = file and file.run
     if not table:

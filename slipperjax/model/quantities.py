@@ -3,13 +3,32 @@
 Solvers, datasets, plots and the command line look them up here; a scene's parameters stand in `parameters`.
 """
 
-from dataclasses import dataclass
+import functools
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-PER_SHOWN = {"mm": 1e-3, "mrad": 1e-3, "degrees": np.pi / 180, "kN": 1e3}
-"""SI units in one of those in which pictures and the command line show numbers."""
+from ..tools.checks import brief, require
+from ..tools.units import unit_factor
+
+PER_SHOWN = {"": 1.0, "mm": 1e-3, "mrad": 1e-3, "degrees": np.pi / 180, "kN": 1e3, "kJ": 1e3}
+"""SI units in one of those in which pictures and the command line show numbers; pint knows others."""
+KINDS = {
+    "m/s^2": "acceleration",
+    "m": "length",
+    "m/s": "speed",
+    "N": "force",
+    "N s": "impulse",
+    "J": "energy",
+    "kg": "mass",
+    "s": "time",
+}
+"""Kinds of quantities whose unit users may choose, by SI unit; g is one of acceleration."""
+LONG = 0.1
+"""Unit of length above which units are for distances along the rail [m]; smaller ones are for displacements."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +50,9 @@ class Quantity:
     @property
     def per_shown(self) -> float:
         """SI units in one display unit."""
-        return PER_SHOWN.get(self.shown_unit, 1.0)
+        if self.shown_unit in PER_SHOWN:
+            return PER_SHOWN[self.shown_unit]
+        return unit_factor(self.name, self.shown_unit, self.unit)
 
     @property
     def display_unit(self) -> str:
@@ -55,6 +76,42 @@ class Quantity:
     def from_shown(self, value: Any) -> Any:
         """Return a value in the display unit converted to SI units [unit]."""
         return value * self.per_shown
+
+
+@dataclass(frozen=True)
+class ShownUnits:
+    """Units in which a user wants numbers shown, such as ft, thou, lbf and g."""
+
+    units: Sequence[str] = ()
+    """Each replaces the display unit of quantities of its kind, the first one of a kind."""
+
+    def __post_init__(self):
+        listed = isinstance(self.units, tuple | list) and all(isinstance(unit, str) for unit in self.units)
+        require(listed, "units", 'be a list of units, such as ["ft", "lbf"]', self.units)
+        for unit in self.units:
+            _kind(unit)
+
+    def of(self, q: Quantity) -> Quantity:
+        """Return a quantity with the display unit that is wanted for it."""
+        kind = q.unit, q.unit == "m" and q.per_shown > LONG
+        for unit in self.units:
+            if _kind(unit) == kind:
+                return replace(q, shown_unit=unit)
+        return q
+
+
+@functools.cache
+def _kind(unit: str) -> tuple[str, bool]:
+    """Return the SI unit of a unit's kind, and whether it is one of distances.
+
+    **Raises:** `ValueError` for a unit of no kind in `KINDS`.
+    """
+    for si in KINDS:
+        # pint tells by an error whether it is of this kind
+        with suppress(ValueError):
+            return si, unit_factor("units", unit, si) > LONG and si == "m"
+    need = f"be units of {', '.join(KINDS.values())}, such as ft, lbf and g"
+    raise ValueError(f"Argument `units` must {need}, but has {brief(unit)}.")
 
 
 def _named(*quantities: Quantity) -> dict[str, Quantity]:

@@ -31,6 +31,7 @@ from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .parameters import PARAMETERS, half_play
+from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
@@ -52,15 +53,18 @@ Part = TypeVar("Part", bound=eqx.Module)
 
 
 class RunTable(ShapeChecked):
-    """The table `run` of a scene's file: arguments of `slipperjax.run`."""
+    """The table `run` of a scene's file: arguments of `slipperjax.run`, and the `units` of its report."""
 
     length: Float[Array, ""] = field("m", positive)
     begin: Float[Array, ""] | None = field("m", finite, default=None)
     window: Float[Array, ""] | None = field("m", positive, default=None)
     steps_per_period: int | None = None
     solver: str | None = None
+    units: tuple[str, ...] | None = None
 
     def __check_init__(self):
+        if self.units is not None:
+            ShownUnits(self.units)
         if self.steps_per_period is not None:
             given_steps(self.steps_per_period)
 
@@ -71,8 +75,8 @@ class SceneFile(NamedTuple):
     scene: Scene
     start: Motion | None
     """The motion at time zero; None where the file has none."""
-    run: dict[str, float | int | str] | None
-    """Arguments of `slipperjax.run` [SI unit]; None where the file has none."""
+    run: dict[str, Any] | None
+    """Arguments of `slipperjax.run` [SI unit], and the `units` of its report; None where the file has none."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -99,7 +103,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
     `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
-    `run` takes length, begin, window, steps_per_period and solver.
+    `run` takes length, begin, window, steps_per_period, solver and units.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -254,7 +258,7 @@ class _Reader:
         motion = Motion.from_euler(**values) if angles else Motion(**values)
         return check_motion("start", kind(**vars(motion)))
 
-    def run(self, table: Table) -> dict[str, float | int | str]:
+    def run(self, table: Table) -> dict[str, Any]:
         """Return the arguments of a run that the table gives, in SI units."""
         # checked as fields, which make numbers arrays
         given = {name: value for name, value in vars(self.made(RunTable, table, "run")).items() if value is not None}
