@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..flow.status import Interrupted
-from ..model.scene import Scene, travel_unit
 from ..tools.files import Content, listed, write_each
-from ..tools.types import Numbers
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -83,10 +81,12 @@ class Outputs:
     def write(
         self, ds: "xarray.Dataset", draw: Draw | None = fitting, *, partial: bool = False, picture: Path | None = None
     ) -> str:
-        """Write a dataset to OUT.nc, if it is one of the files, and its picture to OUT.png; return what was written.
+        """Write a dataset to OUT.nc, if it is one of the files, its picture to OUT.png, and the files of its report.
 
         **Arguments:** `draw`: None for no picture; `partial`: whether it is what an interrupt left, which is
         written to OUT_partial; `picture`: name of the picture instead of OUT.
+
+        **Returns:** what was written, in words.
         """
         out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
         contents: dict[Path, Callable[[], Content]] = {}
@@ -95,6 +95,11 @@ class Outputs:
             contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
         if draw is not None:
             contents[Path(f"{picture or out}.png")] = lambda: _picture(ds, draw)
+        of_report = [ending for ending in self.endings if ending not in (".nc", ".png")]
+        if of_report:
+            from ..plots.report import report_files
+
+            contents |= report_files(ds, out, of_report)
         return write_each(contents)
 
 
@@ -112,15 +117,3 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
         kept = "nothing is written" if stop.result is None else keep(stop.result)
         print(f"{count}: {kept}", file=sys.stderr)
         raise
-
-
-def step_error(scene: Scene, changes: Numbers) -> str:
-    """Return in words the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
-    from ..model.kinematics import share_of_scale
-
-    most = float(np.max(changes))
-    share = float(share_of_scale(scene))
-    if not np.isfinite(most):
-        return "half the step does not stay finite"
-    units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
-    return f"half the step changes the motion by {most:.1e} per {travel_unit(scene)} (unit: {units})"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from ..flow.status import Status, is_lost
+from ..flow.status import Status, is_lost, step_error
 from ..model.parameters import Parameter
 from ..model.scene import travel_unit
 from ..tools.checks import require
-from .files import Outputs, keeping, step_error
+from .files import Outputs, keeping
 from .interrupts import Result, on_thread
 from .options import (
     CASE,

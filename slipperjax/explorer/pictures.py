@@ -11,7 +11,7 @@ from ..model.quantities import SECTIONS, Quantity
 from ..plots.maps import categories, motions_of, regimes_of
 from ..plots.runs import edges_of
 from ..plots.sections import Frames, outline
-from ..plots.style import flagged, highest, quantity_of
+from ..plots.style import flagged, highest, lost, quantity_of
 from .session import View
 
 
@@ -106,6 +106,9 @@ def along(view: View, choice: str) -> dict[str, np.ndarray]:
     """Return a number of each window of a run, the highest of all points, over distance [m]."""
     # steps need a value at both ends of each window
     y = highest(view.ds, choice, "distance")
+    # numbers of a lost run mean nothing
+    if lost(view.ds):
+        y = np.full_like(y, np.nan)
     return {"x": edges_of(view.ds, "distance"), "y": np.append(y[:1], y)}
 
 

@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..model.dynamics import State
-from ..model.scene import Scene
+from ..model.kinematics import share_of_scale
+from ..model.scene import Scene, travel_unit
 from ..model.step_size import contact_duration
 from ..model.travel import LEAST_SPEED
 from ..solvers.latching import is_explicit
-from ..tools.types import AnyArray, Real
+from ..tools.types import AnyArray, Numbers, Real
 
 LEAST_PER_CONTACT = 3
 """Steps of a typical impact below which a case is not trusted. The default is 10; at K = 1e12 a case stayed finite
@@ -294,3 +295,13 @@ def with_accuracy(
     # Twice the standard error is forgiven. Written so that an error of NaN is inaccurate, too.
     inaccurate = (status == Status.FINITE) & ~(error - 2 * stderr <= INACCURATE)
     return np.where(inaccurate, int(Status.INACCURATE), status)
+
+
+def step_error(scene: Scene, changes: Numbers) -> str:
+    """Return in words the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
+    most = float(np.max(changes))
+    share = float(share_of_scale(scene))
+    if not np.isfinite(most):
+        return "half the step does not stay finite"
+    units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
+    return f"half the step changes the motion by {most:.1e} per {travel_unit(scene)} (unit: {units})"

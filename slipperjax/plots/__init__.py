@@ -13,6 +13,7 @@ from .maps import (
 )
 from .picture import plot as plot
 from .rails import rail as rail
+from .report import report as report
 from .runs import passing as passing, run_overview as run_overview
 from .sections import animate as animate, instant as instant, section as section
 from .style import styled as styled

@@ -5,14 +5,17 @@ import numpy as np
 import xarray as xr
 
 from ..analysis.spectra import power_spectral_density
+from ..model.quantities import ShownUnits
 from ..model.scene import Scene, check_scene
-from .runs import draw_irregularity
-from .style import COLORS, axis_label, check_dataset, legend_above, styled
+from .runs import DISTANCE, draw_irregularity, units_along
+from .style import COLORS, axis_label, check_dataset, legend_above, name_label, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
 def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
+
+    Distances are in the unit of the survey, if it is one.
 
     The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
     those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
@@ -33,19 +36,26 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
         extent = float(last - first)
     places = 4096
     distance = first + np.arange(places) * extent / places
-    rows = 2 if ds is None else 3
+    units = units_along(scene, ShownUnits())
+    along = units.of(DISTANCE)
+    rows = 3 if ds is None else 4
+    heights = [0.6, 0.6, *[1.0] * (rows - 2)]
     with styled():
-        _, axes = plt.subplots(rows, 1, figsize=(7.2, 2.0 * rows), layout="constrained")
-        upper, lower = axes[[0, rows - 1]]
+        _, axes = plt.subplots(
+            rows, 1, figsize=(7.2, 2.0 * sum(heights)), height_ratios=heights, layout="constrained"
+        )
+        lower = axes[-1]
         top = 0.0
-        draw_irregularity(upper, scene, distance)
+        draw_irregularity(axes[:2], scene, distance, units)
         # spectra in the colours of the displacements
-        for line in upper.lines:
+        for name, width, ax in zip(("lateral", "vertical"), (1.6, 0.6), axes, strict=False):
+            (line,) = ax.lines
             spectrum = power_spectral_density(line.get_ydata(), places / extent)
             seen = slice(1, places // 4)  # finer waves are the drawing's
             # zeros, which a logarithmic axis lacks, are lifted
             density = spectrum.density[seen] + 1e-300
-            lower.loglog(spectrum.frequency[seen], density, lw=0.6, color=line.get_color())
+            # the one below is wider, so that equal ones do not hide each other
+            lower.loglog(spectrum.frequency[seen], density, lw=width, color=line.get_color(), label=name)
             top = max(top, float(density.max()))
         slope = float(scene.track.steepest_slope)
         # the wavenumbers to which the slipper responds, unless the rail is straight
@@ -60,15 +70,19 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
-                axes[1].plot(
-                    ds["period"] * unit,
+                axes[2].plot(
+                    along.shown(ds["period"] * unit),
                     line.force,
                     lw=0.7,
                     label=line.name,
                     **line.style,
                 )
-            axes[1].set(ylabel=axis_label("contact_force"))
-            legend_above(axes[1])
-        for ax in axes[: rows - 1]:
-            ax.set(xlabel="distance [m]", xlim=(first, first + extent))
+            axes[2].set(ylabel=axis_label("contact_force"))
+            legend_above(axes[2])
+        legend_above(lower)
+        for ax in axes[:-1]:
+            ax.set(xlim=along.shown(np.array([first, first + extent])))
+        for ax in axes[: rows - 2]:
+            ax.tick_params(labelbottom=False)
+        axes[rows - 2].set_xlabel(name_label(along))
     return axes

@@ -1,17 +1,25 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
+import json
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from jaxtyping import Int
 from matplotlib.axes import Axes
 
 from ..flow.datasets import load_scene
-from ..model.parameters import quantity
+from ..flow.status import Status, is_lost
+from ..model.quantities import Quantity, ShownUnits
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
+from ..tools.types import Numbers
 from .branches import DASHED, joined, stable_parts
 from .style import (
     COLORS,
+    FLAGGED_LABEL,
     axis_label,
     check_dataset,
     color_bar,
@@ -21,76 +29,158 @@ from .style import (
     legend_above,
     line_color,
     name_case,
+    name_label,
     name_status,
+    quantity_of,
     set_log_ticks,
     shown,
     styled,
+    typeset,
     with_unit,
 )
 
 RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
+UNITS = "shown_units"
+"""Attribute of a run's dataset with the units of the scene's file in JSON."""
+DISTANCE = Quantity("distance", "m", "distance along the rail")
 
 
-def run_overview(ds: xr.Dataset, scene: Scene | None = None) -> np.ndarray:
+class RunView(NamedTuple):
+    """One run as pictures, tables and reports show it: in a user's units, and without numbers that mean nothing."""
+
+    ds: xr.Dataset
+    """Numbers of lost windows, and of stretches with such, are NaN."""
+    codes: Int[np.ndarray, " windows"]
+    """`Status` of each window; of a run without them its own."""
+    scene: Scene | None
+    units: ShownUnits
+
+    @classmethod
+    def of(cls, ds: object, scene: Scene | None = None, units: Sequence[str] | None = None) -> "RunView":
+        """Return the view of a run.
+
+        **Arguments:** as for `run_overview`.
+
+        **Raises:** `ValueError` for another dataset, or a wrong unit.
+        """
+        ds = check_dataset(ds, RUN_SOURCE, "distance", "seconds", "status")
+        dims = ds["status"].dims
+        over = f"over {', '.join(map(str, dims))}"
+        require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=over)
+        if scene is None and "scene" in ds.attrs:
+            scene = load_scene(ds)
+        chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
+        codes = _codes(ds)
+        ds = _stretches_of(ds.drop_vars("window_status", errors="ignore"))
+        return cls(_kept(ds, is_lost(codes)), codes, scene, units_along(scene, chosen))
+
+    @property
+    def status(self) -> Status:
+        """Status of the whole run."""
+        return Status(int(self.ds["status"]))
+
+    @property
+    def flagged(self) -> list[tuple[float, float, Status]]:
+        """Lengths of rail with a status of their own other than `FINITE`: both ends [m] and the status."""
+        # what the run's own status tells is not told again
+        if np.all(self.codes == self.status):
+            return []
+        edges = edges_of(self.ds, "distance")
+        first = np.flatnonzero(np.diff(self.codes, prepend=-1))
+        last = np.append(first[1:], len(self.codes))
+        spans = zip(edges[first].tolist(), edges[last].tolist(), map(Status, self.codes[first]), strict=True)
+        return [span for span in spans if span[2] != Status.FINITE]
+
+    def quantity(self, name: str) -> Quantity:
+        """Return a quantity with the unit in which it is shown."""
+        return self.units.of(DISTANCE if name == DISTANCE.name else quantity_of(name, self.ds))
+
+    def places(self, places: Numbers) -> np.ndarray:
+        """Return distances [m] in the unit in which they are shown."""
+        return self.quantity(DISTANCE.name).shown(np.asarray(places))
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times at the edges of windows [s]."""
+        seconds = self.ds["seconds"].values
+        first = self.ds.attrs["window [m]"] / self.ds[speed_name(self.ds)].values[0]
+        # From standstill the first window of a run takes 1.41 of its length over the speed in its middle; at the
+        # first window of a part of a run more time has passed.
+        return np.append(0.0 if seconds[0] < 1.5 * first else seconds[0] - first, seconds)
+
+    def highest(self, name: str) -> np.ndarray:
+        """Return the highest of all points in each window [SI unit], NaN where none is a number."""
+        values = self.ds[name]
+        # infinities are no numbers to show
+        return values.where(np.isfinite(values)).max(("end", "point")).values
+
+    def edges(self, along: str) -> np.ndarray:
+        """Return the edges of windows ("distance") or stretches ("stretch") in the unit of distances."""
+        return self.places(edges_of(self.ds, along))
+
+
+def units_along(scene: Scene | None, chosen: ShownUnits) -> ShownUnits:
+    """Return units of a user's, and after them that of the distances in the survey of a scene, if it has one."""
+    surveyed = getattr(scene and scene.track, "distance_unit", "m")
+    return ShownUnits((*chosen.units, surveyed))
+
+
+def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str] | None = None) -> np.ndarray:
     """Draw a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
 
-    What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
-    each stretch of windows, and a dot at the highest of all; impacts are those of all points at the front and at the
-    rear. Spectra are root mean squares of the vertical acceleration in third octaves; those that are finer than a
-    stretch resolves, or beyond half of the sampling frequency, are blank.
+    What the dataset lacks is left out, and so is what means nothing by its status. Forces are the highest of all
+    points in each window, with their percentiles in each stretch of windows, and a dot at the highest of all; impacts
+    are those of all points at the front and at the rear. Spectra are root mean squares of the vertical acceleration
+    in third octaves; those that are finer than a stretch resolves, or beyond half of the sampling frequency, are
+    blank.
 
     **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
-    whose rail is drawn, default that of the dataset.
+    whose rail is drawn, default that of the dataset; `units`: such as ("ft", "lbf"), each for the quantities of its
+    kind, by default those of the scene's file, and for distances that of the survey.
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, RUN_SOURCE, "distance", "seconds", "status")
-    dims = ds["status"].dims
-    require(
-        not dims,
-        "ds",
-        "be of one run, as is ds.isel(...)",
-        shown=f"over {', '.join(map(str, dims))}",
-    )
-    if scene is None and "scene" in ds.attrs:
-        scene = load_scene(ds)
-    ds = _stretches_of(ds)
+    view = RunView.of(ds, scene, units)
     # panels by the variable that they need
     panels = {
-        "seconds": _draw_speed,
+        "seconds": draw_speed,
         "peak_force": _draw_forces,
         "impact_rate": _draw_impacts,
         "band_a_z": _draw_bands,
     }
-    draws = [draw for name, draw in panels.items() if name in ds]
-    rows = len(draws) + (scene is not None)
+    return draw_panels(view, [draw for name, draw in panels.items() if name in view.ds])
+
+
+def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]]) -> np.ndarray:
+    """Draw panels over one axis of distances in a new figure, below those of the rail where the scene is known."""
+    rails = 0 if view.scene is None else 2
+    rows = len(draws) + rails
     with styled():
-        size = (7.2, 1.5 * rows + 0.5)
         figure, grid = plt.subplots(
             rows,
             1,
-            figsize=size,
+            figsize=(7.2, 1.5 * len(draws) + 0.9 * rails + 0.5),
+            height_ratios=[0.6] * rails + [1.0] * len(draws),
             sharex=True,
             squeeze=False,
             layout="constrained",
         )
-        name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
+        name_case(figure, view.ds.drop_vars(speed_name(view.ds)), full=True)
         axes = grid[:, 0]
-        if scene is not None:
+        if view.scene is not None:
             # many more places than pixels, so that short waves keep their height
-            begin, end = edges_of(ds, "distance")[[0, -1]]
-            places = np.linspace(begin, end, 1 << 16)
-            draw_irregularity(axes[0], check_scene(scene), places)
+            begin, end = edges_of(view.ds, "distance")[[0, -1]]
+            draw_irregularity(axes[:2], check_scene(view.scene), np.linspace(begin, end, 1 << 16), view.units)
         # what the dataset has, below the rail
-        for ax, draw in zip(axes[rows - len(draws) :], draws, strict=True):
-            draw(ax, ds)
+        for ax, draw in zip(axes[rails:], draws, strict=True):
+            draw(ax, view)
         for ax in axes:
-            ax.set_xlim(edges_of(ds, "distance")[[0, -1]])
+            ax.set_xlim(view.edges("distance")[[0, -1]])
             ax.label_outer(remove_inner_ticks=False)
-        axes[-1].set_xlabel("distance [m]")
+        axes[-1].set_xlabel(name_label(view.quantity("distance")))
         figure.align_ylabels(axes)
-        name_status(figure, int(ds["status"]))
+        name_status(figure, view.status)
     return axes
 
 
@@ -109,39 +199,63 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
     return ds.isel(stretch=slice(first, last + 1))
 
 
-def _speed_name(ds: xr.Dataset) -> str:
+def _codes(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
+    """Return the `Status` of each window of a run, by default that of the run, if it has one."""
+    code = int(ds.get("status", int(Status.FINITE)))
+    return ds.get("window_status", xr.full_like(ds["distance"], code, int)).values
+
+
+def _kept(ds: xr.Dataset, lost: np.ndarray) -> xr.Dataset:
+    """Return a run without the numbers of the windows that are `lost`, and of the stretches that have such."""
+    if not lost.any():
+        return ds
+    masks = {"distance": xr.DataArray(~lost, dims="distance")}
+    if "stretch" in ds.dims:
+        gone = np.unique(stretch_of_windows(ds)[lost])
+        masks["stretch"] = xr.DataArray(~np.isin(np.arange(ds.sizes["stretch"]), gone), dims="stretch")
+    kept = {}
+    for name, values in ds.data_vars.items():
+        for dim in masks.keys() & set(values.dims):
+            kept[name] = values.where(masks[dim])
+    return ds.assign(kept)
+
+
+def stretch_of_windows(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
+    """Return the number of the stretch in which each window of a run lies."""
+    middles = ds["distance"].values - ds.attrs["window [m]"] / 2
+    return np.searchsorted(ds["stretch"].values, middles)
+
+
+def speed_name(ds: xr.Dataset) -> str:
     """Return the name of the speed along a run: another one where "speed" is the parameter that was varied."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
 
 
-def draw_irregularity(ax: Axes, scene: Scene, places: np.ndarray) -> None:
-    """Draw the displacements of the rail [mm] at `places` [m]."""
+def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units: ShownUnits) -> None:
+    """Draw the displacements of the rail at `places` [m] in two panels: lateral and vertical, on one scale."""
     here = scene.track.irregularity(places + 0 * scene.wavelength)
-    # both directions on one scale
-    for name, color in (("lateral", "blue"), ("vertical", "red")):
-        height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape)
-        ax.plot(places, height, lw=0.6, color=COLORS[color], alpha=0.8, label=name)
-    ax.set_ylabel("rail [mm]")
-    legend_above(ax)
+    along = units.of(DISTANCE)
+    # heights can be compared
+    axes[1].sharey(axes[0])
+    for ax, name, color in zip(axes, ("lateral", "vertical"), ("blue", "red"), strict=True):
+        height = units.of(Quantity(f"rail_{name}", "m", f"{name} displacement of the rail", shown_unit="mm"))
+        values = height.shown(np.broadcast_to(np.asarray(getattr(here, name)), places.shape))
+        ax.plot(along.shown(places), values, lw=0.5, color=COLORS[color])
+        ax.set_ylabel(f"{name}\n[{typeset(height.display_unit)}]")
 
 
-def _draw_speed(ax: Axes, ds: xr.Dataset) -> None:
+def draw_speed(ax: Axes, view: RunView) -> None:
+    """Draw speed and time."""
+    ds = view.ds
     edges = edges_of(ds, "distance")
-    speed = ds[_speed_name(ds)].values
+    speed = ds[speed_name(ds)].values
+    q = view.quantity("speed")
     # speeds are those in the middles of windows
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
-    ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
-    ax.set_ylabel(axis_label("speed"))
+    ax.plot(view.places(places), q.shown(np.pad(speed, 1, "edge")), lw=0.9, color=COLORS["blue"], label="speed")
+    ax.set_ylabel(name_label(q))
     beside = ax.twinx()
-    seconds = ds["seconds"].values
-    begin = seconds[0] - ds.attrs["window [m]"] / speed[0]  # zero, or later in a part of a run
-    beside.plot(
-        edges,
-        np.append(begin, seconds),
-        lw=0.9,
-        color=COLORS["orange"],
-        label="time",
-    )
+    beside.plot(view.places(edges), view.times, lw=0.9, color=COLORS["orange"], label="time")
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
     ax.set_ylim(bottom=0)
@@ -149,29 +263,36 @@ def _draw_speed(ax: Axes, ds: xr.Dataset) -> None:
     legend_above(ax, [*ax.lines, *beside.lines])
 
 
-def _draw_forces(ax: Axes, ds: xr.Dataset) -> None:
-    force = quantity("peak_force")
-    _draw_steps(
-        ax,
-        ds,
-        "distance",
-        highest(ds, "peak_force", "distance"),
-        "each window",
-        COLORS["grey"],
-    )
+def _draw_forces(ax: Axes, view: RunView) -> None:
+    ds = view.ds
+    force = view.quantity("peak_force")
+    _draw_steps(ax, view, "distance", force.shown(view.highest("peak_force")), "each window", COLORS["grey"])
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
         values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
-        _draw_steps(ax, ds, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
+        _draw_steps(ax, view, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
     peak = peak_of(ds)
     high = force.shown(float(peak["peak_force"]))
     # a run without contact has no peak
     if high > 0:
-        place = float(peak["peak_distance"])
-        label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
+        at = view.quantity("distance")
+        place = float(at.shown(peak["peak_distance"]))
+        label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {in_hundredths(place)} {at.display_unit}"
         ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
-    ax.set_ylabel(axis_label("contact_force"))
+    finish_forces(ax, view)
+
+
+def in_hundredths(distance: float) -> str:
+    """Return a distance rounded to two decimals, as text: stations have many digits before those."""
+    return f"{round(distance, 2):.12g}"
+
+
+def finish_forces(ax: Axes, view: RunView) -> None:
+    """Label a panel of contact forces, and shade the lengths of rail that have a status of their own."""
+    ax.set_ylabel(name_label(view.quantity("contact_force")))
     ax.set_ylim(bottom=0)
+    for begin, end, _ in view.flagged:
+        ax.axvspan(*view.places([begin, end]), color=COLORS["red"], alpha=0.15, lw=0, label=FLAGGED_LABEL)
     legend_above(ax)
 
 
@@ -187,18 +308,20 @@ def peak_of(ds: xr.Dataset) -> xr.Dataset:
     return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
 
 
-def _draw_impacts(ax: Axes, ds: xr.Dataset) -> None:
+def _draw_impacts(ax: Axes, view: RunView) -> None:
     # of all points at an end together
-    for end, color in zip(ds["end"].values, ("blue", "red"), strict=True):
-        rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
-        _draw_steps(ax, ds, "stretch", rate, str(end), COLORS[color])
+    for end, color in zip(view.ds["end"].values, ("blue", "red"), strict=True):
+        rate = view.ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
+        _draw_steps(ax, view, "stretch", rate, str(end), COLORS[color])
     ax.set_ylabel("impacts [1/s]")
     ax.set_ylim(bottom=0)
     legend_above(ax)
 
 
-def _draw_bands(ax: Axes, ds: xr.Dataset) -> None:
-    values = ds["band_a_z"].transpose("band", "stretch").values
+def _draw_bands(ax: Axes, view: RunView) -> None:
+    ds = view.ds
+    q = view.quantity("a_z")
+    values = q.shown(ds["band_a_z"].transpose("band", "stretch").values)
     known = np.flatnonzero(np.isfinite(values).any(axis=1))
     ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
     ax.grid(visible=False)
@@ -211,7 +334,7 @@ def _draw_bands(ax: Axes, ds: xr.Dataset) -> None:
     half = 10 ** (1 / 20)  # from the middle of a third octave to its end
     edges = np.append(bands / half, bands[-1] * half)
     mesh = ax.pcolormesh(
-        edges_of(ds, "stretch"),
+        view.edges("stretch"),
         edges,
         values[rows],
         norm=color_norm(values),
@@ -219,12 +342,13 @@ def _draw_bands(ax: Axes, ds: xr.Dataset) -> None:
     )
     ax.set(yscale="log", ylim=edges[[0, -1]])
     set_log_ticks(ax.yaxis)
-    color_bar(ax, mesh, "RMS [m/s$^{2}$]", cax=ax.inset_axes([1.015, 0, 0.015, 1]))
+    label = with_unit("RMS", q.display_unit, brackets=True)
+    color_bar(ax, mesh, label, cax=ax.inset_axes([1.015, 0, 0.015, 1]))
 
 
 def _draw_steps(
     ax: Axes,
-    ds: xr.Dataset,
+    view: RunView,
     along: str,
     heights: np.ndarray,
     label: str,
@@ -233,7 +357,7 @@ def _draw_steps(
     """Draw one value for each window or stretch as steps."""
     # windows are many, and their steps thin
     width = 0.5 if along == "distance" else 0.9
-    ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
+    ax.stairs(heights, view.edges(along), baseline=None, lw=width, color=color, label=label)
 
 
 def passing(
@@ -261,18 +385,19 @@ def passing(
 
     **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
     """
-    several = list(runs) if isinstance(runs, list | tuple) else [runs]
-    runs = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in several]
-    for one in runs:
+    given = list(runs) if isinstance(runs, list | tuple) else [runs]
+    several = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in given]
+    for one in several:
         # the highest of all points is drawn
         dims = set(one[quantity].dims) - {"end", "point"}
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
         require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
+    runs = [_kept(one, is_lost(_codes(one))) for one in several]
     if branch is not None:
         source = "continue_orbit over the speed"
         branch = check_dataset(branch, source, quantity, "speed", "stable", argument="branch")
-    with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
+    with drawing(ax, runs[0].drop_vars(speed_name(runs[0])), 3.5, 2.7) as ax:
         style = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
             check_dataset(
@@ -288,7 +413,7 @@ def passing(
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):
-            speed = one[_speed_name(one)].values
+            speed = one[speed_name(one)].values
             values = highest(one, quantity, "distance")
             # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx

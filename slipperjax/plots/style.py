@@ -33,6 +33,8 @@ STYLE: dict[str, Any] = {
     "grid.alpha": 0.25,
     "grid.linewidth": 0.4,
     "axes.linewidth": 0.6,
+    # whole fonts are embedded in PDF files, so that their text can be searched and copied
+    "pdf.fonttype": 42,
 }
 """Matplotlib settings of all figures made here; column width is 3.5 inches, page width 7.2."""
 

@@ -9,10 +9,11 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.cli.runs import report, static_load
 from slipperjax.model.surveys import SurveyedTrack
-from slipperjax.plots.runs import peak_of
+from slipperjax.plots.report import static_load, summary
+from slipperjax.plots.runs import RunView, peak_of
 
+from ..plots.test_runs import made
 from .commands import call, dataset, error_of, names, picture
 
 FILE = """base = "paper"
@@ -54,7 +55,7 @@ def numbers(text, pattern):
 
 
 def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
-    text, error = call(["run", file, "--mass", 15, "--out", f"{tmp_path / 'sled'}.nc"], capsys)
+    text, error = call(["run", file, "--mass", 15, "--out", tmp_path / "sled"], capsys)
     ds = dataset(tmp_path / "sled")
     assert text.startswith(f"wrote {tmp_path / 'sled'}.nc and {tmp_path / 'sled'}.png\n")
     assert "1 of 1 cases" in error
@@ -62,9 +63,11 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert set(ds["steps_per_window"].values.tolist()) == {60}
     scene = sj.load_scene(ds)
     assert float(scene.slipper.mass) == 15.0
-    picture(tmp_path / "sled", 7.2, 8.0)
+    picture(tmp_path / "sled", 7.2, 8.3)
 
     duration = float(ds["seconds"][-1])
+    # the status comes before all numbers of the run
+    assert "start\nstatus: finite\n0 to 80 m in" in text
     assert numbers(text, r"\n0 to 80 m in (..) s, speed (..) to (..) m/s\n") == pytest.approx(
         [duration, float(ds["speed"][0]), float(ds["speed"][-1])], rel=1e-3
     )
@@ -72,7 +75,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     peak, there = float(at["peak_force"]), float(at["speed"])
     assert peak == float(ds["peak_force"].max())
     static = abs(15 * 9.81 + 500 - 0.004 * there**2)
-    assert f"kN at {at['name'].item()} ({at['end'].item()}), {float(at['peak_distance']):.6g} m" in text
+    assert f"kN at {at['name'].item()} ({at['end'].item()}), {round(float(at['peak_distance']), 2):g} m" in text
     high, speed, times, load = numbers(
         text, "force (..) kN at .* and (..) m/s: (..) times the static load of (..) kN"
     )
@@ -93,8 +96,9 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
         [rms, rms / 9.80665], rel=1e-2
     )
     error = float(ds["probe_error"].max())
-    assert numbers(text, "half the step changes a period by (..) \\(unit: 1 mm") == pytest.approx([error], rel=0.1)
-    assert text.endswith("status: finite\n")
+    assert numbers(text, "half the step changes the motion by (..) per period \\(unit: 1 mm") == pytest.approx(
+        [error], rel=0.1
+    )
 
     assert {name for name in ds.variables if f"`{name}`" not in DOCS} == set()
 
@@ -103,9 +107,40 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     np.testing.assert_array_equal(again["peak_force"].values, ds["peak_force"].values)
     assert sj.load_run(file) == dict(length=80.0, window=8.0, steps_per_period=60)
 
-    # what is not known is left out, and the worst stretch is found
-    lost = ds.assign(status=((), 1), peak_force=np.nan * ds["peak_force"])
-    assert report(lost, scene).splitlines()[1:] == [f"status: {sj.Status(1)}"]
+    # of a lost run nothing but its status is told
+    for code in (1, 2, 3, 4):
+        assert summary(RunView.of(ds.assign(status=((), code)))) == [f"status: {sj.Status(code)}"]
+    doubtful = summary(RunView.of(ds.assign(status=((), 6))))
+    assert doubtful[0] == f"status: {sj.Status.INACCURATE}"
+    assert doubtful[1:] == summary(RunView.of(ds))[1:]
+
+
+def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
+    ran = replaced("sweeps.runs.run", return_value=made())
+    file.write_text(FILE + 'units = ["ft", "lbf"]\n')
+    out = tmp_path / "sled"
+    words = ["run", file, *(f"--out={out}{end}" for end in (".csv", ".pdf", ".xlsx", ".nc", "_2.5"))]
+    text, _ = call(words, capsys)
+    written = ["sled.csv", "sled.nc", "sled.pdf", "sled.toml", "sled.xlsx", "sled_100m.csv", "sled_2.5.nc"]
+    assert names(tmp_path) == [*written, "sled_2.5.png"]
+    assert f"wrote {out}.csv and {out}_100m.csv\nwrote {out}.pdf\n" in text
+    # units are not of the simulation, but of what is told and written, then and later
+    assert "units" not in ran.call_args[1]
+    assert "\nhighest contact force 1124 lbf at C2 (rear), 729.99 ft and 100 m/s: 8.37 times" in text
+    again = sj.plots.report(dataset(out), tmp_path / "again.csv")
+    assert again == f"wrote {tmp_path / 'again'}.csv and {tmp_path / 'again'}_100m.csv"
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "sled.csv").read_text()
+
+
+def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replaced):
+    ran = replaced("sweeps.runs.run")
+    for ending, words in ((".docx", "Option --out must end in one of .nc, .png, .pdf, .csv, .xlsx, but is"),):
+        assert words in error_of(["run", file, "--out", f"{tmp_path / 'sled'}{ending}"], capsys)
+    replaced_spec = replaced("plots.report.importlib.util.find_spec", return_value=None)
+    error = error_of(["run", file, "--out", tmp_path / "sled.xlsx"], capsys)
+    assert error == "error: A workbook such as sled.xlsx needs openpyxl: pip install 'slipperjax[report]'.\n"
+    assert replaced_spec.call_args[0] == ("openpyxl",)
+    assert not ran.called
 
 
 def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
@@ -151,6 +186,12 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
             '[run]\nlenght = "5 m"',
             "sled.toml, line 3: Argument `run` must have only length, begin, window, steps_per_period",
         ),
+        (
+            '[run]\nlength = "5 m"\nunits = ["ft", "bananas"]',
+            "line 4: Argument `units` must be units of acceleration, length, speed, force, impulse, energy, mass, "
+            "time, such as ft, lbf and g, but has 'bananas'",
+        ),
+        ('[run]\nlength = "5 m"\nunits = "ft"', "line 4: Argument `units` must be a list of units"),
         ('[run]\nlength = "5 m"\nsteps_per_period = 0.5', "sled.toml, line 4: Argument `steps_per_period` must be a"),
         ('[run]\nlength = "5 m"\nsolver = "foo"', "Argument `solver` must be one of RK4,"),
     ],
@@ -196,10 +237,11 @@ def test_the_worst_stretch_is_named():
     data["peak_force_percentile"] = (("stretch", "percentile"), [[1e3], [4e3], [2e3]])
     coords = {"distance": ends, "stretch": [150.0, 250.0, 300.0], "percentile": [99.0], "end": ["front", "rear"]}
     coords |= {"point": ["A"], "speed": ("distance", 0 * ends + 25), "seconds": ("distance", (ends - 50) / 25)}
-    text = report(xr.Dataset(data, coords, {"window [m]": 1.0}), sj.paper_scene())
+    view = RunView.of(xr.Dataset(data, coords, {"window [m]": 1.0}), sj.paper_scene())
+    text = "\n".join(summary(view))
     assert "50 to 300 m in 10 s, speed 25 m/s\n" in text
     assert "highest contact force 0.001 kN at A1 (front), 51 m and 25 m/s\n" in text
     assert "\n500 impacts, 50 per second\n" in text
     assert "highest forces: 4 kN from 150 to 250 m\n" in text
-    assert "RMS of a_z: 9.807 m/s^2 (1 g) from 250 to 300 m\n" in text
+    assert text.endswith("RMS of a_z: 9.807 m/s^2 (1 g) from 250 to 300 m")
     assert "friction" not in text

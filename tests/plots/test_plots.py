@@ -323,12 +323,27 @@ def test_the_style_leaves_all_other_settings_as_they_are():
 def test_rails_are_drawn_from_where_they_begin():
     places = np.linspace(0.0, 64.0, 257)
     track = sj.SampledTrack(129_773.0 + places, 1e-3 * np.sin(places), 0.0, ramp=0.0)
-    upper, _ = plots.rail(dataclasses.replace(sj.paper_scene(), track=track))
+    upper, below, spectrum = plots.rail(dataclasses.replace(sj.paper_scene(), track=track))
     x, y = upper.lines[0].get_data()
     inside = x < 129_837.0
     x, y = x[inside], y[inside]
     assert upper.get_xlim()[0] == 129_773.0
+    assert (upper.get_xlabel(), below.get_xlabel()) == ("", "distance [m]")
+    assert legend(spectrum) == ["lateral", "vertical"]
     np.testing.assert_allclose(y, np.sin(x - 129_773.0), atol=5e-3)  # the spline is natural at the ends
+
+
+class InFeet(sj.SampledTrack):
+    """A rail whose survey has its distances in feet."""
+
+    distance_unit = "ft"
+
+
+def test_surveys_are_drawn_over_their_own_unit_of_distance():
+    scene = dataclasses.replace(sj.paper_scene(), track=InFeet(np.arange(0.0, 400.0), 0.0, 0.0))
+    upper, below, _ = plots.rail(scene)
+    assert upper.get_xlim() == pytest.approx((0.0, 200 / 0.3048))
+    assert below.get_xlabel() == "distance [ft]"
 
 
 WRONG = [

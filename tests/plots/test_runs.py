@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
+from matplotlib.patches import StepPatch
 
 import slipperjax as sj
 from slipperjax import plots
@@ -42,19 +43,20 @@ def made(status=0, bands=True):
 
 def heights(ax):
     """Gives numbers and edges of each line of steps."""
-    return [patch.get_data()[:2] for patch in ax.patches]
+    return [patch.get_data()[:2] for patch in ax.patches if isinstance(patch, StepPatch)]
 
 
 def test_a_run_is_drawn_over_one_distance():
     axes = plots.run_overview(made(), sj.paper_scene())
-    rail, speed, force, impacts, spectra = axes
-    assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 5
-    assert [ax.get_xlabel() for ax in axes] == [""] * 4 + ["distance [m]"]
-    wanted = ["rail [mm]", "speed $V$ [m/s]", "contact force $F$ [kN]", "impacts [1/s]"]
-    assert [ax.get_ylabel() for ax in axes[:4]] == wanted
+    lateral, rail, speed, force, impacts, spectra = axes
+    assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 6
+    assert [ax.get_xlabel() for ax in axes] == [""] * 5 + ["distance [m]"]
+    wanted = ["lateral\n[mm]", "vertical\n[mm]", "speed $V$ [m/s]", "contact force $F$ [kN]", "impacts [1/s]"]
+    assert [ax.get_ylabel() for ax in axes[:5]] == wanted
     assert rail.figure.get_suptitle() == "$V$ = 100 m/s"
-    vertical = next(line for line in rail.lines if line.get_label() == "vertical")
-    assert np.ptp(drawn(vertical)[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
+    for ax in (lateral, rail):
+        assert np.ptp(drawn(ax.lines[0])[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
+    assert lateral.get_ylim() == rail.get_ylim()
     beside = next(ax for ax in rail.figure.axes if ax.get_ylabel() == "time [s]")
     assert drawn(speed.lines[0])[[0, -1]].tolist() == [[100.0, 100.0], [350.0, 100.0]]
     assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array([[100.0, 0.0], [350.0, 2.5]]))
@@ -69,9 +71,48 @@ def test_a_run_is_drawn_over_one_distance():
     (mesh,) = spectra.collections
     np.testing.assert_array_equal(mesh.get_array(), np.ma.masked_invalid([[1, 3, np.nan], [2, 40, 6]]))
     assert spectra.get_ylim() == pytest.approx((39.8 / 10**0.05, 50.1 * 10**0.05))
-    for ax in (rail, force, impacts):
+    for ax in (speed, force, impacts):
         check_legend_fits(ax)
     assert len({(ax.get_position().x0, ax.get_position().x1) for ax in axes}) == 1
+
+
+def test_a_run_is_drawn_in_a_user_s_units():
+    """Feet are for distances along the rail, and inches for its displacements."""
+    lateral, _, speed, force, _, spectra = plots.run_overview(
+        made(), sj.paper_scene(), ["ft", "in", "lbf", "mph", "g"]
+    )
+    assert lateral.get_xlim() == pytest.approx((100 / 0.3048, 350 / 0.3048))
+    assert lateral.get_ylabel() == "lateral\n[in]"
+    assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0 / 25.4, rel=1e-3)
+    assert speed.get_ylabel() == "speed $V$ [mph]"
+    assert drawn(speed.lines[0])[0] == pytest.approx([100 / 0.3048, 100 / 0.44704])
+    assert force.get_ylabel() == "contact force $F$ [lbf]"
+    assert heights(force)[0][0][122] == pytest.approx(5e3 / 4.4482216)
+    assert legend(force)[-1] == "1.12e+03 lbf at C2, 729.99 ft"
+    assert spectra.get_xlabel() == "distance [ft]"
+    assert np.nanmax(spectra.collections[0].get_array()) == pytest.approx(40 / 9.80665)
+
+
+def test_windows_with_a_status_are_shaded_and_lost_ones_are_not_drawn():
+    codes = np.zeros(WINDOWS, int)
+    codes[50:60], codes[122] = sj.Status.TOO_FEW_STEPS, sj.Status.DERAILED
+    codes[200:] = sj.Status.INACCURATE
+    force = plots.run_overview(made(6).assign(window_status=("distance", codes)))[1]
+    highest, _ = heights(force)[0]
+    assert np.isnan(highest).tolist() == ((codes == 3) | (codes == 2)).tolist()
+    # the highest force was in a lost window, and stretches with such have no numbers
+    assert legend(force)[-2:] == ["1 kN at A1, 222 m", "status not 0"]
+    assert np.isnan(heights(force)[1][0]).tolist() == [True, True, False]
+    shaded = [patch.get_extents().transformed(force.transData.inverted()) for patch in force.patches[4:]]
+    assert [box.intervalx.tolist() for box in shaded] == [
+        pytest.approx(ends) for ends in ([150, 160], [222, 223], [300, 350])
+    ]
+    # the title alone tells a status of the whole run, of which nothing is drawn but the speed
+    speed, force, impacts, spectra = plots.run_overview(made(status=3))
+    assert len(drawn(speed.lines[0]))
+    assert all(np.isnan(values).all() for ax in (force, impacts) for values, _ in heights(ax))
+    assert not marked(force, "o")
+    assert not spectra.collections
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,341 @@
+"""Reports of runs: a summary in words, and files of pages or tables with it."""
+
+import functools
+import importlib.util
+import io
+import os
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from ..flow.status import is_lost, step_error
+from ..model.dynamics import driven_mass
+from ..model.parameters import PARAMETERS
+from ..model.quantities import ACCELERATIONS, Quantity
+from ..model.scene import PARTS, Scene
+from ..tools.checks import require
+from ..tools.files import Content, user_path, write_each
+from ..tools.units import STANDARD_GRAVITY
+from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
+from .style import COLORS, POINT_COLORS, legend_above, set_log_ticks, styled, with_unit
+from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
+
+WIDTH = 105
+"""Characters in a line of the page with the summary."""
+LINES = 78
+"""Lines on that page."""
+BINS = 200
+"""Most steps in a line of the envelope of forces: more would cover other lines."""
+PAGE = (7.2, 9.4)
+"""Size of a page [inches]."""
+LENGTHS = 8
+"""Most lengths of rail that are listed with their status."""
+POINTS = 6
+"""Contact points that the envelope shows, those with the highest forces."""
+
+
+def report(
+    ds: xr.Dataset, file: str | os.PathLike[str], units: Sequence[str] | None = None, scene: Scene | None = None
+) -> str:
+    """Write the report of a run: its summary, worst places, pictures and tables.
+
+    **Arguments:**
+
+    - `ds`: of `run`, without a grid or one case of it, also one that was read from a file.
+    - `file`: its ending decides. FILE.pdf has pages; FILE.csv has a row for each window of distance, and
+        FILE_100m.csv beside it one for each 100 m; FILE.xlsx has the summary, both tables and the worst places as
+        sheets.
+    - `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default those of the scene's file.
+        Distances are by default in the unit of the survey.
+    - `scene`: default that of the dataset.
+
+    **Returns:** what was written, in words.
+
+    **Raises:** `ValueError` for another dataset, ending or unit; `OSError` for a file that cannot be written.
+    """
+    path = user_path(file, "file")
+    return write_each(report_files(ds, path.with_suffix(""), endings(path), units, scene))
+
+
+def report_files(
+    ds: xr.Dataset,
+    out: Path,
+    ends: Sequence[str],
+    units: Sequence[str] | None = None,
+    scene: Scene | None = None,
+) -> dict[Path, Callable[[], Content]]:
+    """Return functions that make the content of files, by their paths: `out` and each of `ends`.
+
+    **Arguments:** `ends`: of `endings`; all others as for `report`.
+    """
+    view = RunView.of(ds, scene, units)
+    return {Path(f"{out}{end}"): functools.partial(MAKERS[end], view) for end in ends}
+
+
+def endings(path: Path, *others: str, name: str = "file") -> tuple[str, ...]:
+    """Return what the files of a report add to its name without ending.
+
+    **Arguments:** `others`: further endings that are known to the caller; `name`: the argument's, for errors.
+
+    **Raises:** `ValueError` for an unknown ending, or one whose package is missing.
+    """
+    ending = path.suffix.lower()
+    known = [*others, *(end for end in MAKERS if end.startswith("."))]
+    require(ending in known, name, f"end in one of {', '.join(known)}", path.name)
+    if ending == ".xlsx" and importlib.util.find_spec("openpyxl") is None:
+        raise ValueError(f"A workbook such as {path.name} needs openpyxl: pip install 'slipperjax[report]'.")
+    return (ending, "_100m.csv") if ending == ".csv" else (ending,)
+
+
+def summary(view: RunView) -> list[str]:
+    """Return a run in words, a line for each result: its status first, and nothing else where it is lost."""
+    lines = [f"status: {view.status}"]
+    lengths = [f"{_from_to(view, *ends)}: {words(status)}" for *ends, status in view.flagged]
+    lines += lengths[:LENGTHS]
+    if len(lengths) > LENGTHS:
+        lines.append(f"and {len(lengths) - LENGTHS} further lengths with a status")
+    # numbers of a lost run mean nothing
+    return lines if is_lost(view.status) else [*lines, *_results(view)]
+
+
+def _results(view: RunView) -> Iterator[str]:
+    """Yield the results of a run in words."""
+    ds = view.ds
+    speed = view.quantity("speed")
+    values = speed.shown(ds[speed_name(ds)].values)
+    # one speed where it does not change
+    speeds = " to ".join(dict.fromkeys((f"{values.min():.4g}", f"{values.max():.4g}")))
+    seconds = float(np.ptp(view.times))
+    ends = edges_of(ds, "distance")[[0, -1]]
+    yield f"{_from_to(view, *ends)} in {seconds:.4g} s, speed {speeds} {speed.display_unit}"
+    lost = is_lost(view.codes)
+    if lost.any():
+        yield "without the lengths that have no meaning:"
+    if "peak_force" in ds:
+        yield from _peak(view)
+    if "impacts" in ds:
+        impacts = float(ds["impacts"].sum())
+        seconds = float(np.diff(view.times)[~lost].sum())
+        yield f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second"
+    known = [name for name in ACCELERATIONS if f"peak_{name}" in ds]
+    if known:
+        most = [f"{name} {_said(view.quantity(name), ds[f'peak_{name}'].max())}" for name in known]
+        yield f"greatest accelerations: {', '.join(most)}"
+    # recorded only where the scene has friction
+    if "friction_work" in ds:
+        heat = view.units.of(Quantity("friction_work", "J", "heat", shown_unit="kJ"))
+        yield f"friction work {_said(heat, ds['friction_work'].sum())}"
+    if "peak_force_percentile" in ds:
+        percentile = ds["peak_force_percentile"].sel(percentile=99)
+        yield _worst(view, "99th percentile of the windows' highest forces", "peak_force", percentile)
+    if "rms_a_z" in ds:
+        yield _worst(view, "RMS of a_z", "a_z", ds["rms_a_z"])
+    if "probe_error" in ds and view.scene is not None:
+        yield step_error(view.scene, ds["probe_error"].values)
+
+
+def _peak(view: RunView) -> Iterator[str]:
+    """Yield the highest contact force and where it was, unless nothing touched."""
+    at = peak_of(view.ds)
+    peak = float(at["peak_force"])
+    # NaN, too, is no peak
+    if not peak > 0:
+        return
+    name = speed_name(view.ds)
+    speed = float(at[name])
+    point = f"{at['name'].item()} ({at['end'].item()})"
+    distance = view.quantity("distance")
+    where = f"{in_hundredths(distance.shown(float(at['peak_distance'])))} {distance.display_unit}"
+    place = f"{where} and {_said(view.quantity('speed'), speed)}"
+    times = ""
+    # how much harder than at rest; without gravity and load nothing to compare with
+    static = 0.0 if view.scene is None else static_load(view.scene, speed)
+    if static > 0:
+        times = f": {peak / static:.3g} times the static load of {_said(view.quantity('peak_force'), static)}"
+    yield f"highest contact force {_said(view.quantity('peak_force'), peak)} at {point}, {place}{times}"
+
+
+def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> str:
+    """Return in words the largest value of all stretches, and its stretch."""
+    # stretches with lost windows are NaN
+    k = int(values.fillna(-np.inf).values.argmax())
+    stretch = _from_to(view, *edges_of(view.ds, "stretch")[k : k + 2])
+    return f"worst {text}: {_said(view.quantity(name), values[k])} from {stretch}"
+
+
+def _said(q: Quantity, value: Any) -> str:
+    """Return a value [SI unit] of a quantity in words, in its display unit; an acceleration in m/s^2 also in g."""
+    text = f"{q.shown(float(value)):.4g} {q.display_unit}"
+    return f"{text} ({float(value) / STANDARD_GRAVITY:.3g} g)" if q.display_unit == "m/s^2" else text
+
+
+def _from_to(view: RunView, begin: float, end: float) -> str:
+    """Return a length of rail [m] in words."""
+    ends = " to ".join(map(in_hundredths, view.places([begin, end]).tolist()))
+    return f"{ends} {view.quantity('distance').display_unit}"
+
+
+def static_load(scene: Scene, speed: float) -> float:
+    """Return the resultant of weight and applied load across the rail at a speed [N]."""
+    # gravity pulls downward, a load in any direction
+    y = z = 0.0
+    if scene.load is not None:
+        force, _ = scene.load.wrench(speed)
+        y, z = float(force[1]), float(force[2])
+    weight = 0.0 if scene.gravity is None else float(driven_mass(scene) * scene.gravity)
+    return float(np.hypot(y, z - weight))
+
+
+def described(view: RunView) -> list[str]:
+    """Return the scene of a run in words: its named numbers, and a line for each part."""
+    scene = view.scene
+    if scene is None:
+        return []
+    numbers = []
+    for name, q in PARAMETERS.items():
+        value = q.of(scene)
+        # those that are one number
+        if value is not None and np.ndim(value) == 0:
+            shown = view.units.of(Quantity(name, q.unit, name, shown_unit=q.shown_unit))
+            unit = "" if q.unit == "1" else f" {shown.display_unit}"
+            numbers.append(f"{name.replace('_', ' ')} {shown.shown(float(value)):.5g}{unit}")
+    parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
+    return [", ".join(numbers), *parts]
+
+
+def _pdf(view: RunView) -> bytes:
+    """Return pages: the summary, what happened along the rail, and spectra."""
+    content = io.BytesIO()
+    # fonts are written at the end of the pages
+    with styled(), PdfPages(content, metadata={"Title": "Run over a rail"}) as pages:
+        for figure in pages_of(view):
+            figure.set_size_inches(PAGE)
+            pages.savefig(figure)
+            plt.close(figure)
+    return content.getvalue()
+
+
+def pages_of(view: RunView) -> Iterator[Figure]:
+    """Yield the pages of a report; those of numbers only where there are some."""
+    yield from _text_pages(view)
+    finite = lambda name: name in view.ds and bool(np.isfinite(view.ds[name]).any())
+    panels = {"peak_force": _draw_envelope, "impacts": _draw_impacts}
+    draws = [draw_speed, *(draw for name, draw in panels.items() if finite(name))]
+    yield draw_panels(view, draws)[0].figure
+    bands = [name for name in ("a_y", "a_z") if finite(f"band_{name}")]
+    if bands:
+        yield _spectra(view, bands)
+
+
+def _text_pages(view: RunView) -> Iterator[Figure]:
+    lines = [*summary(view), ""]
+    worst = tables(view)["worst places"]
+    if len(worst):
+        lines += [f"Worst places, {_said(view.quantity('distance'), APART)} apart or more", ""]
+        lines += [*worst.to_string(index=False, float_format="{:.2f}".format).splitlines(), ""]
+    lines += ["Scene", "", *described(view)]
+    wrapped = [part for line in lines for part in textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""]]
+    for first in range(0, len(wrapped), LINES):
+        figure = plt.figure(figsize=PAGE)
+        figure.suptitle("Run over a rail", x=0.06, ha="left", fontsize=12)
+        text = "\n".join(wrapped[first : first + LINES])
+        # names may have dollar signs, which are no formulae
+        figure.text(0.06, 0.94, text, va="top", family="monospace", fontsize=7, linespacing=1.4, parse_math=False)
+        yield figure
+
+
+def _draw_envelope(ax: Axes, view: RunView) -> None:
+    """Draw the highest force of each of the most loaded points along the rail, in `BINS` steps at most."""
+    ds = view.ds
+    q = view.quantity("peak_force")
+    force = ds["peak_force"].where(np.isfinite(ds["peak_force"])).transpose("end", "point", "distance").values
+    edges = view.edges("distance")
+    size = -(-force.shape[2] // BINS)
+    first = np.arange(0, force.shape[2], size)
+    # NaN only where all of a step is
+    highest = q.shown(np.fmax.reduceat(force, first, axis=2))
+    most = np.nan_to_num(highest).max(axis=2)
+    for rank, place in enumerate(np.argsort(-most, axis=None, kind="stable")[:POINTS]):
+        end, point = np.unravel_index(place, most.shape)
+        # points that never touch have no line
+        if most[end, point] > 0:
+            ax.stairs(
+                highest[end, point],
+                np.append(edges[first], edges[-1]),
+                baseline=None,
+                lw=0.8,
+                color=POINT_COLORS[rank],
+                label=f"{ds['point'].values[point]}{end + 1}, {most[end, point]:.3g} {q.display_unit}",
+            )
+    finish_forces(ax, view)
+
+
+def _draw_impacts(ax: Axes, view: RunView) -> None:
+    """Draw the touchdowns of all points in each 100 m of rail."""
+    table = of_hundreds(of_windows(view))
+    # the last one may be shorter
+    per_hundred = table["impacts"] * HUNDRED / (table["to"] - table["from"])
+    edges = view.places(np.append(table["from"], table["to"].iloc[-1]))
+    ax.stairs(per_hundred, edges, fill=True, color=COLORS["grey"])
+    ax.set_ylabel("impacts\nper 100 m")
+    ax.set_ylim(bottom=0)
+
+
+def _spectra(view: RunView, names: list[str]) -> Figure:
+    """Draw root mean squares in third octaves: of the whole run, and the highest of all stretches."""
+    ds = view.ds
+    bands = ds["band"].values
+    half = 10 ** (1 / 20)  # from the middle of a third octave to its end
+    edges = np.append(bands / half, bands[-1] * half)
+    figure, grid = plt.subplots(
+        len(names), 1, figsize=(7.2, 2.6 * len(names) + 0.5), sharex=True, squeeze=False, layout="constrained"
+    )
+    for ax, name in zip(grid[:, 0], names, strict=True):
+        q = view.quantity(name)
+        values = q.shown(ds[f"band_{name}"])
+        mean = np.sqrt((values**2).mean("stretch"))
+        ax.stairs(mean, edges, baseline=None, color=COLORS["blue"], label="mean of all stretches")
+        ax.stairs(values.max("stretch"), edges, baseline=None, color=COLORS["red"], label="highest stretch")
+        ax.set(xscale="log", yscale="log")
+        ax.set_ylabel(with_unit(f"RMS of ${q.symbol}$\nin third octaves", q.display_unit, brackets=True))
+        set_log_ticks(ax.xaxis)
+        legend_above(ax)
+    grid[-1, 0].set_xlabel("frequency [Hz]")
+    return figure
+
+
+def _csv(table: pd.DataFrame) -> bytes:
+    return table.to_csv(index=False, float_format="%.9g").encode()
+
+
+def _xlsx(view: RunView) -> bytes:
+    """Return a workbook: the summary and the scene in words, and the tables as sheets."""
+    content = io.BytesIO()
+    text = pd.DataFrame({"summary": [*summary(view), "", *described(view)]})
+    with pd.ExcelWriter(content, engine="openpyxl") as writer:
+        for name, table in {"summary": text, **tables(view)}.items():
+            table.to_excel(writer, sheet_name=name, index=False, freeze_panes=(1, 0))
+            sheet = writer.sheets[name]
+            # wide enough for the header
+            for column in sheet.columns:
+                sheet.column_dimensions[column[0].column_letter].width = max(10, len(str(column[0].value)) + 2)
+        writer.sheets["summary"].column_dimensions["A"].width = WIDTH
+    return content.getvalue()
+
+
+MAKERS: dict[str, Callable[[RunView], bytes]] = {
+    ".pdf": _pdf,
+    ".csv": lambda view: _csv(tables(view)["windows"]),
+    "_100m.csv": lambda view: _csv(tables(view)["100 m"]),
+    ".xlsx": _xlsx,
+}
+"""Functions that make the content of a report's files, by what is added to the name without ending."""

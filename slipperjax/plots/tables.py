@@ -1,0 +1,151 @@
+"""Tables of a run: its windows, its hundreds of metres and its worst places, with units in their headers."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ..flow.status import Status
+from ..model.quantities import Quantity
+from .runs import RunView, edges_of, speed_name, stretch_of_windows
+
+SUMMED = ("impacts", "impulse", "friction_work")
+"""Numbers that are summed over points and windows; of others the highest counts."""
+MEANS = ("speed", "contact_fraction", "drive_force")
+"""Numbers that are averaged over windows."""
+PLACED = ("peak_force", "point", "peak_distance")
+"""What belongs to the highest force."""
+HUNDRED = 100.0
+"""Length of rail of the second table [m]."""
+APART = 10.0
+"""Least distance between two worst places [m]."""
+WORST = 10
+"""Number of worst places."""
+
+
+def of_windows(view: RunView) -> pd.DataFrame:
+    """Return a row for each window: place [m], status in words, and numbers of all points together [SI unit].
+
+    Names of columns are those of the dataset's variables. The highest force has its `point` and its `peak_distance`.
+    """
+    ds = view.ds
+    edges = edges_of(ds, "distance")
+    columns: dict[str, Any] = {
+        "from": edges[:-1],
+        "to": edges[1:],
+        "time": ds["seconds"].values,
+        "speed": ds[speed_name(ds)].values,
+        "status": [words(code) for code in view.codes],
+    }
+    if "peak_force" in ds:
+        columns |= _highest_forces(ds)
+    for name, values in ds.data_vars.items():
+        if "distance" not in values.dims or name in PLACED or values.dtype.kind not in "fiu":
+            continue
+        if {"end", "point"} <= set(values.dims):
+            joined = values.sum if name in SUMMED else values.max
+            values = joined(("end", "point"), skipna=False)
+        # one column for each direction and the like
+        for index in np.ndindex(*[values.sizes[dim] for dim in values.dims if dim != "distance"]):
+            part = values.transpose("distance", ...)[(slice(None), *index)]
+            label = " ".join(str(part[dim].item()) for dim in values.dims if dim != "distance")
+            columns[f"{name} {label}".strip()] = part.values
+    # numbers of stretches, which are the same in all windows of one
+    for name, values in ds.data_vars.items():
+        if values.dims == ("stretch",) and str(name).startswith("rms_"):
+            columns[str(name)] = values.values[stretch_of_windows(ds)]
+    return pd.DataFrame(columns)
+
+
+def _highest_forces(ds: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the highest force of all points in each window, the point and the place; both empty without contact."""
+    force = ds["peak_force"].transpose("distance", "end", "point")
+    rows = np.arange(len(force))
+    # NaN is lower than any force
+    end, point = np.unravel_index(
+        np.argmax(force.fillna(-np.inf).values.reshape(len(rows), -1), axis=1), force.shape[1:]
+    )
+    high = force.values[rows, end, point]
+    names = [f"{letter}{k + 1}" for letter, k in zip(ds["point"].values[point], end, strict=True)]
+    place = ds.get("peak_distance", ds["distance"].broadcast_like(force)).transpose(*force.dims)
+    return {
+        "peak_force": high,
+        "point": np.where(high > 0, names, ""),
+        "peak_distance": np.where(high > 0, place.values[rows, end, point], np.nan),
+    }
+
+
+def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each 100 m of rail, of the windows whose middles lie in it; without numbers if one is lost.
+
+    **Arguments:** `windows`: the table of `of_windows`.
+    """
+    middles = (windows["from"] + windows["to"]) / 2 - windows["from"][0]
+    rows = []
+    for _, part in windows.groupby(middles // HUNDRED):
+        row: dict[str, object] = {"from": part["from"].iloc[0]}
+        row |= {"to": part["to"].iloc[-1], "time": part["time"].iloc[-1]}
+        row["status"] = ", ".join(part["status"].unique())
+        if "peak_force" in part:
+            # NaN counts as the highest there
+            highest = int(np.argmax(part["peak_force"].to_numpy()))
+            row |= {name: part[name].iloc[highest] for name in PLACED}
+        for name in part.columns.difference(list(row), sort=False):
+            how = "sum" if name in SUMMED else "mean" if name in MEANS else "max"
+            row[name] = part[name].agg(how, skipna=False)
+        rows.append(row)
+    return pd.DataFrame(rows, columns=windows.columns)
+
+
+def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
+    """Return the windows with the highest forces, the highest first, whose places are `APART` or more apart.
+
+    **Arguments:** `windows`: the table of `of_windows`.
+    """
+    columns = ["peak_distance", "speed", "point", "peak_force"]
+    rows = []
+    # without forces there are none
+    left = windows[windows["peak_force"] > 0] if "peak_force" in windows else windows[:0]
+    while len(left) and len(rows) < WORST:
+        row = left.loc[left["peak_force"].idxmax()]
+        rows.append(row[columns])
+        left = left[(left["peak_distance"] - row["peak_distance"]).abs() >= APART]
+    return pd.DataFrame(rows, columns=columns).reset_index(drop=True)
+
+
+def shown_table(view: RunView, table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table in display units, which stand in its header."""
+    columns = {}
+    for name, values in table.items():
+        q = quantity_of_column(view, str(name))
+        if q is None:
+            columns[name] = values
+        else:
+            columns[name if q.display_unit == "1" else f"{name} [{q.display_unit}]"] = q.shown(values)
+    return pd.DataFrame(columns)
+
+
+def quantity_of_column(view: RunView, name: str) -> Quantity | None:
+    """Return the quantity of a column; None for one of words."""
+    if name in ("status", "point"):
+        return None
+    if name == "time":
+        return view.units.of(Quantity(name, "s", name))
+    # distances, also that of the peak
+    if name in ("from", "to", "peak_distance"):
+        return view.quantity("distance")
+    # the variable comes first, before a direction
+    return view.quantity(name.split(" ")[0])
+
+
+def words(code: int) -> str:
+    """Return a status in one or two words."""
+    return Status(code).name.lower().replace("_", " ")
+
+
+def tables(view: RunView) -> dict[str, pd.DataFrame]:
+    """Return the tables of a run by their names, in display units."""
+    windows = of_windows(view)
+    made = {"windows": windows, "100 m": of_hundreds(windows), "worst places": of_worst(windows)}
+    return {name: shown_table(view, table) for name, table in made.items()}
