@@ -1,5 +1,6 @@
 """Starts of runs: states from motions, and the equilibrium of a slipper at rest on its rail."""
 
+import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -154,7 +155,8 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
     q = jnp.stack([motion.q_x, motion.q_y, motion.q_z])
     q_0, q_rate = scalar_part(motion), jnp.stack([change.q_x, change.q_y, change.q_z]) / period
     spin = 2 * (q_0 * q_rate + q * jnp.dot(q, q_rate) / q_0 - jnp.cross(q, q_rate))
-    rest = Motion(motion.y, motion.z, *q, change.y / period, change.z / period, *spin)
+    along = dict(v_y=change.y / period, v_z=change.z / period)
+    rest = dataclasses.replace(motion, **along, w_x=spin[0], w_y=spin[1], w_z=spin[2])
     found = jnp.max(jnp.abs(search.residual)) < 1e-6
     return jax.tree.map(lambda value: jnp.where(found, value, jnp.nan), rest)
 
@@ -191,11 +193,12 @@ def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, "5"
     middle = [
         (front.lateral + rear.lateral) / 2,
         (front.vertical + rear.vertical) / 2,
-        jnp.zeros(()) if front.roll is None else (front.roll + rear.roll) / 4,
+        sum(at.roll for at in (front, rear) if at.roll is not None) / 4,
         -(front.vertical - rear.vertical) / length / 2,
         (front.lateral - rear.lateral) / length / 2,
     ]
-    return Motion(*(m + size * u for m, size, u in zip(middle, scales.pose, unknown, strict=True)))
+    at = [m + size * u for m, size, u in zip(middle, scales.pose, unknown, strict=True)]
+    return Motion(*at)
 
 
 def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:

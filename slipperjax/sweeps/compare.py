@@ -1,6 +1,5 @@
 """Designs compared on common rails and starts: quantiles, their errors, and the errors of differences."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -14,11 +13,10 @@ from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.parameters import STARTS
 from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomTrack
 from ..model.scene import Scene, check_scene
-from ..tools.checks import instance, one_of, require, whole
+from ..tools.checks import brief, instance, one_of, require, whole
 from ..tools.columns import column
 from .grid import Grid, sample_box
 from .runs import run
@@ -64,9 +62,9 @@ def compare(
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
-    **Returns:** an `xarray.Dataset` over the designs with `runs`, the numbers of all runs over `rail` and `start`, NaN
-    where a run was lost, and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference` and
-    `difference_stderr` as of `over_rails`, but from the `best` design, with the lowest value of the last quantile.
+    **Returns:** an `xarray.Dataset` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
+    NaN where a run was lost, and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference` and
+    `difference_stderr` as of `over_rails`, but from the `best` design, which has the lowest last quantile.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -75,7 +73,10 @@ def compare(
     starts = whole("starts", starts, 1)
     require(rails * starts > 1, "rails", "be 2 or more, or `starts`", rails)
     of_windows = run_record(record)
-    require(of_windows is not None, "record", "be the name of a number of windows, such as peak_force", record)
+    if of_windows is None:
+        raise ValueError(
+            f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
+        )
     scene, number, values = _numbered(scene, rails)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
@@ -90,8 +91,10 @@ def compare(
             require(name not in cases, "designs", "be no starts where these are drawn", name)
             cases[name] = np.tile(shift, count * rails)
     ds = run(scene, cases, length=length, record=record, start=first, product=False, **options)
-    numbers = of_windows.join.reduce(np.moveaxis(ds[record].transpose("case", "distance", ...).values, 1, 0))
-    numbers = np.where(is_lost(ds["status"].values), np.nan, np.asarray(numbers).reshape(len(ds["case"]), -1).max(axis=1))
+    # of all windows, then of the points
+    joined = np.asarray(of_windows.join.reduce(ds[record].transpose("distance", "case", ...).values, axis=0))
+    numbers = joined.reshape(len(joined), -1).max(axis=1)
+    numbers[is_lost(ds["status"].values)] = np.nan
     return _compared(designs_of, numbers.reshape(count, rails, starts), ds, record, quantiles, seed)
 
 
@@ -102,7 +105,7 @@ def _numbered(scene: Scene, rails: int) -> tuple[Scene, str, np.ndarray]:
         return scene, "", np.zeros(1)
     if isinstance(track, SampledTrack):
         alike = RandomTrack.like(track)
-        track = TrackSet([track, *(replace(alike, seed=number) for number in range(1, rails))])
+        track = TrackSet(tracks=(track, *(replace(alike, seed=number) for number in range(1, rails))))
     need = "be 1 on a track that is neither random nor a survey"
     require(track.chosen_by, "rails", need, rails)
     if isinstance(track, TrackSet):
