@@ -57,7 +57,8 @@ from .windows import (
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
 CAPACITY_OF_A_PROGRAM = 100_000
-"""Capacity for steps, of all windows of a program together, below which these share the next larger one."""
+"""Capacity for steps, of all windows of a program together, below which these share the next larger one in a single
+run: to compile takes longer."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
 
@@ -347,7 +348,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     states = initial_states(scenes, part.starts, epoch)
     at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
     records = plan.records
-    capacity_of = _capacities(profile)
+    capacity_of = _capacities(profile, CAPACITY_OF_A_PROGRAM if call.only else 0)
     # records of a stretch begin with `empty`
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
@@ -399,14 +400,17 @@ def _alike(profile: np.ndarray) -> list[tuple[int, int]]:
     return [(steps, len(list(alike))) for steps, alike in itertools.groupby(profile.tolist())]
 
 
-def _capacities(profile: np.ndarray) -> dict[int, int]:
-    """Return the capacity of the program of windows by their steps: few programs, because each is compiled."""
+def _capacities(profile: np.ndarray, least: int) -> dict[int, int]:
+    """Return the capacity of the program of windows by their steps: few programs, because each is compiled.
+
+    **Arguments:** `least`: capacity of all windows of a program together from which on it is worth while.
+    """
     steps, counts = np.unique(profile, return_counts=True)
     own = np.array([shared_capacity(int(profile.max()), int(each)) for each in steps])
     sizes = np.unique(own)
     # a few windows run with more capacity than they need
     for size, larger in itertools.pairwise(sizes.tolist()):
-        if larger * counts[own == size].sum() < CAPACITY_OF_A_PROGRAM:
+        if larger * counts[own == size].sum() < least:
             own[own == size] = larger
     return dict(zip(steps.tolist(), own.tolist(), strict=True))
 
