@@ -44,9 +44,11 @@ from .model.kinematics import Motion as Motion, SledMotion as SledMotion
 from .model.loads import (
     AbstractFriction as AbstractFriction,
     AbstractLoad as AbstractLoad,
+    AerodynamicLoad as AerodynamicLoad,
     AppliedLoad as AppliedLoad,
     Coulomb as Coulomb,
     FadingFriction as FadingFriction,
+    SumLoad as SumLoad,
     TabulatedLoad as TabulatedLoad,
 )
 from .model.parameters import PARAMETERS as PARAMETERS

@@ -109,7 +109,7 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     drive = -jnp.sum(at.force * per_force(scene, at, travel)[0], axis=-1)
     # applied loads and the acceleration of the masses act on the drive, too
     if scene.load is not None:
-        drive = drive - scene.load.wrench(travel.speed)[0][0]
+        drive = drive - scene.load.wrench(travel)[0][0]
     # constant speeds add no operations
     return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
 
@@ -125,7 +125,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
     **Arguments:** `wrench`: force along y and z [N], moment about the slipper's x, y and z [N m].
     """
     if scene.load is not None:
-        (_, *push), moment = scene.load.wrench(travel.speed)
+        (_, *push), moment = scene.load.wrench(travel)
         wrench = [w + extra for w, extra in zip(wrench, (*push, *moment), strict=True)]
     f_y, f_z, t_x, t_y, t_z = wrench
     if scene.sled is not None:

@@ -1,25 +1,37 @@
 """Loads on the slipper besides contacts, and friction in the contacts. All are None by default, and cost nothing."""
 
 import abc
+from collections.abc import Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, not_negative, positive
+from ..tools.checks import finite, instance, not_negative, positive, require
 from ..tools.fields import ShapeChecked, check_table, field
+from .travel import Travel
 
 Vector = Float[Array, "3"]
+Rows = Float[Array, " rows"] | None
+Coefficient = Float[Array, ""] | Float[Array, " rows"]
+COEFFICIENTS = ("drag_coefficient", "lift_coefficient", "side_coefficient")
 
 
 class AbstractLoad(ShapeChecked):
-    """A force and a moment on the slipper that depend on the travelling speed."""
+    """A force and a moment on the slipper that depend on how fast it travels, where it is, and when."""
 
     @abc.abstractmethod
-    def wrench(self, speed: Float[Array, ""]) -> tuple[Vector, Vector]:
+    def wrench(self, travel: Travel) -> tuple[Vector, Vector]:
         """Return the force along the track's x, y and z [N], and the moment about the slipper's axes [N m].
 
-        **Arguments:** `speed` [m/s]. The force along x acts on what drives the slipper.
+        **Arguments:** `travel`: has the `speed` [m/s], the `distance` along the rail [m], and the `seconds` [s]. The
+        force along x acts on what drives the slipper.
         """
+
+    @property
+    def by_speed(self) -> bool:
+        """Whether it depends on the speed alone, so that it recurs with the rail."""
+        return True
 
 
 class AppliedLoad(AbstractLoad):
@@ -39,29 +51,123 @@ class AppliedLoad(AbstractLoad):
     moment_by_square: Vector = field("N s^2/m", finite, default=(0.0, 0.0, 0.0))
     """Moment over the square of the speed [N s^2/m]."""
 
-    def wrench(self, speed):
+    def wrench(self, travel):
         # lift and drag grow with the dynamic pressure
-        square = speed**2
+        square = travel.speed**2
         return self.force + square * self.force_by_square, self.moment + square * self.moment_by_square
 
 
-class TabulatedLoad(AbstractLoad):
-    """Loads from a table by the speed, linear between its rows, and constant beyond its ends."""
+class AerodynamicLoad(AbstractLoad):
+    """Drag, lift and side force of the air: dynamic pressure times area times a coefficient.
 
-    speed: Float[Array, " rows"] = field("m/s", not_negative)
-    """Speeds of the rows, increasing [m/s]."""
-    force: Float[Array, "rows 3"] = field("N", finite)
-    """Forces along the track's x, y and z [N]."""
-    moment: Float[Array, "rows 3"] = field("N m", finite)
-    """Moments about the slipper's x, y and z [N m]."""
+    Coefficients are numbers, or tables by the Mach number, linear between its rows and constant beyond its ends.
+
+    ```python
+    load = sj.AerodynamicLoad(area=0.5, drag_coefficient=[0.4, 0.9, 0.7], mach=[0.8, 1.1, 2.6])
+    ```
+    """
+
+    area: Float[Array, ""] = field("m^2", positive)
+    """Area that the coefficients refer to [m^2]."""
+    drag_coefficient: Coefficient = field("", finite, default=0.0)
+    """Of the force against the travel [1]."""
+    lift_coefficient: Coefficient = field("", finite, default=0.0)
+    """Of the force upwards [1]."""
+    side_coefficient: Coefficient = field("", finite, default=0.0)
+    """Of the force to the left [1]."""
+    mach: Float[Array, " rows"] | None = field("", not_negative, default=None)
+    """Mach numbers of the rows of tables, increasing [1]."""
+    arm: Vector = field("m", finite, default=(0.0, 0.0, 0.0))
+    """Where the force acts: x, y and z from the slipper's centre of mass [m]."""
+    density: Float[Array, ""] = field("kg/m^3", positive, default=1.225)
+    """Of the air [kg/m^3]."""
+    sound_speed: Float[Array, ""] = field("m/s", positive, default=340.3)
+    """In the air [m/s]."""
 
     def __check_init__(self):
-        check_table(self, "speed", "force", "moment")
+        tables = [name for name in COEFFICIENTS if getattr(self, name).ndim]
+        if self.mach is not None:
+            check_table(self, "mach", *tables)
+        elif tables:
+            raise ValueError(f"Argument `{tables[0]}` must be one number, or have `mach` numbers of its rows.")
 
-    def wrench(self, speed):
+    def wrench(self, travel):
+        mach = travel.speed / self.sound_speed
+        drag, lift, side = (
+            jnp.interp(mach, self.mach, c) if c.ndim else c for c in (getattr(self, name) for name in COEFFICIENTS)
+        )
+        pressure = 0.5 * self.density * travel.speed**2
+        force = pressure * self.area * jnp.stack([-drag, side, lift])
+        return force, jnp.cross(self.arm, force)
+
+
+class TabulatedLoad(AbstractLoad):
+    """Loads from a table by speed, time or distance, linear between its rows, and constant beyond its ends.
+
+    ```python
+    thrust = sj.TabulatedLoad([[9e4, 0, 0], [8e4, 0, 0], [0, 0, 0]], time=[0.0, 1.5, 1.6], arm=[0, 0, 0.4])
+    ```
+    """
+
+    force: Float[Array, "rows 3"] = field("N", finite)
+    """Forces along the track's x, y and z [N]."""
+    moment: Float[Array, "rows 3"] | None = field("N m", finite, default=None)
+    """Moments about the slipper's x, y and z, besides those of the force [N m]; None for none."""
+    speed: Rows = field("m/s", not_negative, default=None)
+    """Speeds of the rows, increasing [m/s]."""
+    time: Rows = field("s", finite, default=None)
+    """Times of the rows, increasing [s]: since the first place of a programme of speeds, or else distance zero."""
+    distance: Rows = field("m", finite, default=None)
+    """Distances of the rows along the rail, increasing [m]."""
+    arm: Vector = field("m", finite, default=(0.0, 0.0, 0.0))
+    """Where the force acts: x, y and z from the slipper's centre of mass [m]."""
+
+    def __check_init__(self):
+        given = [name for name in AXES if getattr(self, name) is not None]
+        require(len(given) == 1, "force", f"go by one of {', '.join(AXES)}", shown=f"by {', '.join(given) or 'none'}")
+        check_table(self, given[0], "force", *(["moment"] if self.moment is not None else []))
+
+    @property
+    def by_speed(self):
+        return self.speed is not None
+
+    def wrench(self, travel):
+        name = next(name for name in AXES if getattr(self, name) is not None)
+        here = getattr(travel, AXES[name])
         # `interp` takes one component at a time
-        row = lambda table: jnp.stack([jnp.interp(speed, self.speed, table[:, k]) for k in range(3)])
-        return row(self.force), row(self.moment)
+        row = lambda table: jnp.stack([jnp.interp(here, getattr(self, name), table[:, k]) for k in range(3)])
+        force = row(self.force)
+        moment = jnp.cross(self.arm, force)
+        return force, moment if self.moment is None else moment + row(self.moment)
+
+
+AXES = {"speed": "speed", "time": "seconds", "distance": "distance"}
+"""What the rows of a table go by, and what the travel calls it."""
+
+
+class SumLoad(AbstractLoad):
+    """Several loads at once, such as weight, lift and thrust."""
+
+    loads: tuple[AbstractLoad, ...] = eqx.field(
+        converter=lambda loads: tuple(instance("loads", loads, Sequence, "one or more loads"))
+    )
+    """Loads, whose forces and moments are added."""
+
+    def __check_init__(self):
+        require(self.loads, "loads", "be one or more loads", self.loads)
+        for load in self.loads:
+            instance("loads", load, AbstractLoad, "loads such as slipperjax.AppliedLoad(...)")
+
+    def __repr__(self) -> str:
+        return f"SumLoad({list(self.loads)!r})"
+
+    @property
+    def by_speed(self):
+        return all(load.by_speed for load in self.loads)
+
+    def wrench(self, travel):
+        forces, moments = zip(*(load.wrench(travel) for load in self.loads), strict=True)
+        return sum(forces), sum(moments)
 
 
 class AbstractFriction(ShapeChecked):

@@ -7,7 +7,6 @@ field, see `slipperjax.tools.fields`.
 
 import dataclasses
 import itertools
-import operator
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -18,7 +17,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ..tools.checks import Check, brief, finite, instance, not_negative, positive, require
+from ..tools.checks import Check, brief, finite, hint, instance, not_negative, positive, require
 from ..tools.compile import as_argument, is_traced
 from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
 from ..tools.types import Numbers, Real
@@ -83,7 +82,10 @@ class Parameter(Quantity):
     def _where(self, scene: eqx.Module) -> Any:
         if not self.path:
             return None
-        leaf = operator.attrgetter(self.path)(scene)
+        leaf: Any = scene
+        for word in self.path.split("."):
+            # parts may be listed, such as loads
+            leaf = leaf[int(word)] if isinstance(leaf, tuple) else getattr(leaf, word)
         if isinstance(leaf, eqx.Module):  # a part in place of a number, such as a programme of speeds
             raise AttributeError(self.path)
         return leaf
@@ -225,7 +227,7 @@ def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
     shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where it can be
     raise ValueError(
         f"Argument `{shown}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
-        f"section.play.2 or slipper.inertia.1."
+        f"section.play.2 or slipper.inertia.1.{hint(name, PARAMETERS)}"
     )
 
 
@@ -236,13 +238,18 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
     part: Any = scene
     fields = []
     # down the modules; what is left of the path are places in an array
-    while words and dataclasses.is_dataclass(part):
+    while words and (dataclasses.is_dataclass(part) or isinstance(part, tuple)):
+        if isinstance(part, tuple):
+            fields.append(str(_place(path, words.pop(0), len(part), owner)))
+            part = part[int(fields[-1])]
+            continue
         owner = part
         numbers = [f.name for f in dataclasses.fields(owner) if not f.metadata.get("static", False)]
         if words[0] not in numbers:
             has = f"{', '.join(numbers)}, but not" if numbers else "no numbers, and so not"
             raise ValueError(
                 f"Argument `{path}` leads to no number: {type(owner).__name__} has {has} {brief(words[0])}."
+                f"{hint(words[0], numbers)}"
             )
         fields.append(words.pop(0))
         part = getattr(owner, fields[-1])

@@ -108,7 +108,9 @@ class Scene(ShapeChecked):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        """Number of forcing periods after which the rail recurs [1]; infinite where it does not."""
+        """Number of forcing periods after which rail and load recur [1]; infinite where they do not."""
+        if self.load is not None and not self.load.by_speed:
+            return jnp.asarray(jnp.inf)
         return least_common_count(self.wavelength, self.track.recurrence)
 
     @property
@@ -119,10 +121,11 @@ class Scene(ShapeChecked):
     def travel(self, phase: Real) -> Travel:
         """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
-            return Travel(self.speed, self.wavelength)
+            return Travel(self.speed, self.wavelength, None, phase)
         # a programme goes by distance
         distance = jnp.asarray(phase, float) * self.wavelength
-        return Travel(self.speed.at(distance), self.wavelength, self.speed.acceleration(distance))
+        of = self.speed
+        return Travel(of.at(distance), self.wavelength, of.acceleration(distance), phase, of)
 
     @property
     def slowest_travel(self) -> Travel:
@@ -253,8 +256,11 @@ def check_scene(scene: object) -> Scene:
 
 
 def check_steady(scene: object) -> Scene:
-    """Return a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
+    """Return a scene whose motion may go on for ever; raises `ValueError` for wear, a programme of speeds, and loads
+    by time or distance."""
     scene = check_scene(scene)
+    by_speed = scene.load is None or scene.load.by_speed
+    require(by_speed, "scene", "have a load by the speed alone here", scene.load)
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     if isinstance(scene.speed, SpeedProgramme):
         raise ValueError("Argument `scene` must have a constant speed, but has one with a programme of speeds.")

@@ -27,6 +27,23 @@ class Travel(NamedTuple):
     """Distance that counts as a forcing period [m]."""
     acceleration: Array | None = None
     """Travelling acceleration [m/s^2]; None where the speed is constant."""
+    phase: Real | None = None
+    """Forcing periods since distance zero [1]; None for no place in particular."""
+    programme: "SpeedProgramme | None" = None
+    """Programme of the speed; None where it is constant."""
+
+    @property
+    def distance(self) -> Array:
+        """Distance along the rail [m]."""
+        assert self.phase is not None  # of every place
+        return self.phase * self.wavelength
+
+    @property
+    def seconds(self) -> Array:
+        """Time since the first place of the programme, or at constant speed since distance zero [s]."""
+        if self.programme is None:
+            return self.distance / self.speed
+        return self.programme.seconds(self.distance) - self.programme.seconds(self.programme.distance[0])
 
     @property
     def period(self) -> Array:

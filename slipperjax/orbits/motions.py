@@ -87,12 +87,12 @@ def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
 def check_forcing(scene: Scene) -> None:
     """Raise `ValueError` unless the forcing is periodic: a rail that recurs with the forcing period (not checked
     where traced) at a constant speed."""
+    check_steady(scene)
     if not is_traced(scene.track):
         need = "have a track that recurs with the forcing period"
         with jax.ensure_compile_time_eval():  # inside jit, too
             recurrence = float(scene.recurrence)
         require(recurrence == 1, "scene", need, scene.track)
-    check_steady(scene)
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:

@@ -158,7 +158,7 @@ def _peak(view: RunView) -> Iterator[str]:
     place = f"{where} and {_said(view.quantity('speed'), speed)}"
     times = ""
     # how much harder than at rest; without gravity and load nothing to compare with
-    static = 0.0 if view.scene is None else static_load(view.scene, speed)
+    static = 0.0 if view.scene is None else static_load(view.scene, float(at["peak_distance"]))
     if static > 0:
         times = f": {peak / static:.3g} times the static load of {_said(view.quantity('peak_force'), static)}"
     yield f"highest contact force {_said(view.quantity('peak_force'), peak)} at {point}, {place}{times}"
@@ -184,12 +184,12 @@ def _from_to(view: RunView, begin: float, end: float) -> str:
     return f"{ends} {view.quantity('distance').display_unit}"
 
 
-def static_load(scene: Scene, speed: float) -> float:
-    """Return the resultant of weight and applied load across the rail at a speed [N]."""
+def static_load(scene: Scene, distance: float) -> float:
+    """Return the resultant of weight and applied load across the rail at a place of it [N]."""
     # gravity pulls downward, a load in any direction
     y = z = 0.0
     if scene.load is not None:
-        force, _ = scene.load.wrench(speed)
+        force, _ = scene.load.wrench(scene.travel(scene.epoch_at(distance)))
         y, z = float(force[1]), float(force[2])
     weight = 0.0 if scene.gravity is None else float(driven_mass(scene) * scene.gravity)
     return float(np.hypot(y, z - weight))

@@ -8,7 +8,7 @@ import dataclasses
 import re
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from contextvars import ContextVar
 from functools import partial
 from typing import Any, TypeVar
@@ -31,11 +31,24 @@ def brief(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def require(ok: object, name: str, need: str, value: object = None, *, shown: str = "") -> None:
+def hint(wrong: object, names: Iterable[str]) -> str:
+    """Return a question after the most similar of some names, for the end of an error; empty where none is."""
+    import difflib  # here, because only errors need it
+
+    # capitals count little
+    small = {name.lower(): name for name in names}
+    close = difflib.get_close_matches(str(wrong).lower(), small, 1)
+    return f" Did you mean {small[close[0]]}?" if close else ""
+
+
+def require(
+    ok: object, name: str, need: str, value: object = None, *, shown: str = "", names: Iterable[str] = ()
+) -> None:
     """Raise `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
-    positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value.
+    positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value; `names`:
+    of which the value may be a misspelt one.
     """
     if ok:
         return
@@ -43,7 +56,7 @@ def require(ok: object, name: str, need: str, value: object = None, *, shown: st
     verb = "has" if need.startswith("have") else "is"
     if not shown:
         shown = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
-    raise ValueError(f"{of} must {need}, but {verb} {shown}.")
+    raise ValueError(f"{of} must {need}, but {verb} {shown}.{hint(value, names)}")
 
 
 def pint_unit(unit: str) -> str:
@@ -244,9 +257,10 @@ def whole(name: str, value: object, least: int, most: int = 2**128) -> int:
     return int(value)
 
 
-def one_of(name: str, value: object, choices: tuple[str, ...]) -> str:
+def one_of(name: str, value: object, choices: Collection[str]) -> str:
     """Return `value`, which must be one of `choices`; raises `ValueError` otherwise."""
-    require(isinstance(value, str) and value in choices, name, f"be one of {', '.join(choices)}", value)
+    ok = isinstance(value, str) and value in choices
+    require(ok, name, f"be one of {', '.join(choices)}", value, names=choices)
     return str(value)
 
 

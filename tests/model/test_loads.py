@@ -14,6 +14,7 @@ from slipperjax.model import contact_points, contacts, rail_frame
 from slipperjax.model.dynamics import contact_forces
 from slipperjax.model.parameters import parameter
 from slipperjax.model.sliding import tractions
+from slipperjax.model.travel import Travel
 from slipperjax.solvers.named import resolve_solver
 
 SCENE = dataclasses.replace(sj.paper_scene(), gravity=9.81)
@@ -71,19 +72,91 @@ def test_loads_push_a_free_slipper():
     )
 
 
+def at_speed(speed):
+    return Travel(jnp.asarray(speed), jnp.asarray(8.0))
+
+
 def test_tables_are_linear_between_their_rows():
-    zero = np.zeros((2, 3))
-    table = sj.TabulatedLoad([100.0, 300.0], [[0, 0, 10.0], [-4.0, 0, 30.0]], zero)
-    force, moment = table.wrench(jnp.asarray(150.0))
+    table = sj.TabulatedLoad([[0, 0, 10.0], [-4.0, 0, 30.0]], speed=[100.0, 300.0])
+    force, moment = table.wrench(at_speed(150.0))
     np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
     np.testing.assert_allclose(moment, 0.0)
-    np.testing.assert_allclose(table.wrench(jnp.asarray(900.0))[0], [-4.0, 0.0, 30.0])
-    with pytest.raises(ValueError, match="Argument `force` must have one value per speed"):
-        sj.TabulatedLoad([1.0, 2.0], [[0.0, 0.0, 0.0]], zero)
-    with pytest.raises(ValueError, match="Argument `speed` must increase"):
-        sj.TabulatedLoad([2.0, 1.0], zero, zero)
-    with pytest.raises(ValueError, match="`distance` must be 1 or more numbers"):
-        sj.WearTable([], [])
+    np.testing.assert_allclose(table.wrench(at_speed(900.0))[0], [-4.0, 0.0, 30.0])
+
+
+ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: sj.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]), "`force` must have one value per speed"),
+        (lambda: sj.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]), "`moment` must have one value per time"),
+        (lambda: sj.TabulatedLoad(ROWS, distance=[2.0, 1.0]), "`distance` must increase"),
+        (lambda: sj.TabulatedLoad(ROWS), "`force` must go by one of speed, time, distance, but is by none"),
+        (
+            lambda: sj.TabulatedLoad(ROWS, speed=[1, 2], time=[1, 2]),
+            "one of speed, time, distance, but is by speed, t",
+        ),
+        (lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2]), "`drag_coefficient` must be one number, or have `mach`"),
+        (lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2], mach=[1.0]), "`drag_coefficient` must have one value per mach"),
+        (lambda: sj.AerodynamicLoad(0.0), "`area` must be positive, but is 0 m.2"),
+        (lambda: sj.SumLoad([]), "`loads` must be one or more loads"),
+        (lambda: sj.SumLoad([sj.Coulomb(0.1)]), "`loads` must be loads such as"),
+        (lambda: sj.SumLoad(LOAD), "`loads` must be one or more loads"),
+        (lambda: sj.WearTable([], []), "`distance` must be 1 or more numbers"),
+    ],
+)
+def test_bad_tables_name_what_is_wrong(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_drag_and_lift_of_the_air():
+    load = sj.AerodynamicLoad(0.5, [0.4, 0.8], 0.1, 0.2, mach=[0.5, 1.5], arm=[0.1, 0.0, 0.3], density=1.2)
+    pressure = 0.5 * 1.2 * 340.3**2  # at Mach 1, where the drag coefficient is 0.6
+    force, moment = load.wrench(at_speed(340.3))
+    drag, side, lift = 0.3 * pressure, 0.1 * pressure, 0.05 * pressure
+    np.testing.assert_allclose(force, [-drag, side, lift], rtol=1e-14)
+    # drag above the centre lifts the nose, and so does lift ahead of it
+    np.testing.assert_allclose(moment, [-0.3 * side, -0.3 * drag - 0.1 * lift, 0.1 * side], rtol=1e-14)
+
+
+def test_loads_are_added_and_named():
+    drag = sj.AerodynamicLoad(0.5, 0.4)
+    scene = dataclasses.replace(SCENE, load=sj.SumLoad([LOAD, drag]))
+    here = at_speed(500.0)
+    for both, one, other in zip(*(load.wrench(here) for load in (scene.load, LOAD, drag)), strict=True):
+        np.testing.assert_array_equal(both, one + other)
+    half = scene.replace(**{"load.loads.1.area": 0.25, "load.loads.0.force.2": -300.0})
+    assert float(half.value("load.loads.1.area")) == 0.25
+    assert float(half.load.loads[0].force[2]) == -300.0
+    with pytest.raises(ValueError, match=r"`load.loads.2.area` must have a number of 0 to 1 in place of '2'"):
+        scene.replace(**{"load.loads.2.area": 1.0})
+    with pytest.raises(ValueError, match=r"`load.loads` leads to no number: load.loads is an array"):
+        scene.replace(**{"load.loads": 1.0})
+
+
+@pytest.mark.parametrize("axis", ["time", "distance"])
+def test_loads_by_place_and_time_meet_the_run(axis):
+    """The drive along a straight rail balances the load there, at the programme's own times and distances."""
+    speed = sj.SpeedProgramme.over_time([0.0, 1.0, 3.0], [100.0, 300.0, 300.0], begin=50.0)
+    thrust = sj.TabulatedLoad([[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]})
+    scene = dataclasses.replace(
+        sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), speed=speed, load=thrust, window=1.0
+    )
+    state = sj.initial_state(scene, sj.Motion())
+    # a second after the first place it has gone 200 m, and 300 m a second later
+    for place, time, mass_times_acceleration in ((150.0, None, 14.0 * 200.0), (550.0, 2.0, 0.0)):
+        if time is None:
+            time = (-100.0 + np.sqrt(100.0**2 + 2 * 200.0 * 100.0)) / 200.0
+        expected = mass_times_acceleration - (250.0 * time if axis == "time" else place)
+        drive = sj.reactions(0.0, state, sj.Args(scene, place)).drive_force
+        assert float(drive) == pytest.approx(expected, rel=1e-12)
+    for ask in (sj.periodic_orbit, lambda scene: sj.lyapunov_spectrum(scene, 1)):
+        with pytest.raises(ValueError, match="`scene` must have a load by the speed alone here"):
+            ask(dataclasses.replace(scene, speed=100.0))
+    assert float(dataclasses.replace(scene, speed=100.0).travel(550.0).seconds) == 5.5
 
 
 def test_the_energy_of_a_run_balances():
@@ -103,7 +176,7 @@ def test_the_energy_of_a_run_balances():
         force = contact_forces(LOADED, now, state.memory)
         travel = LOADED.travel(phase)
         friction = tractions(LOADED.friction, frame, state.motion, force, travel.speed)
-        return force, frame.normal, now.lever, friction, travel.speed, LOADED.load.wrench(travel.speed)
+        return force, frame.normal, now.lever, friction, travel.speed, LOADED.load.wrench(travel)
 
     force, normal, lever, (shear, turn, heat), speed, (push, twist) = jax.tree.map(
         np.asarray, forces(jnp.asarray(phases), run.state)
