@@ -63,7 +63,7 @@ def objective_named(objective: object) -> Objective:
             if isinstance(one, OnePoint) and objective.startswith(f"{name}_"):
                 return OnePoint(one.record, objective.removeprefix(f"{name}_"))
     need = f"be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a course"
-    require(callable(objective) and not isinstance(objective, type), "objective", need, objective)
+    require(callable(objective) and not isinstance(objective, type), "objective", need, objective, names=OBJECTIVES)
     name = getattr(objective, "__name__", "functional").strip("<>")
     return Record(Quantity(name, "1", name), objective, "mean")
 

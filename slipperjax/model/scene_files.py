@@ -13,7 +13,7 @@ With `base = "paper"` everything that a file leaves out is that of `slipperjax.p
 import json
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -22,14 +22,15 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, finite, instance, positive
-from ..tools.description import TYPE, build, describe, known_type, type_name
+from ..tools.checks import brief, finite, hint, instance, positive
+from ..tools.description import TYPE, arguments_of, build, describe, known_type, type_name
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path
 from ..tools.tables import TableError
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
+from .loads import AbstractLoad, SumLoad
 from .parameters import PARAMETERS, half_play
 from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
@@ -45,8 +46,10 @@ from .travel import SpeedProgramme, Stage
 
 SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
-INNER = (AbstractTrack, AbstractSpectrum)
+INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad)
 """Bases of classes within parts of a scene."""
+SPEEDS = ("file", "stages", "start", "time", "distance", "speed", "scale", "begin")
+"""Names in the table of a speed that changes."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
 Part = TypeVar("Part", bound=eqx.Module)
@@ -139,6 +142,9 @@ class _Reader:
         values = dict(vars(paper_scene())) if "base" in self.tables else {}
         start = run = None
         for name, value in self.tables.items():
+            if isinstance(value, list):
+                values[name] = SumLoad([self.load(row, k) for k, row in enumerate(value)])
+                continue
             with self.placed(name if isinstance(value, dict) else ""):
                 if name in PARTS:
                     values[name] = self.part(name, dict(value), values.get(name))
@@ -159,17 +165,23 @@ class _Reader:
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
         tables = (*PARTS, "start", "run")
-        names = ("base", *NUMBERS, *tables)
+        check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
-            if name not in names:
-                raise ValueError(f"`{name}` is none of {', '.join(names)}.")
-            if name in tables and not isinstance(value, dict):
+            several = (
+                name == "load" and isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
+            )
+            if name in tables and not isinstance(value, dict) and not several:
                 raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
             if name == "gravity" and isinstance(value, dict):
                 raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
         base = self.tables.get("base", "paper")
         if base != "paper":
             raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
+
+    def load(self, table: Table, number: int) -> eqx.Module:
+        """Return one of several loads, by its number."""
+        with self.placed("load", number):
+            return self.part("load", dict(table), None)
 
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
@@ -186,7 +198,9 @@ class _Reader:
         elif TYPE in table:
             raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
         values = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
-        # the only name in a file that is no field of its part
+        # `clearance` is the only name in a file that is no field of its part
+        if kind is Section:
+            check_known(table, ("clearance", *arguments_of(kind)))
         if kind is Section and "clearance" in table:
             if "play" in table:
                 raise ValueError("`clearance` and `play` must not both be given.")
@@ -198,6 +212,7 @@ class _Reader:
 
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
+        check_known(table, SPEEDS)
         begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
         if "stages" in table:
             rows = table.pop("stages")
@@ -246,9 +261,8 @@ class _Reader:
         `AtRest` what is added to the equilibrium."""
         kind = known_type(str(table.pop(TYPE, Motion.__name__)), (Motion, AtRest), "start")
         values = {}
+        check_known(table, START)
         for name, value in table.items():
-            if name not in START:
-                raise ValueError(f"`{name}` is none of {', '.join(START)}.")
             values[name] = quantity(name, value, START[name].unit)
         # Euler angles and the quaternion are two ways to give one attitude
         angles = [name for name in table if START[name].unit == "rad"]
@@ -265,36 +279,52 @@ class _Reader:
         return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
 
     @contextmanager
-    def placed(self, table: str) -> Iterator[None]:
-        """Add file and line to errors: the line of the name that an error mentions, or of the table."""
+    def placed(self, table: str, number: int = 0) -> Iterator[None]:
+        """Add file and line to errors: the line of the name that an error mentions, or of the table.
+
+        **Arguments:** `number`: which of several tables of one name.
+        """
         try:
             yield
         except TableError:  # which names its own file
             raise
         except ValueError as error:
             names = self.tables.get(table, {}) if table else self.tables
+            if isinstance(names, list):
+                names = names[number]
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
             # the first name of the error that stands in the table
-            line = self.line_of(table, next((name for name in mentioned if name in names), ""))
+            line = self.line_of(table, next((name for name in mentioned if name in names), ""), number)
             words = " ".join(str(error).split())  # keys may have line breaks
             raise ValueError(f"{self.file}{'' if line is None else f', line {line}'}: {words}") from None
 
-    def line_of(self, table: str, name: str) -> int | None:
+    def line_of(self, table: str, name: str, number: int) -> int | None:
         """Return the line where a name gets its value, or else where its table begins."""
         path = ".".join(filter(None, (table, name)))
         now = ""
         header = None
+        left = number  # of the tables of this name that come first
         # a key belongs to the last header before it
         for at, line in enumerate(self.lines, 1):
-            match = re.match(r"""\s*(\[?)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value
+            match = re.match(r"""\s*(\[*)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value
             if match:
                 key = re.sub("[\"']", "", match[2])
                 now = key if match[1] else now
                 here = key if match[1] else ".".join(filter(None, (now, key)))
-                if here == path:
+                left -= bool(match[1]) and key == table
+                wanted = left < 0 or left == number  # or none of them has begun
+                if wanted and here == path:
                     return at
-                header = at if here == table else header
+                if wanted and here == table:
+                    header = header or at
         return header
+
+
+def check_known(names: Iterable[str], known: Collection[str]) -> None:
+    """Raise `ValueError` for the first name that is not known."""
+    for name in names:
+        if name not in known:
+            raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
 
 
 def quantity(name: str, value: object, unit: str) -> Any:

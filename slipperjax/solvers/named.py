@@ -24,18 +24,14 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     """
     package, _, plain = name.rpartition(".")
     # of two with one name, that of slipperjax
-    solvers = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}
-    kind = solvers.get(package, {}).get(plain)
-    is_solver = isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
-    require(
-        is_solver and not plain.startswith("Abstract"),
-        "solver",
-        f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5",
-        name,
-    )
+    named = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}.get(package, {})
+    is_solver = lambda kind: isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
+    solvers = {name: kind for name, kind in named.items() if is_solver(kind) and not name.startswith("Abstract")}
+    need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
+    require(plain in solvers, "solver", need, name, names=solvers or OWN_SOLVERS)
     try:
         # such as HalfSolver, which needs a solver to halve the steps of
-        return kind()
+        return solvers[plain]()
     except TypeError:
         raise ValueError(
             f"Argument `solver` must be a solver that needs no arguments, but is {brief(name)}."

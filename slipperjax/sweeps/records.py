@@ -187,6 +187,6 @@ def _outputs(record: object) -> tuple[AbstractOutput, ...]:
     if isinstance(record, AbstractOutput):
         return (record,)
     need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
-    require(record in NAMES, "record", need, record)
+    require(record in NAMES, "record", need, record, names=NAMES)
     record = str(record)
     return OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

@@ -239,8 +239,9 @@ def _records(scene: Scene, record: object) -> RecordSet:
         chosen += ["spring_force"] * (scene.sled is not None)
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = [run_record(one) for one in chosen]
+    run_names = (*WINDOW_RECORDS, *RECORDS)
     for one, of_window in zip(chosen, known, strict=True):
-        require(of_window is not None, "record", f"{need}, or a record of numbers", one)
+        require(of_window is not None, "record", f"{need}, or a record of numbers", one, names=run_names)
     records: list[AbstractRecord] = [PerWindow(of_window) for of_window in known if of_window]
     names = {one.name for one in records}
     # each variable once, of windows where the user asks for that

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 import optimistix
 
-from .checks import brief
+from .checks import brief, hint
 from .code import code_digest
 
 TYPE = "type"
@@ -115,7 +115,9 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
         fields = {name: part for name, part in description.items() if name != TYPE}
         for name in fields:
             if name not in taken:
-                raise ValueError(f"Argument `{where}` must have only {', '.join(taken)}, but has `{name}`.")
+                raise ValueError(
+                    f"Argument `{where}` must have only {', '.join(taken)}, but has `{name}`.{hint(name, taken)}"
+                )
         # fields with a default may be left out, as in files of older versions
         for name, default in taken.items():
             if default is inspect.Parameter.empty and name not in fields:
@@ -146,7 +148,7 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
     if name not in classes:
         own = ", ".join(sorted(k for k in classes if "." not in k))
         raise ValueError(
-            f"Argument `{where}.{TYPE}` must be one of {own}, but is {brief(name)}. A class of your own must be "
-            f"imported before, on the command line by --import."
+            f"Argument `{where}.{TYPE}` must be one of {own}, but is {brief(name)}.{hint(name, classes)} A class of "
+            f"your own must be imported before, on the command line by --import."
         )
     return classes[name]

@@ -187,6 +187,9 @@ BASE = 'base = "paper"\n'
         (BASE + '[contact]\ntype = "Foo"', "line 3: Argument `contact.type` must be one of ConstantDamping, Flores"),
         (BASE + '[slipper]\nmas = "3 kg"', "line 3: Argument `slipper` must have only mass, inertia, length"),
         (BASE + "slipper = 3", "line 2: `slipper` must be a table"),
+        (BASE + "load = [5]", "line 2: `load` must be a table, [load], but is [5]"),
+        (BASE + "track = [{}]", "line 2: `track` must be a table, [track], but is [{}]"),
+        (BASE + "load = []", "line 2: `load` must be a table, [load], but is []"),
         (BASE + '[slipper]\ntype = "Slipper"', "`type` must not be given"),
         (BASE + '[section]\npoints = { values = [[1, 2]], unit = "mm" }', "line 3: Argument `points` must have two"),
         (BASE + '[section]\nclearance = "1 mm"\nplay = { values = [1], unit = "mm" }', "`play` must not both be"),
@@ -223,3 +226,82 @@ def test_files_are_written_and_read(tmp_path):
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"bad\.toml is no UTF-8 text"):
         sj.load_scene(tmp_path / "bad.toml")
+
+
+LOADS = (
+    BASE
+    + """
+[[load]]
+type = "AppliedLoad"
+force = { values = [0, 0, -800], unit = "N" }
+
+[[load]]
+type = "AerodynamicLoad"
+area = "500 cm^2"
+drag_coefficient = [0.4, 0.8]
+mach = [0.8, 1.2]
+"""
+)
+
+
+def test_several_loads_are_several_tables():
+    scene = scene_from_toml(LOADS).scene
+    weight, air = scene.load.loads
+    assert eqx.tree_equal(weight, sj.AppliedLoad([0.0, 0.0, -800.0]))
+    assert eqx.tree_equal(air, sj.AerodynamicLoad(0.05, [0.4, 0.8], mach=[0.8, 1.2]))
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("500 cm^2", "-5 m^2", "line 9: Argument `area` must be positive"),
+        ("-800]", "-800, 1]", "line 5: Argument `force` must be of shape (3)"),
+        ("mach = [0.8, 1.2]", "", "line 10: Argument `drag_coefficient` must be one number"),
+        ('type = "AppliedLoad"\n', "", "line 3: `type` is missing"),
+        ('type = "AerodynamicLoad"\n', "", "line 7: `type` is missing"),
+    ],
+)
+def test_errors_name_the_right_one_of_several_tables(old, new, words):
+    with pytest.raises(ValueError, match=r"scene\.toml") as caught:
+        scene_from_toml(LOADS.replace(old, new), "scene.toml")
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("[frction]\n", "friction"),
+        ('[slipper]\nmas = "3 kg"', "mass"),
+        ('[section]\nclearence = "1 mm"', "clearance"),
+        ('[load]\ntype = "aplliedload"', "AppliedLoad"),
+        ('[start]\nptich = "1 mrad"', "pitch"),
+        ('[run]\nlenght = "5 m"', "length"),
+        ('[speed]\nstagse = "5 m"', "stages"),
+    ],
+)
+def test_a_name_that_is_misspelt_is_guessed(text, meant):
+    with pytest.raises(ValueError, match=rf"Did you mean {meant}\?"):
+        scene_from_toml(BASE + text)
+
+
+@pytest.mark.parametrize(
+    ("call", "meant"),
+    [
+        (lambda scene: scene.replace(clearence=1e-3), "clearance"),
+        (lambda scene: scene.replace(**{"slipper.lenght": 1.0}), "length"),
+        (lambda scene: sj.sweep(scene, {"speeed": [900.0]}), "speed"),
+        (lambda scene: sj.sweep(scene, {"speed": [900.0]}, record="peak_forces"), "peak_force"),
+        (lambda scene: sj.run(scene, length=8.0, record="peak_forces"), "peak_force"),
+        (lambda scene: sj.simulate(scene, 1, solver="Rodas3"), "Rodas4"),
+        (lambda scene: sj.simulate(scene, 1, solver="kvaerno5"), "Kvaerno5"),
+        (lambda scene: sj.LocalTrack([1.0], [1e-3], 1.0, shape="jont"), "joint"),
+    ],
+)
+def test_a_name_in_a_call_is_guessed(call, meant):
+    with pytest.raises(ValueError, match=rf"Did you mean {meant}\?$"):
+        call(sj.paper_scene())
+    # and nothing where nothing is similar
+    with pytest.raises(ValueError, match=r"slipper.inertia.1\.$"):
+        sj.paper_scene().replace(xyz=1.0)
