@@ -2,13 +2,17 @@
 
 import abc
 from collections.abc import Sequence
+from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, not_negative, positive, require
-from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.fields import ShapeChecked, check_table, field, unit_of
+from ..tools.tables import read_rows
+from ..tools.types import Numbers
 from .travel import Travel
 
 Vector = Float[Array, "3"]
@@ -122,6 +126,23 @@ class TabulatedLoad(AbstractLoad):
     arm: Vector = field("m", finite, default=(0.0, 0.0, 0.0))
     """Where the force acts: x, y and z from the slipper's centre of mass [m]."""
 
+    @classmethod
+    def from_file(cls, file: str | Path, arm: Numbers = (0.0, 0.0, 0.0)) -> "TabulatedLoad":
+        """Read a table of loads.
+
+        A CSV or netCDF file as for `load_rail` has columns `distance`, `time` or `speed`, of which the first counts,
+        and some of `force_x` (or thrust), `force_y`, `force_z`, `moment_x`, `moment_y` and `moment_z`, such as
+        `time [s], thrust [lbf]`. Those that are absent are zero.
+
+        **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
+        """
+        units = {"force": "N", "moment": "N m"}
+        names = {f"{name}_{k}": unit for name, unit in units.items() for k in "xyz"}
+        axis, columns = read_rows(file, {name: unit_of(cls, name) for name in AXES}, names, ALIASES)
+        zero = np.zeros_like(columns[axis])
+        force, moment = (np.stack([columns.get(f"{name}_{k}", zero) for k in "xyz"], 1) for name in units)
+        return cls(force, moment if np.any(moment) else None, **{axis: columns[axis]}, arm=arm)
+
     def __check_init__(self):
         given = [name for name in AXES if getattr(self, name) is not None]
         require(len(given) == 1, "force", f"go by one of {', '.join(AXES)}", shown=f"by {', '.join(given) or 'none'}")
@@ -141,8 +162,10 @@ class TabulatedLoad(AbstractLoad):
         return force, moment if self.moment is None else moment + row(self.moment)
 
 
-AXES = {"speed": "speed", "time": "seconds", "distance": "distance"}
+AXES = {"distance": "distance", "time": "seconds", "speed": "speed"}
 """What the rows of a table go by, and what the travel calls it."""
+ALIASES = {"thrust": "force_x", "t": "time", "velocity": "speed", "v": "speed", "chainage": "distance"}
+"""Other names of the columns of a file."""
 
 
 class SumLoad(AbstractLoad):

@@ -30,7 +30,7 @@ from ..tools.tables import TableError
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
-from .loads import AbstractLoad, SumLoad
+from .loads import AbstractLoad, SumLoad, TabulatedLoad
 from .parameters import PARAMETERS, half_play
 from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
@@ -250,6 +250,8 @@ class _Reader:
                 values[name] = quantity(name, value, unit_of(kind, name))
         if issubclass(kind, SurveyedTrack) and "file" in values:
             values["file"] = self.beside(values["file"])
+        if issubclass(kind, TabulatedLoad) and "file" in values:
+            values = describe(kind.from_file(self.beside(values.pop("file")))) | values
         return values | {TYPE: type_name(kind)}
 
     def beside(self, file: object) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .checks import brief, warn
-from .files import listed, readable
+from .files import content_of, listed, readable, user_path
 from .units import unit_factor
 
 if TYPE_CHECKING:
@@ -295,6 +295,30 @@ class Table:
         if array.attrs.get("positive") == "down":
             return "be positive upwards, but is downwards: change its signs and the attribute"
         return ""
+
+
+def read_rows(
+    file: str | Path, axes: Mapping[str, str], values: Mapping[str, str], aliases: Mapping[str, str]
+) -> tuple[str, dict[str, np.ndarray]]:
+    """Read a table whose rows go by one of several axes, of which the first that it has counts and must increase.
+
+    **Arguments:** `axes`, `values`: SI units of the columns by name; of `values` one is enough; `aliases`: as for
+    `Table`.
+
+    **Returns:** the axis and the columns.
+
+    **Raises:** `TableError` with all faults of the file; `OSError` for a file that cannot be read.
+    """
+    path = user_path(file, "file")
+    table = Table(path, content_of(path), {**axes, **values}, aliases)
+    found = [name for name in axes if name in table.columns]
+    if found and set(values) & set(table.columns):
+        table.check_rising(found[0])
+    else:
+        of = " or ".join(axes), " or ".join(values), ", ".join(table.columns)
+        table.fault("must have {}, and {}, but has {}".format(*of))
+    columns = table.si()
+    return found[0], columns
 
 
 class _Head(NamedTuple):

@@ -1,7 +1,9 @@
 """Loads and friction against independent evaluations, closed forms, and the balance of energy of a run."""
 
 import dataclasses
+import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.model import contact_points, contacts, rail_frame
+from slipperjax.model import contact_points, contacts, rail_frame, scene_from_toml
 from slipperjax.model.dynamics import contact_forces
 from slipperjax.model.parameters import parameter
 from slipperjax.model.sliding import tractions
@@ -93,10 +95,10 @@ ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
         (lambda: sj.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]), "`force` must have one value per speed"),
         (lambda: sj.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]), "`moment` must have one value per time"),
         (lambda: sj.TabulatedLoad(ROWS, distance=[2.0, 1.0]), "`distance` must increase"),
-        (lambda: sj.TabulatedLoad(ROWS), "`force` must go by one of speed, time, distance, but is by none"),
+        (lambda: sj.TabulatedLoad(ROWS), "`force` must go by one of distance, time, speed, but is by none"),
         (
             lambda: sj.TabulatedLoad(ROWS, speed=[1, 2], time=[1, 2]),
-            "one of speed, time, distance, but is by speed, t",
+            "one of distance, time, speed, but is by time, speed",
         ),
         (lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2]), "`drag_coefficient` must be one number, or have `mach`"),
         (lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2], mach=[1.0]), "`drag_coefficient` must have one value per mach"),
@@ -214,3 +216,43 @@ def test_derivatives_agree_in_both_modes_and_with_differences(mode):
     difference = [(end(none.at[k].set(1e-5)) - end(none.at[k].set(-1e-5))) / 2e-5 for k in range(4)]
     assert np.all(np.abs(difference) > 1e-4)
     np.testing.assert_allclose(mode(end)(none), difference, rtol=1e-4)
+
+
+FILE = """test 12, bottle 3
+t [ms], thrust [lbf], force_z [N], remark
+0, 0, 10, ignition
+100, 2000, 20,
+2000, 1500, 30, burnout
+"""
+
+
+def test_a_load_is_read_from_a_file_with_its_units(tmp_path):
+    (tmp_path / "thrust.csv").write_text(FILE)
+    with pytest.warns(sj.ImplausibleWarning, match="remark"):
+        load = sj.TabulatedLoad.from_file(tmp_path / "thrust.csv", arm=[0.0, 0.0, 0.5])
+    np.testing.assert_allclose(load.time, [0.0, 0.1, 2.0])
+    pound = 0.45359237 * 9.80665
+    np.testing.assert_allclose(load.force, [[0, 0, 10], [2000 * pound, 0, 20], [1500 * pound, 0, 30]], rtol=1e-12)
+    assert load.moment is None
+    text = 'base = "paper"\n[[load]]\ntype = "TabulatedLoad"\nfile = "thrust.csv"\narm = ["0 m", "0 m", "50 cm"]\n'
+    (tmp_path / "sled.toml").write_text(text)
+    with pytest.warns(sj.ImplausibleWarning, match="remark"):
+        scene = sj.load_scene(tmp_path / "sled.toml")
+    assert eqx.tree_equal(scene.load, sj.SumLoad([load]))
+    # scenes hold the numbers, and need no file
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time [s], lift [N]\n0, 1\n", "no line of names with units"),
+        ("time [s], speed [m/s]\n0, 1\n", "must have distance or time or speed, and force_x or force_y"),
+        ("time [s], thrust [N]\n0, 1\n0, 2\n", "line 3: time 0 s does not exceed 0 s of line 2"),
+        ("time [s], thrust [kg]\n0, 1\n1, 2\n", "line 1: `thrust` must be in a unit like N, but is in 'kg'"),
+    ],
+)
+def test_faults_of_a_file_of_loads_name_the_line(text, words, tmp_path):
+    (tmp_path / "thrust.csv").write_text(text)
+    with pytest.raises(ValueError, match=re.escape(words)):
+        sj.TabulatedLoad.from_file(tmp_path / "thrust.csv")
