@@ -64,6 +64,7 @@ from .model.step_size import (
     default_steps_per_period as default_steps_per_period,
 )
 from .model.surveys import load_rail as load_rail, load_speed as load_speed
+from .model.thrust import RocketSled as RocketSled, WaterBrake as WaterBrake
 from .model.tracks import (
     AbstractTrack as AbstractTrack,
     FourierTrack as FourierTrack,

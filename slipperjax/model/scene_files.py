@@ -41,6 +41,7 @@ from .slipper import Slipper
 from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedTrack, load_speed
+from .thrust import RocketSled, WaterBrake, read_thrust
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
 
@@ -48,7 +49,7 @@ SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
 INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad)
 """Bases of classes within parts of a scene."""
-SPEEDS = ("file", "stages", "start", "time", "distance", "speed", "scale", "begin")
+SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
@@ -216,13 +217,14 @@ class _Reader:
         begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
         if "stages" in table:
             rows = table.pop("stages")
-            if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
-                raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
+            check_tables("stages", rows)
             start = quantity("start", table.pop("start", None), "m/s")
             stages = [self.made(Stage, row, "stages") for row in rows]
             programme = SpeedProgramme.stages(stages, start=start, **begin)
         elif "file" in table:
             programme = load_speed(self.beside(table.pop("file")), **begin)
+        elif "thrust" in table:
+            return self.thrust(table, **begin).programme()
         elif "time" in table:
             time = quantity("time", table.pop("time"), "s")
             programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
@@ -232,6 +234,15 @@ class _Reader:
         if table:
             raise ValueError(f"`{next(iter(table))}` must not be given here.")
         return programme
+
+    def thrust(self, table: Table, **values: object) -> RocketSled:
+        """Return the sled in a table `speed` with a thrust, which may be a file."""
+        brakes = table.pop("brakes", [])
+        check_tables("brakes", brakes)
+        values["brakes"] = [self.made(WaterBrake, brake, "brakes") for brake in brakes]
+        if isinstance(table["thrust"], str):
+            values |= read_thrust(self.beside(table.pop("thrust")))
+        return self.made(RocketSled, table, "speed", **values)
 
     def made(self, kind: type[Part], table: Table, name: str, **values: object) -> Part:
         """Return the module of a class from a table of that name, and `values` of what it leaves out."""
@@ -327,6 +338,12 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
+
+
+def check_tables(name: str, value: object) -> None:
+    """Raise `ValueError` for what is no list of tables."""
+    if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
+        raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
 
 
 def quantity(name: str, value: object, unit: str) -> Any:
