@@ -1,0 +1,338 @@
+"""The command that writes a scene's file to begin with: every number with its unit, and what it means."""
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from string import Template
+
+import click
+import numpy as np
+
+from ..model.dang2024 import paper_scene
+from ..model.parameters import PARAMETERS
+from ..model.quantities import Quantity
+from ..tools.checks import require
+from ..tools.files import content_of, user_path, write_whole
+from .options import FILE, Adds, Measure, app, flag, option
+
+SCENE = Template("""\
+# A slipper on a rail. Run it by
+#     slipperjax run $name
+# Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark.
+
+gravity = "$gravity m/s^2"  # downwards
+$speed
+
+[slipper]
+mass = "$mass kg"  # of the slipper alone; a sled on springs is a table [sled]
+length = "$length m"  # from the front to the rear section
+# moments of inertia about x (forwards), y (to the left) and z (upwards), $source
+inertia = { values = [$inertia], unit = "kg m^2" }
+
+[section]  # of the slipper, the same at its front and its rear
+clearance = "$clearance mm"  # total play of slipper and rail; half of it at each face
+names = [$names]  # of the points
+# two points for each face, clockwise with y to the right and z up
+faces = [$faces]
+points = { unit = "mm", values = [  # y (to the left) and z (upwards) of each, from the slipper's centre of mass
+$points
+] }
+
+$track
+
+[contact]
+type = "Flores"  # or HuntCrossley, LankaraniNikravesh, HertzSpring, ConstantDamping
+stiffness = "$stiffness N/m^1.5"  # Hertz's, of a corner
+restitution = $restitution  # speed after an impact over that before it
+
+$friction
+
+$loads
+
+[run]
+length = "$travel m"  # of rail
+window = "$window m"  # of the rail for which each number of the result stands
+# begin = "$begin m"  # place of the rail; without this line where the rail begins
+# steps_per_period = 400  # steps of integration in a window; without this line as many as impacts need
+
+# [start]  # of the motion; without this table that of the paper's Table 2
+# z = "0 mm"  # also y; roll, pitch, yaw; v_y, v_z; w_x, w_y, w_z
+""")
+
+CONSTANT = Template("""\
+speed = "$speed m/s"  # constant""")
+FROM_TO = Template("""
+[speed]  # at constant acceleration between these places
+distance = { values = [$begin, $end], unit = "m" }  # along the rail
+speed = { values = [$speed, $end_speed], unit = "m/s" }  # there""")
+HISTORY = Template("""
+[speed]
+file = $file  # columns time or distance, and speed, with their units
+begin = "$begin m"  # where along the rail the sled is at the first time, or at distance zero of the file""")
+
+SURVEY = Template("""\
+[track]
+file = $file  # columns distance, lateral and vertical, with their units
+ends = "straight"  # how the rail goes on beyond its survey; or "repeat", or "error" for none""")
+RANDOM = Template("""\
+[track]  # a random rail, $words
+$entries""")
+REMARKS = {
+    "lateral": "density of the displacement to the left by the wavenumber",
+    "vertical": "and of that upwards",
+    "band": "its shortest and its longest wave",
+    "length": "of the rail",
+    "seed": "number of the rail; each is another one",
+    "roughness": "factor of all displacements",
+    "ends": "how it goes on beyond its length",
+    "ramp": "over which it becomes straight at its ends",
+}
+"""What the values of a random rail are."""
+
+FRICTION = Template("""\
+[friction]
+type = "Coulomb"  # or FadingFriction, with power and exponent
+coefficient = $friction  # force along the rail over that across it""")
+DOWN = Template("""\
+[[load]]  # such as a share of the sled's weight
+type = "AppliedLoad"
+force = { values = [0, 0, -$down], unit = "N" }  # along x (forwards), y (left) and z (up)""")
+DRAG = Template("""\
+[[load]]  # drag of the air
+type = "AerodynamicLoad"
+area = "$drag_area m^2"  # that the coefficients refer to
+drag_coefficient = 1.0  # of that area; also lift_coefficient, side_coefficient, and tables of them by mach
+arm = { values = [0, 0, 0], unit = "mm" }  # where it acts, from the slipper's centre of mass""")
+TABLE = Template("""\
+[[load]]
+type = "TabulatedLoad"
+file = $file  # columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ...
+arm = { values = [0, 0, 0], unit = "mm" }  # where the force acts, from the slipper's centre of mass""")
+
+RAILS = {
+    "sled": "of a sled track's published spectrum",
+    **{f"german-{name}": f"of German railways, {name} disturbance" for name in ("low", "high")},
+    **{f"fra-{k}": f"of class {k} of the Federal Railroad Administration" for k in range(1, 7)},
+}
+"""Random rails by the words of --rail."""
+WINDOW = 1.0
+"""Window of the run [m]."""
+TRAVEL = 500.0
+"""Length of the run where no file says how far [m]."""
+
+
+def _number(name: str, default: float, text: str) -> Adds:
+    """Return an option for a number of the scene, by the name of its parameter."""
+    q = PARAMETERS[name]
+    return option(f"--{name}", Measure(q), f"{text} [{q.display_unit}].", default=default)
+
+
+def _measure(name: str, unit: str, text: str, **more: object) -> Adds:
+    """Return an option for another number with a unit."""
+    return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].", **more)
+
+
+_MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_unit="mm"))
+
+
+@app.command()
+@click.argument("file", type=FILE)
+@option("--section", FILE, "Table of the section's points: columns y (left) and z (up), two rows for each face.")
+@option(
+    "--corner",
+    (_MILLIMETRES, _MILLIMETRES),
+    "A point of the section instead [mm], y and z; repeat, two for each face, clockwise with y to the right.",
+    multiple=True,
+    metavar="Y Z",
+)
+@option(
+    "--centre",
+    (_MILLIMETRES, _MILLIMETRES),
+    "The slipper's centre of mass among the points [mm].",
+    default=(0.0, 0.0),
+    metavar="Y Z",
+)
+@_number("clearance", 1.0, "Total play of slipper and rail")
+@_number("mass", 14.0, "Mass of the slipper")
+@option(
+    "--inertia", (float, float, float), "Moments of inertia about x, y and z [kg m^2].", show_default="that of a box"
+)
+@_number("length", 0.2, "Distance between the front and the rear section")
+@_number("stiffness", 1e8, "Contact stiffness")
+@_number("restitution", 0.9, "Coefficient of restitution")
+@_number("gravity", 9.80665, "Gravitational acceleration")
+@option("--friction", float, "Coefficient of friction of the contacts; default: none.")
+@option(
+    "--speed",
+    str,
+    "Travelling speed [m/s], or a table with its history: columns time or distance, and speed.",
+    default="1250",
+)
+@option(
+    "--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: the same all the way."
+)
+@option(
+    "--rail",
+    str,
+    f"Survey of the rail, a table, or a random rail: {', '.join(RAILS)}.",
+    default="sled",
+    metavar="RAIL",
+)
+@_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
+@_measure("drag-area", "m^2", "drag coefficient times area")
+@option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
+@_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
+@flag("--force", "Replace a file that is there.")
+def new(
+    file: Path,
+    section: Path | None,
+    corner: tuple[tuple[float, float], ...],
+    centre: tuple[float, float],
+    inertia: tuple[float, float, float] | None,
+    friction: float | None,
+    speed: str,
+    end_speed: float | None,
+    rail: str,
+    down: float | None,
+    drag_area: float | None,
+    load: Path | None,
+    travel: float | None,
+    force: bool,
+    **numbers: float,
+) -> None:
+    """Write a scene to begin with: FILE, in TOML, with all numbers of the slipper, its rail and its run.
+
+    What is not given is that of the paper's slipper on a random sled track. Look through the file, change it, and run
+    it by `slipperjax run FILE`.
+    """
+    # here, because help needs none of them
+    from ..model.scene_files import scene_from_toml
+
+    require(file.suffix.lower() == ".toml", "file", "end with .toml", shown=str(file))
+    if file.exists() and not force:
+        raise ValueError(f"{file} is there already: name another one, or replace it by --force.")
+    points, names = _points(section, corner)
+    points = points - np.array(centre)
+    values = {name: f"{number:.9g}" for name, number in numbers.items()}
+    box = np.array([numbers["length"], *1e-3 * np.ptp(points, axis=0)]) ** 2
+    moments = numbers["mass"] / 12 * (np.sum(box) - box) if inertia is None else inertia
+    quoted = [f'"{name}"' for name in names]
+    values |= {
+        "name": file.name,
+        "inertia": ", ".join(f"{moment:.6g}" for moment in moments),
+        "source": "ESTIMATED: those of a box around the section" if inertia is None else "as given",
+        "names": ", ".join(quoted),
+        "faces": ", ".join(f"[{a}, {b}]" for a, b in zip(quoted[::2], quoted[1::2], strict=True)),
+        "points": "\n".join(f"    [{y:.9g}, {z:.9g}]," for y, z in points),
+        "window": f"{WINDOW:g}",
+        **_way(file, speed, end_speed, rail, travel),
+    }
+    loads = [
+        _part(DOWN, down is not None, down=f"{down or 800:.9g}"),
+        _part(DRAG, drag_area is not None, drag_area=f"{drag_area or 0.01:.9g}"),
+        _part(TABLE, load is not None, file=_beside(file, Path("thrust.csv") if load is None else load)),
+    ]
+    values["loads"] = "\n\n".join(loads)
+    values["friction"] = _part(FRICTION, friction is not None, friction=f"{0.2 if friction is None else friction:g}")
+    text = SCENE.substitute(values)
+    # what is wrong is found before anything is written
+    scene_from_toml(text, str(file))
+    write_whole(file, text.encode())
+    print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
+
+
+def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, list[str]]:
+    """Return the points of the section [mm] and their names, two after each other for each face."""
+    from ..tools.tables import Table
+
+    if section is not None and corners:
+        raise ValueError("Option --corner must not be given with --section, which has all points.")
+    if section is None and not corners:
+        paper = paper_scene().section
+        names = [name for face in paper.faces for name in face]
+        return 1e3 * np.asarray(paper.points)[[paper.names.index(name) for name in names]], names
+    points = np.array(corners)
+    if section is not None:
+        table = Table(section, content_of(section), {"y": "m", "z": "m"}, {})
+        if len(table.columns) < 2:
+            table.fault(f"must have y and z, but has {', '.join(table.columns)}")
+        points = 1e3 * np.stack(list(table.si().values()), axis=1)
+    option = "--corner" if section is None else "--section"
+    require(len(points) % 2 == 0, option, "have two points for each face", shown=f"{len(points)} points")
+    # from A to Z, then from A2 on
+    names = [chr(ord("A") + k % 26) + (str(k // 26 + 1) if k >= 26 else "") for k in range(len(points))]
+    return points, names
+
+
+def _way(file: Path, speed: str, end_speed: float | None, rail: str, travel: float | None) -> dict[str, str]:
+    """Return what the template says of rail, speed and length of the run, from options."""
+    from ..model.surveys import load_rail, load_speed
+
+    survey = None if rail in RAILS else load_rail(_existing("--rail", rail, f"one of {', '.join(RAILS)}"))
+    history = None
+    try:
+        first = float(Measure(PARAMETERS["speed"]).convert(speed, None, None))
+    except ValueError:
+        history = load_speed(_existing("--speed", speed, "a speed"))
+        if end_speed is not None:
+            raise ValueError(f"Option --end-speed must not be given with the history {speed}.") from None
+    begin = 0.0
+    spans = []
+    if survey is not None:
+        begin = float(survey.begin)
+        spans.append(float(survey.extent) - begin)
+    if history is not None:
+        spans.append(float(history.distance[-1] - history.distance[0]))
+    length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
+    way = {"begin": f"{begin:.9g}", "travel": f"{length:.9g}"}
+    if history is not None:
+        # distances of the rail stay as they are, others begin where it does
+        start = float(history.distance[0])
+        on_rail = begin <= start < (begin + length if survey is None else float(survey.extent))
+        shift = f"{0.0 if on_rail else begin - start:.9g}"
+        way["speed"] = HISTORY.substitute(file=_beside(file, user_path(speed)), begin=shift)
+    elif end_speed is None:
+        way["speed"] = CONSTANT.substitute(speed=f"{first:.9g}")
+    else:
+        ends = {"end": f"{begin + length:.9g}", "end_speed": f"{end_speed:.9g}"}
+        way["speed"] = FROM_TO.substitute(begin=way["begin"], speed=f"{first:.9g}", **ends)
+    if survey is None:
+        way["track"] = _random(rail, length)
+    else:
+        way["track"] = SURVEY.substitute(file=_beside(file, user_path(rail)))
+    return way
+
+
+def _random(rail: str, length: float) -> str:
+    """Return the table of a random rail of at least some length [m]."""
+    from ..model.random_rails import RandomTrack
+
+    kind, _, which = rail.partition("-")
+    make = {"sled": RandomTrack.sled, "german": RandomTrack.german, "fra": RandomTrack.fra}[kind]
+    of = [int(which) if which.isdecimal() else which] if which else []
+    # rails are at least twice as long as their longest wave
+    track = make(*of, length=max(length, 200.0))
+    text = dataclasses.replace(paper_scene(), track=track).to_toml()
+    entries = text.partition("[track]\n")[2].partition("\n\n")[0].splitlines()
+    remarks = [REMARKS.get(line.partition(" ")[0], "") for line in entries]
+    lines = [f"{line}  # {remark}" if remark else line for line, remark in zip(entries, remarks, strict=True)]
+    return RANDOM.substitute(words=RAILS[rail], entries="\n".join(lines))
+
+
+def _existing(option: str, text: str, otherwise: str) -> Path:
+    """Return the path of a file that an option names; raise `ValueError` where there is none."""
+    path = user_path(text)
+    require(path.is_file(), option, f"be a file, or {otherwise}", text, names=RAILS if option == "--rail" else ())
+    return path
+
+
+def _beside(file: Path, other: Path) -> str:
+    """Return the path of another file as seen from the folder of a file, as a text of TOML."""
+    return json.dumps((other if other.is_absolute() else Path(os.path.relpath(other, file.parent))).as_posix())
+
+
+def _part(template: Template, wanted: bool, **values: str) -> str:
+    """Return a part of the file, as remarks where it is not wanted."""
+    text = template.substitute(values)
+    return text if wanted else "\n".join(f"# {line}" for line in text.splitlines())

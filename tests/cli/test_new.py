@@ -1,0 +1,175 @@
+"""The command `new`: what it writes is complete, is what was asked for, is read without a warning, and runs."""
+
+import re
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.cli.new import RAILS
+from slipperjax.model.surveys import SurveyedTrack
+
+from .commands import call, dataset, error_of, names
+
+
+def written(tmp_path, capsys, *options):
+    """Writes a file by the command, and gives its scene, which must be read without a warning."""
+    file = tmp_path / "sled.toml"
+    text, error = call(["new", file, "--force", *options], capsys)
+    assert text == f"wrote {file}: look through it, and run it by slipperjax run {file}\n"
+    assert not error
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return sj.load_scene(file)
+
+
+def test_what_is_not_given_is_the_paper_s(tmp_path, capsys):
+    scene = written(tmp_path, capsys)
+    paper = sj.paper_scene()
+    for name in ("speed", "clearance", "length", "mass", "stiffness", "restitution"):
+        assert float(scene.value(name)) == pytest.approx(float(paper.value(name)), rel=1e-12), name
+    # the same points, with the paper's names
+    for name in "ABCDEFGHIJ":
+        here, there = (s.section.points[s.section.names.index(name)] for s in (scene, paper))
+        np.testing.assert_allclose(here, there, rtol=1e-12)
+    assert (scene.load, scene.friction) == (None, None)
+    assert sj.load_run(tmp_path / "sled.toml") == dict(length=500.0, window=1.0)
+    # a box of 14 kg, 0.2 m long, 96 mm wide and 42 mm high
+    box = 14.0 / 12 * np.array([0.096**2 + 0.042**2, 0.2**2 + 0.042**2, 0.2**2 + 0.096**2])
+    np.testing.assert_allclose(scene.slipper.inertia, box, rtol=1e-5)
+
+
+def test_every_line_has_its_unit_and_a_remark(tmp_path, capsys):
+    written(tmp_path, capsys, "--friction", 0.2, "--down", 800, "--drag-area", 0.02, "--end-speed", 900)
+    text = (tmp_path / "sled.toml").read_text()
+    lines = text.splitlines()
+    values = [(above, line) for above, line in pairwise(lines) if re.match(r"\w+ = ", line)]
+    assert len(values) > 25
+    for above, line in values:
+        name = line.partition(" ")[0]
+        assert name == "type" or "#" in line or above.startswith("#"), line
+        # what has no unit is a pure number
+        assert "unit" in line or '"' in line or name in PURE, line
+
+
+PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness")
+
+
+SLIPPER = ["--mass", 9, "--length", "8in", "--stiffness", 1e9, "--restitution", 0.6, "--friction", 0.2]
+OTHERS = ["--clearance", 0.8, "--gravity", 9.81, "--speed", 50, "--end-speed", 900, "--down", "180lbf"]
+MORE = ["--drag-area", 0.02, "--travel", 400, "--inertia", 0.01, 0.03, 0.04]
+
+
+def test_choices_are_written(tmp_path, capsys):
+    scene = written(tmp_path, capsys, *SLIPPER, *OTHERS, *MORE)
+    values = dict(mass=9.0, length=0.2032, stiffness=1e9, restitution=0.6, clearance=0.8e-3, gravity=9.81)
+    values |= dict(inertia_x=0.01, inertia_y=0.03, inertia_z=0.04)
+    for name, value in values.items():
+        assert float(scene.value(name)) == pytest.approx(value, rel=1e-8), name
+    np.testing.assert_allclose(scene.speed.distance, [0.0, 400.0])
+    np.testing.assert_allclose(scene.speed.speed, [50.0, 900.0])
+    down, drag = scene.load.loads
+    np.testing.assert_allclose(down.force, [0.0, 0.0, -180 * 0.45359237 * 9.80665], rtol=1e-8)
+    assert float(drag.area) == 0.02
+    assert float(scene.friction.coefficient) == 0.2
+    assert sj.load_run(tmp_path / "sled.toml")["length"] == 400.0
+
+
+@pytest.mark.parametrize("rail", RAILS)
+@pytest.mark.filterwarnings("ignore:Argument `band` has no waves below")
+def test_random_rails(rail, tmp_path, capsys):
+    file = tmp_path / "sled.toml"
+    call(["new", file, "--rail", rail, "--travel", 5000], capsys)
+    kind, _, which = rail.partition("-")
+    of = [int(which) if which.isdecimal() else which] if which else []
+    expected = getattr(sj.RandomTrack, kind)(*of, length=5000.0)
+    np.testing.assert_array_equal(sj.load_scene(file).track.rms().vertical, expected.rms().vertical)
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """Files of an engineer, in a folder of their own."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    feet = np.arange(0, 201, 0.5)
+    rows = [f"{1000 + x:.1f},{0.2 * np.sin(x / 3):.4f},{0.3 * np.cos(x / 4):.4f},joint" for x in feet]
+    (folder / "rail.csv").write_text("chainage [ft],lateral [mm],vertical [mm],remark\n" + "\n".join(rows))
+    (folder / "speed.csv").write_text("time [s],velocity [ft/s]\n0,1000\n0.1,1100\n0.2,1000\n")
+    corners = [(-40, 10), (40, 10), (50, 0), (50, -20), (30, -30), (-30, -30), (-50, -20), (-50, 0)]
+    (folder / "section.csv").write_text("y [mm],z [mm]\n" + "\n".join(f"{y},{z + 100}" for y, z in corners))
+    (folder / "loads.csv").write_text("time [s],thrust [lbf],force_z [lbf]\n0,2000,-50\n0.2,0,-60\n")
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
+def test_her_own_files_run(tables, tmp_path, capsys):
+    files = [f"--{name}={tables / name}.csv" for name in ("rail", "speed", "section")]
+    options = [*files, f"--load={tables / 'loads.csv'}", "--centre", 0, 100, "--mass", 9, "--friction", 0.2]
+    file = tmp_path / "sled.toml"
+    call(["new", file, *options], capsys)
+    assert names(tmp_path) == ["data", "sled.toml"]
+    scene = sj.load_scene(file)
+    assert isinstance(scene.track, SurveyedTrack)
+    # the history begins where the rail does
+    np.testing.assert_allclose(scene.speed.distance[0], 1000 * 0.3048)
+    np.testing.assert_allclose(scene.speed.speed[0], 1000 * 0.3048)
+    # 200.5 feet of rail, and 210 of history
+    assert sj.load_run(file) == dict(length=61.0, window=1.0)
+    assert scene.section.names == tuple("ABCDEFGH")
+    np.testing.assert_allclose(scene.section.points[2], [0.05, 0.0], atol=1e-15)
+    assert isinstance(scene.load, sj.SumLoad)
+    text, _ = call(["run", file, "--out", tmp_path / "run"], capsys)
+    assert "status: finite" in text
+    ds = dataset(tmp_path / "run")
+    assert float(ds["distance"][-1]) == pytest.approx(1000 * 0.3048 + 61.0)
+
+
+@pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
+def test_paths_are_written_as_seen_from_the_file(tables, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tables)
+    (tmp_path / "runs").mkdir()
+    call(["new", "../runs/sled.toml", "--rail", "rail.csv"], capsys)
+    assert 'file = "../data/rail.csv"' in (tmp_path / "runs" / "sled.toml").read_text()
+    assert isinstance(sj.load_scene(tmp_path / "runs" / "sled.toml").track, SurveyedTrack)
+
+
+def test_corners_of_a_drawing(tmp_path, capsys):
+    corners = [(-40, 10), (40, 10), (30, -30), (-30, -30)]
+    words = [word for y, z in corners for word in ("--corner", y, f"{z / 10} cm")]
+    scene = written(tmp_path, capsys, *words)
+    np.testing.assert_allclose(1e3 * np.asarray(scene.section.points), corners, atol=1e-12)
+    assert scene.section.faces == (("A", "B"), ("C", "D"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rail", "sledd"], "Option --rail must be a file, or one of sled, german-low"),
+        (["--rail", "sledd"], "Did you mean sled?"),
+        (["--speed", "none.csv"], "Option --speed must be a file, or a speed, but is 'none.csv'"),
+        (["--corner", 1, 2], "Option --corner must have two points for each face, but has 1 points"),
+        (["--friction", -1], "Argument `coefficient` must be zero or positive, but is -1"),
+        (["--restitution", 1.5], "Argument `restitution` must be above 0 and at most 1, but is 1.5"),
+        (["--mass", "5 mm"], "`mass` must be in a unit like kg"),
+        (["--corner", 1, 2, "--corner", 3, 4, "--section", "a.csv"], "--corner must not be given with --section"),
+        (
+            ["--corner", 40, 10, "--corner", -40, 10, "--corner", -30, -30, "--corner", 30, -30],
+            "point out of the rail",
+        ),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_writes_nothing(options, words, tmp_path, capsys):
+    assert words in error_of(["new", tmp_path / "sled.toml", *options], capsys)
+    assert names(tmp_path) == []
+
+
+def test_a_file_that_is_there_stays(tmp_path, capsys):
+    file = tmp_path / "sled.toml"
+    file.write_text("hers")
+    assert "sled.toml is there already: name another one, or replace it by --force" in error_of(["new", file], capsys)
+    assert file.read_text() == "hers"
+    call(["new", file, "--force"], capsys)
+    assert "gravity" in file.read_text()
+    assert "`file` must end with .toml" in error_of(["new", tmp_path / "sled.txt"], capsys)
