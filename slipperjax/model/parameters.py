@@ -256,7 +256,9 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
     shape = () if part is None else np.shape(part)
     rank = axes_of(type(owner), fields[-1], len(shape))
     if dataclasses.is_dataclass(part) or len(words) != rank:
-        leaf = f"an array of shape {shape}" if shape else type(part).__name__
+        leaf = "absent from the scene" if part is None else type(part).__name__
+        if shape:
+            leaf = f"an array of shape {shape}"
         raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
     sizes = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True))

@@ -286,6 +286,11 @@ def test_a_name_that_is_misspelt_is_guessed(text, meant):
         scene_from_toml(BASE + text)
 
 
+def test_a_part_that_is_absent_is_told():
+    with pytest.raises(ValueError, match="leads to no number: friction is absent from the scene"):
+        sj.paper_scene().replace(**{"friction.coefficient": 0.2})
+
+
 @pytest.mark.parametrize(
     ("call", "meant"),
     [
