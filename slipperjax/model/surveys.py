@@ -9,7 +9,7 @@ import numpy as np
 from ..tools.checks import finite, number, positive, require, warn
 from ..tools.fields import unit_of
 from ..tools.files import content_of, user_path
-from ..tools.tables import Table
+from ..tools.tables import Table, read_rows
 from ..tools.types import Real
 from .rails import EQUAL_SPACING, SampledTrack
 from .travel import SpeedProgramme
@@ -18,8 +18,6 @@ COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral",
 """Columns of a survey, and their SI units."""
 ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
 """Other names of columns."""
-HISTORY = {"distance": "m", "time": "s", "speed": "m/s"}
-"""Columns of a history of speeds, and their SI units."""
 
 
 class SurveyedTrack(SampledTrack):
@@ -125,14 +123,8 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
 
     **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
     """
-    path = user_path(file, "file")
-    table = Table(path, content_of(path), HISTORY, ALIASES | {"velocity": "speed", "v": "speed", "t": "time"})
-    along = next((name for name in ("distance", "time") if name in table.columns), None)
-    if along is None or "speed" not in table.columns:
-        table.fault(f"must have speed, and distance or time, but has {', '.join(table.columns) or 'neither'}")
-    else:
-        table.check_rising(along)
-    columns = table.si()
+    aliases = ALIASES | {"velocity": "speed", "v": "speed", "t": "time"}
+    along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases)
     begin = number(finite, "begin", begin, "m")
     if along == "time":
         return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)

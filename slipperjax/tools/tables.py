@@ -315,7 +315,7 @@ def read_rows(
     if found and set(values) & set(table.columns):
         table.check_rising(found[0])
     else:
-        of = " or ".join(axes), " or ".join(values), ", ".join(table.columns)
+        of = " or ".join(axes), " or ".join(values), ", ".join(table.columns) or "neither"
         table.fault("must have {}, and {}, but has {}".format(*of))
     columns = table.si()
     return found[0], columns

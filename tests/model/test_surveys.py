@@ -300,7 +300,7 @@ def test_faults_of_a_history_are_told_at_once_also_from_a_scene_file(tmp_path):
         "  velocity.csv, line 4: time 0.5 s does not exceed 0.5 s of line 3.",
     ]
     history(tmp_path, TIME, SPEED, head="time [s], distance [m]")
-    with pytest.raises(ValueError, match=r"velocity\.csv: must have speed, and distance or time, but has time, dist"):
+    with pytest.raises(ValueError, match=r"velocity\.csv: must have distance or time, and speed, but has time, dist"):
         sj.load_speed(tmp_path / "velocity.csv")
 
 
