@@ -97,7 +97,7 @@ class RocketSled(ShapeChecked):
     def programme(self) -> SpeedProgramme:
         """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` or has travelled `length`.
 
-        Until it is as fast as that for the first time, it counts as just so fast.
+        Until it is as fast as that for the first time, it counts as just so fast: for how long it stands is not kept.
 
         **Raises:** `ValueError` where the thrust does not move the sled.
         """

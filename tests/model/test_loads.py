@@ -133,6 +133,11 @@ def test_loads_are_added_and_named():
     half = scene.replace(**{"load.loads.1.area": 0.25, "load.loads.0.force.2": -300.0})
     assert float(half.value("load.loads.1.area")) == 0.25
     assert float(half.load.loads[0].force[2]) == -300.0
+    # more drag takes more drive, and changes nothing else; measured 2e-16
+    swept = dict(record=["drive_force", "peak_force"], transient=0, periods=1, steps_per_period=40)
+    ds = sj.sweep(scene, {"load.loads.1.area": [0.5, 1.0]}, **swept)
+    np.testing.assert_allclose(np.diff(ds["drive_force"].values), 0.5 * 0.4 * 0.5 * 1.225 * 1250.0**2, rtol=1e-12)
+    np.testing.assert_array_equal(*ds["peak_force"].values)
     with pytest.raises(ValueError, match=r"`load.loads.2.area` must have a number of 0 to 1 in place of '2'"):
         scene.replace(**{"load.loads.2.area": 1.0})
     with pytest.raises(ValueError, match=r"`load.loads` leads to no number: load.loads is an array"):
