@@ -532,8 +532,8 @@ def first_of(start: object) -> Motion | State:
 def beginning_of(scene: Scene, begin: float | None) -> Real:
     """Return where a run begins [m]: by default where its rail does.
 
-    **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear, that
-    has ended before the rail begins.
+    **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear or of
+    loads, that has ended before the rail begins.
     """
     track = scene.track
     if begin is not None:
@@ -545,8 +545,9 @@ def beginning_of(scene: Scene, begin: float | None) -> Real:
             require(track.begin - slack <= begin < track.extent, "begin", need, shown=f"{begin:.10g} m")
         return begin
     # Tables by distance that end before the rail begins were meant to count from there, not from distance zero.
-    for name in ("speed", "wear"):
-        places = getattr(getattr(scene, name), "distance", None)
+    loads = getattr(scene.load, "loads", (scene.load,))
+    for name, part in (("speed", scene.speed), ("wear", scene.wear), *(("load", load) for load in loads)):
+        places = getattr(part, "distance", None)
         if places is not None and not is_traced((places, track)) and (origin := track.origin):
             last = float(np.asarray(places)[-1])
             need = f"be by distances along the rail, which begins at {origin:.10g} m: or give `begin`"

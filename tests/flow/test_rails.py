@@ -237,6 +237,10 @@ def test_tables_by_distance_must_reach_the_rail():
     fast = lambda **more: sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=800.0, **more)
     with pytest.raises(ValueError, match="`speed` must be by distances along the rail, which begins at 129773 m"):
         sj.simulate(dataclasses.replace(FAR, speed=fast()), 2)
+    lift = sj.TabulatedLoad([[0.0, 0.0, 10.0]], distance=[500.0])
+    for load in (lift, sj.SumLoad([sj.AppliedLoad(), lift])):
+        with pytest.raises(ValueError, match=r"`load` must be by distances along the rail, .* a table up to 500 m"):
+            sj.simulate(dataclasses.replace(FAR, load=load), 2)
     there = sj.run(dataclasses.replace(FAR, speed=fast(begin=FIRST)), length=16.0, steps_per_period=STEPS)
     here = sj.run(dataclasses.replace(NEAR, speed=fast()), length=16.0, steps_per_period=STEPS)
     np.testing.assert_allclose(there["speed"], here["speed"])
