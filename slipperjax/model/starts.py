@@ -175,7 +175,7 @@ class _Scales(NamedTuple):
         half_length = scene.slipper.length / 2
         load = jnp.zeros(()) if scene.gravity is None else driven_mass(scene) * jnp.abs(scene.gravity)
         if scene.load is not None:
-            (_, *force), moment = scene.load.wrench(scene.travel(epoch).speed)
+            (_, *force), moment = scene.load.wrench(scene.travel(epoch))
             load = load + sum(map(jnp.abs, force)) + sum(map(jnp.abs, moment)) / half_length
         load = jnp.where(load > 0, load, scene.slipper.mass * STANDARD_WEIGHT)
         depth = (load / scene.contact.stiffness) ** (2 / 3)

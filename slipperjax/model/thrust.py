@@ -97,8 +97,6 @@ class RocketSled(ShapeChecked):
     def programme(self) -> SpeedProgramme:
         """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` or has travelled `length`.
 
-        Until it is as fast as that for the first time, it counts as just so fast: for how long it stands is not kept.
-
         **Raises:** `ValueError` where the thrust does not move the sled.
         """
         from scipy.integrate import solve_ivp  # here, because importing it takes time
@@ -113,8 +111,7 @@ class RocketSled(ShapeChecked):
         # so that no step passes over a row of the thrust
         row = max(float(np.min(np.diff(self.time))), (burnout - start) / 1000)
         t, x, v = start, begin, 0.0
-        distance = []
-        speed = []
+        rows = []
         moves = True
         while moves and x < far:
             burns = t < burnout
@@ -130,19 +127,17 @@ class RocketSled(ShapeChecked):
                 atol=ACCURACY,
                 max_step=row if burns else np.inf,
             )
-            places, speeds = _sampled(found)
-            distance.append(places)
-            speed.append(speeds)
-            slow, reached = (len(times) > 0 for times in found.t_events)
+            times, places, speeds = _sampled(found)
+            rows.append([places, speeds, times])
+            slow, reached = (len(hits) > 0 for hits in found.t_events)
             t, v = float(found.t[-1]), float(speeds[-1])
             x = edge if reached else float(places[-1])
             moves = not slow and (burns or v > LEAST_SPEED)
-        places = np.concatenate(distance)
-        speeds = np.concatenate(speed)
+        places, speeds, times = np.concatenate(rows, axis=1)
         need = "move the sled against its friction"
         require(np.max(speeds) > LEAST_SPEED, "thrust", need, float(np.max(self.thrust)))
         rises = np.append(True, np.diff(np.maximum.accumulate(places)) > 0)
-        return SpeedProgramme.over_distance(places[rises], np.maximum(speeds[rises], LEAST_SPEED))
+        return SpeedProgramme.passing(places[rises], speeds[rises], times[rises], timed=True)
 
     def _rates(self, brake: float, burns: bool) -> Callable[[float, np.ndarray], tuple[float, float]]:
         """Return the derivatives of distance and speed as a function of time and these two.
@@ -176,7 +171,7 @@ class RocketSled(ShapeChecked):
 
 
 def _sampled(found: Any) -> np.ndarray:
-    """Return distances and speeds of a solution of `solve_ivp` at `PLACES` equal times and as many equal distances.
+    """Return times, distances and speeds of a solution of `solve_ivp` at `PLACES` equal times and equal distances.
 
     Equal times are close together at the beginning, equal distances at high speeds.
     """
@@ -185,7 +180,8 @@ def _sampled(found: Any) -> np.ndarray:
     solution = found.sol(finely)
     rows = (finely, solution[0])
     kept = np.concatenate([np.searchsorted(row, np.linspace(row[0], row[-1], PLACES)) for row in rows])
-    return solution[:, np.unique(np.clip(kept, 0, len(finely) - 1))]
+    at = np.unique(np.clip(kept, 0, len(finely) - 1))
+    return np.vstack([finely[at], solution[:, at]])
 
 
 def _falls(value: Any) -> Any:

@@ -40,10 +40,10 @@ class Travel(NamedTuple):
 
     @property
     def seconds(self) -> Array:
-        """Time since the first place of the programme, or at constant speed since distance zero [s]."""
+        """Time as the programme counts it, or at constant speed since distance zero [s]."""
         if self.programme is None:
             return self.distance / self.speed
-        return self.programme.seconds(self.distance) - self.programme.seconds(self.programme.distance[0])
+        return self.programme.seconds(self.distance)
 
     @property
     def period(self) -> Array:
@@ -118,7 +118,7 @@ class SpeedProgramme(ShapeChecked):
         # the time between two places is that of the mean speed
         means = (speed[1:] + speed[:-1]) / 2
         require(np.all(means > 0), "speed", "not be zero at two places one after the other", speed)
-        return cls._passing(distance, speed, np.append(0.0, np.cumsum(np.diff(distance) / means)))
+        return cls.passing(distance, speed, np.append(0.0, np.cumsum(np.diff(distance) / means)))
 
     @classmethod
     def over_time(cls, time: Numbers, speed: Numbers, *, begin: float = 0.0) -> "SpeedProgramme":
@@ -131,7 +131,7 @@ class SpeedProgramme(ShapeChecked):
         # between two times the mean speed is that of both ends
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
         distance = number(finite, "begin", begin, "m") + np.append(0.0, way)
-        return cls._passing(distance, speed, time, measured=True)
+        return cls.passing(distance, speed, time, timed=True)
 
     @classmethod
     def stages(cls, stages: Sequence[Stage], *, start: float, begin: float = 0.0) -> "SpeedProgramme":
@@ -151,19 +151,19 @@ class SpeedProgramme(ShapeChecked):
             distance.append(distance[-1] + length)
             speed.append(end)
             time.append(time[-1] + duration)
-        return cls._passing(*map(np.array, (distance, speed, time)))
+        return cls.passing(*map(np.array, (distance, speed, time)))
 
     @classmethod
-    def _passing(
-        cls, distance: np.ndarray, speed: np.ndarray, time: np.ndarray, *, measured: bool = False
+    def passing(
+        cls, distance: np.ndarray, speed: np.ndarray, time: np.ndarray, *, timed: bool = False
     ) -> "SpeedProgramme":
-        """Return the programme of a history, which passes at `LEAST_SPEED` where that is slower.
+        """Return the programme of a history [m], [m/s], [s], which passes at `LEAST_SPEED` where that is slower.
 
-        **Arguments:** `measured`: whether times are kept where they follow from the speeds, too.
+        **Arguments:** `timed`: whether times are kept where they follow from the speeds, too.
         """
         slow = speed < LEAST_SPEED
         if not np.any(slow):
-            return cls(distance, speed, time=time if measured else None)
+            return cls(distance, speed, time=time if timed else None)
         require(not np.all(slow), "speed", f"reach {LEAST_SPEED:g} m/s", speed)
         # where the sled gets faster or slower than that, at constant acceleration
         k = np.flatnonzero(slow[1:] != slow[:-1])
@@ -229,8 +229,10 @@ class SpeedProgramme(ShapeChecked):
     def stands(self, begin: ArrayLike, end: ArrayLike) -> Bool[Array, "*places"]:
         """Return whether the sled is slower than `LEAST_SPEED`, or stands, somewhere between two distances [m]."""
         passing, durations = self._durations
-        # there it takes longer than at the speeds of the programme
-        before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(durations > passing * (1 + 1e-6))])
+        # there it takes longer than at the speed of the programme, the least one
+        fast = jnp.maximum(self.speed[1:], self.speed[:-1]) > LEAST_SPEED * (1 + 1e-9)
+        slow = ~fast & (durations > passing * (1 + 1e-6))
+        before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(slow)])
         # of the stretches between places from that of `begin` to that which ends at `end` or behind
         first = self._place(jnp.asarray(begin, float))[0]
         last = jnp.searchsorted(self.distance, jnp.asarray(end, float), side="left")
