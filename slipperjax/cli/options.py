@@ -221,7 +221,7 @@ CASE: dict[str, Adds] = {
         default=None,
         show_default="8, or the scene file's",
     ),
-    "rail": option("--rail", FILE, "Measured rail, a CSV or netCDF-4 file, in place of the scene's."),
+    "rail": option("--rail", FILE, "Measured rail, a CSV or netCDF file, in place of the scene's."),
     "memory": option(
         "--memory",
         click.Choice(["event", "smooth"]),

@@ -386,11 +386,11 @@ def _closed(channels: Channels, away: np.ndarray, ramp: float, usual: float) -> 
             missing = abs(array[0] - array[-1])
             if missing <= 1e-9 * (np.max(np.abs(array)) or 1.0):
                 continue
-            shown = (
-                f"{array[-1]:g} at the end and {array[0]:g} at the start; ramp={usual:g} closes it over {usual:g} m"
-            )
-            require(share is not None, name, "end as it begins, because the rail repeats", shown=shown)
-            changed.append(f"{name} by up to {1e3 * missing:.2g} {'mrad' if name == 'roll' else 'mm'}")
+            si, shown_unit = ("rad", "mrad") if name == "roll" else ("m", "mm")
+            shown = f"{array[-1]:g} {si} at the end and {array[0]:g} {si} at the start"
+            remedy = f'; ramp={usual:g}, or ramp = "{usual:g} m" in a file, closes it'
+            require(share is not None, name, "end as it begins, because the rail repeats", shown=shown + remedy)
+            changed.append(f"{name} by up to {1e3 * missing:.2g} {shown_unit}")
         if share is not None:
             closed[name] = array + share * (array[0] - array[-1])
     if changed:

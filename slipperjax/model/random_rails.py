@@ -202,7 +202,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def like(cls, survey: SampledTrack, **options: object) -> "RandomTrack":
-        """Return a rail of a survey's own spectra, from an eighth of its length to four samples, and coherence.
+        """Return a rail of a survey's own spectra, from an eighth of its length to three samples, and coherence.
 
         ```python
         survey = sj.load_rail("survey.csv")

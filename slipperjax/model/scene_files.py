@@ -106,7 +106,8 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """Return the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
-    `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
+    `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` that of a
+    history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
     `run` takes length, begin, window, steps_per_period, solver and units.
 
     **Arguments:** `file`: its name, for errors.
@@ -225,9 +226,14 @@ class _Reader:
             programme = load_speed(self.beside(table.pop("file")), **begin)
         elif "thrust" in table:
             return self.thrust(table, **begin).programme()
-        elif "time" in table:
+        elif "time" in table and "distance" not in table:
             time = quantity("time", table.pop("time"), "s")
             programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
+        elif set(table) == {"distance", "speed"}:
+            places, speeds = (
+                quantity(name, table.pop(name), unit) for name, unit in (("distance", "m"), ("speed", "m/s"))
+            )
+            programme = SpeedProgramme.over_distance(places, speeds)
         else:
             return self.made(SpeedProgramme, table, "speed", **begin)
         # names that none of these uses

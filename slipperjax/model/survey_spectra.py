@@ -6,14 +6,14 @@ import numpy as np
 
 SEGMENTS = 8
 """Lengths of a segment in a survey: the longest wave of the spectra is one of them."""
-SHORTEST = 4
-"""Samples in the shortest wave of the spectra."""
-SHORTEST_LINE = 3
-"""Samples in the shortest wave that may be a line."""
+SHORTEST = 3
+"""Samples in the shortest wave."""
 PER_OCTAVE = 6
 """Values of a spectrum per octave."""
 LINE = 15.0
 """Height of a line over the medians beside it [dB], which noise reaches in one of 3e9 waves."""
+HIDDEN = 6
+"""Greatest multiple of a comb's wavenumber that may be its lowest line which shows."""
 
 
 class RailStatistics(NamedTuple):
@@ -26,9 +26,9 @@ class RailStatistics(NamedTuple):
     correlation: np.ndarray
     """Mean real coherence of each channel with each, with its sign [1]; 0 of a channel that is zero."""
     fundamental: np.ndarray
-    """Of each line the least wavenumber of its comb [cycles/m]."""
+    """Wavenumber of which each line is a multiple [cycles/m]: one over the distance of joints."""
     multiple: np.ndarray
-    """Of each line its wavenumber over the least of its comb [1]."""
+    """That multiple [1]."""
     sine: np.ndarray
     """Amplitudes of the lines' sines, (channels, lines) [m]."""
     cosine: np.ndarray
@@ -49,9 +49,7 @@ def statistics_of(samples: np.ndarray, spacing: float) -> RailStatistics:
     slopes = slopes - slopes.mean(axis=1, keepdims=True)
     size = slopes.shape[1] // SEGMENTS
     last = size // SHORTEST
-    combs = _combs(slopes, spacing, 1 / (size * spacing), 1 / (SHORTEST_LINE * spacing))
-    fundamental = np.concatenate([np.full(count, k) for k, count in combs] or [np.zeros(0)])
-    multiple = np.concatenate([np.arange(1.0, count + 1) for _, count in combs] or [np.zeros(0)])
+    fundamental, multiple = _lines(slopes, spacing, 1 / (size * spacing), last / (size * spacing))
     sine, cosine, rest = _without(slopes, spacing, fundamental * multiple)
     # spectra of each channel with each
     pairs = rest[:, None], rest[None]
@@ -83,31 +81,28 @@ def _gain(wavenumber: np.ndarray, spacing: float) -> np.ndarray:
     return 2 * np.sin(np.pi * wavenumber * spacing) / spacing
 
 
-def _combs(slopes: np.ndarray, spacing: float, low: float, high: float) -> list[tuple[float, int]]:
-    """Return the combs of lines between two wavenumbers: the least wavenumber of each [cycles/m], and how many of its
-    multiples there are."""
-    lines = _lines(slopes, spacing, low, high)
-    width = 1 / (slopes.shape[1] * spacing)
-    combs = []
-    while lines:
-        fundamental, *others = lines
-        # multiples in rising order, each of which makes the least wavenumber more precise
-        found = [(1, fundamental)]
-        lines = []
-        for k in others:
-            multiple = round(k / fundamental)
-            if abs(k - multiple * fundamental) > width / 2:
-                lines.append(k)
-                continue
-            found.append((multiple, k))
-            fundamental = sum(m * one for m, one in found) / sum(m * m for m, _ in found)
-        most, _ = found[-1]
-        combs.append((_refined(slopes, spacing, fundamental, most, width), most))
-    return combs
+def _lines(slopes: np.ndarray, spacing: float, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return of each line between two wavenumbers the one of which it is a multiple [cycles/m], and the multiple."""
+    peaks, width = _peaks(slopes, spacing)
+    peaks = peaks[(peaks >= low) & (peaks <= high)]
+    fundamental = np.zeros(0)
+    multiple = np.zeros(0)
+    while peaks.size:
+        combs = [_comb(peaks, hidden, width) for hidden in range(1, HIDDEN + 1)]
+        # a hidden line must explain another one that shows
+        most = max(range(HIDDEN), key=lambda k: np.count_nonzero(combs[k][1]) - k)
+        least, multiples = combs[most]
+        own = multiples[multiples > 0]
+        least = _refined(slopes, spacing, least, own, width)
+        fundamental = np.append(fundamental, np.full(own.size, least))
+        multiple = np.append(multiple, own)
+        peaks = peaks[multiples == 0]
+    return fundamental, multiple
 
 
-def _lines(slopes: np.ndarray, spacing: float, low: float, high: float) -> list[float]:
-    """Return the wavenumbers of peaks far above the spectra around them, rising [cycles/m]."""
+def _peaks(slopes: np.ndarray, spacing: float) -> tuple[np.ndarray, float]:
+    """Return the wavenumbers of peaks far above the spectra beside them, rising, and the distance of two waves of the
+    survey's length [cycles/m]."""
     import scipy.ndimage
     import scipy.signal
 
@@ -119,14 +114,28 @@ def _lines(slopes: np.ndarray, spacing: float, low: float, high: float) -> list[
     sides = [scipy.ndimage.median_filter(level, size=(1, 33), mode="reflect", origin=(0, by)) for by in (-16, 16)]
     height = (level - np.maximum(*sides)).max(axis=0)
     peaks, _ = scipy.signal.find_peaks(height, height=LINE, prominence=6.0, wlen=65, distance=2)
-    peaks = peaks[(k[peaks] >= low) & (k[peaks] <= high)]
-    # the vertex of the parabola through three bins
+    # the vertex of the parabola through three waves
     left, middle, right = height[peaks - 1], height[peaks], height[peaks + 1]
-    return list(k[1] * (peaks + 0.5 * (left - right) / (left - 2 * middle + right)))
+    return k[1] * (peaks + 0.5 * (left - right) / (left - 2 * middle + right)), float(k[1])
 
 
-def _refined(slopes: np.ndarray, spacing: float, fundamental: float, count: int, width: float) -> float:
-    """Return the least wavenumber of a comb for which its multiples have most power [cycles/m]."""
+def _comb(peaks: np.ndarray, hidden: int, width: float) -> tuple[float, np.ndarray]:
+    """Return the wavenumber of which the first peak is the multiple `hidden`, and of each peak the multiple; 0 of
+    peaks that are none."""
+    multiples = np.zeros(len(peaks))
+    multiples[0] = hidden
+    least = peaks[0] / hidden
+    for k, peak in enumerate(peaks[1:], 1):
+        nearest = round(peak / least)
+        if abs(peak - nearest * least) < 0.3 * width:
+            multiples[k] = nearest
+            # each of them makes it more precise
+            least = multiples @ peaks / (multiples @ multiples)
+    return float(least), multiples
+
+
+def _refined(slopes: np.ndarray, spacing: float, least: float, multiples: np.ndarray, width: float) -> float:
+    """Return the wavenumber near `least` whose multiples have most power [cycles/m]."""
     import scipy.optimize
 
     size = slopes.shape[1]
@@ -135,12 +144,12 @@ def _refined(slopes: np.ndarray, spacing: float, fundamental: float, count: int,
 
     def power(k: float) -> float:
         # one multiple after the other takes no memory
-        return -sum(np.sum(np.abs(windowed @ np.exp(-2j * np.pi * k * m * place)) ** 2) for m in range(1, count + 1))
+        return -sum(np.sum(np.abs(windowed @ np.exp(-2j * np.pi * k * m * place)) ** 2) for m in multiples)
 
-    near = width / 4 / count
-    # wavenumbers are known far better than to a bin
+    near = width / 4 / multiples[-1]
+    # which is known far better than to a wave of the survey's length
     options = {"xatol": 1e-4 * near}
-    bounds = (fundamental - near, fundamental + near)
+    bounds = (least - near, least + near)
     return float(scipy.optimize.minimize_scalar(power, bounds=bounds, method="bounded", options=options).x)
 
 

@@ -78,7 +78,10 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
     wave = 1e-3 * np.sin(2 * np.pi * distance / 8)
     share = distance / 40.0
     open_rail = dict(distance=distance, lateral=wave, vertical=wave + 8e-5 * share, roll=3e-4 * share)
-    with pytest.raises(ValueError, match=r"`vertical` must end as it begins.*; ramp=8 closes it over 8 m\.$"):
+    with pytest.raises(
+        ValueError,
+        match=r'`vertical` must end as it begins.* m at .*; ramp=8, or ramp = "8 m" in a file, closes it\.$',
+    ):
         sj.SampledTrack(**open_rail, ends="repeat")
     words = r"closing the last 10 m of the rail changes vertical by up to 0\.08 mm and roll by up to 0\.3 mrad\.$"
     with pytest.warns(sj.ImplausibleWarning, match=words):
