@@ -204,6 +204,8 @@ def report(best: "Design") -> str:
 
     from ..plots.style import shown
 
+    if best.status == "no motion":
+        return repr(best)
     q = best.problem.objective.quantity
     cases = best.cases
     lines = [repr(best)]

@@ -98,6 +98,12 @@ class Design:
         return self.problem.scene.replace(**self.design)
 
     def __repr__(self) -> str:
+        # numbers of lost motions mean nothing
+        if self.status == "no motion":
+            return (
+                "Design(status: no motion: no design that was tried stays on the rail; raise steps_per_period, check "
+                "the units of the scene, or change the bounds)"
+            )
         problem = self.problem
         shown = lambda q, value: f"{q.name} {q.shown(value):.5g} {q.display_unit}"
         variables = []
@@ -111,8 +117,8 @@ class Design:
         counts = Counter(sorted(self.regime.tolist()))
         regimes = [f"{count} x {word}" for word, count in counts.items()]
         return (
-            f"Design({', '.join(variables)},\n"
-            f"  {shown(problem.objective.quantity, self.objective)}, {cases}, status: {self.status},\n"
+            f"Design(status: {self.status}, {', '.join(variables)},\n"
+            f"  {shown(problem.objective.quantity, self.objective)}, {cases},\n"
             f"  regimes: {', '.join(regimes)},\n"
             f"  {self.history.sizes['trial']} trials from {self.starts.sizes['start']} starts, "
             f"{self.simulated:.3g} forcing periods)"

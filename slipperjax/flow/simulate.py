@@ -277,8 +277,8 @@ class Trajectory(eqx.Module):
         status = Status(int(self.status))
         has_peak = self.loads is not None and not is_lost(status)
         peak = f", {self.peak.text(self.scene)}" if has_peak else ""
-        steps = shown_number(self.steps_per_period)
-        return f"{saves}, {steps} steps per period, status {int(status)}: {status}{peak})"
+        steps = f"{shown_number(self.steps_per_period)} steps per {travel_unit(self.scene)}"
+        return f"{saves}, {steps}, status {int(status)}: {status}{peak})"
 
     @property
     def time(self) -> Float[Array, " saves"]:

@@ -39,7 +39,7 @@ PAGE = (7.2, 9.4)
 """Size of a page [inches]."""
 LENGTHS = 8
 """Most lengths of rail that are listed with their status."""
-POINTS = 6
+POINTS = 5
 """Contact points that the envelope shows, those with the highest forces."""
 
 

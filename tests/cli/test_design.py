@@ -108,7 +108,7 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     assert "\r" not in error  # a bar on terminals only, lines elsewhere
     assert error.splitlines()[-1].startswith("design for peak_force: 90 trials")
     # the bowl's, as near as the least region of the search: measured 0.99968 mm
-    assert float(re.match(r"Design\(clearance (\S+) mm", text)[1]) == pytest.approx(1.0, abs=1e-3)
+    assert float(re.match(r"Design\(status: [a-z ]+, clearance (\S+) mm", text)[1]) == pytest.approx(1.0, abs=1e-3)
     assert "regimes: 1 x chaotic, 2 x period 1" in text
     lines = text.splitlines()
     assert [line.split() for line in lines[-6:-2]] == [
@@ -149,7 +149,7 @@ def test_an_interrupted_search_gets_a_name_of_its_own(bowl, replaced, tmp_path, 
     replaced("design.optimise.optimise_design", side_effect=search)
     out = tmp_path / "run"
     text, error = call([*GIVEN, "--starts", 1, "--out", out], capsys, 130)
-    assert text.startswith("Design(clearance")
+    assert text.startswith("Design(status: ")
     assert f"trials were finished: wrote {out}_partial.nc and {out}_partial.png\ninterrupted\n" in error
     assert names(tmp_path) == ["run_partial.nc", "run_partial.png"]
 
@@ -161,7 +161,9 @@ def test_no_motion_is_exit_code_1(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setattr(Problem, "evaluate", lost)
     text, _ = call([*GIVEN, "--speeds", 1000, 1200, 2, "--out", tmp_path / "run"], capsys, 1)
-    assert "status: no motion" in text
+    # no number before or after it, but those of the case and of files
+    assert text.startswith("Design(status: no motion: no design that was tried stays on the rail; raise ")
+    assert "peak_force" not in text
     assert (tmp_path / "run.png").exists()
 
 

@@ -56,7 +56,7 @@ def test_the_history_is_that_of_the_search(small):
         assert np.all(np.diff(taken) < 0)
     check = small.cases["simulated"].values  # of the errors, with half the step
     assert small.simulated == ds["simulated"].values[-1] + check.sum() > ds["simulated"].values[-1]
-    assert "Design(clearance 0.5 mm (its lower bound)" in repr(small)
+    assert ", clearance 0.5 mm (its lower bound)" in repr(small)
     assert "regimes: 2 x period 1" in repr(small)
 
 

@@ -12,6 +12,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli.options import FILE as FILE_OPTION
+from slipperjax.flow.datasets import load_units
+from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, Quantity, ShownUnits
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.tools.checks import finite, positive
 from slipperjax.tools.units import parsed
@@ -310,3 +312,27 @@ def test_a_name_in_a_call_is_guessed(call, meant):
     # and nothing where nothing is similar
     with pytest.raises(ValueError, match=r"slipper.inertia.1\.$"):
         sj.paper_scene().replace(xyz=1.0)
+def test_units_of_reports_are_no_arguments_of_a_run(tmp_path):
+    file = tmp_path / "sled.toml"
+    file.write_text('base = "paper"\n[run]\nlength = "1 km"\nunits = ["ft", "g"]\n')
+    assert load_units(file) == ("ft", "g")
+    assert sj.load_run(file) == {"length": 1000.0}
+    file.write_text('base = "paper"\n[run]\nlength = "1 km"\n')
+    assert load_units(file) == ()
+
+
+def test_each_unit_is_for_its_kind_of_quantity():
+    """Lengths have two: those of distances, and of displacements; g is of accelerations, not of masses."""
+    distance = Quantity("distance", "m", "distance")
+    mass = Quantity("mass", "kg", "mass")
+    wanted = {"distance": "ft", "y": "thou", "a_z": "g", "drive_force": "lbf", "mass": "kg", "v_y": "m/s"}
+    units = ShownUnits(("ft", "g", "thou", "lbf", "km"))
+    quantities = [distance, mass, *(REACTIONS | ACCELERATIONS | COORDINATES).values()]
+    shown = {q.name: units.of(q) for q in quantities}
+    assert {name: shown[name].display_unit for name in wanted} == wanted
+    # one foot, a thousandth of an inch, standard gravity
+    found = [
+        float(shown[name].shown(value)) for name, value in (("distance", 0.3048), ("y", 2.54e-5), ("a_z", 9.80665))
+    ]
+    assert found == pytest.approx([1.0] * 3, rel=1e-15)
+    assert ShownUnits().of(distance) is distance

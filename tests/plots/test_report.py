@@ -148,7 +148,7 @@ def test_pages_show_the_envelope_of_points_impacts_and_spectra():
     force, impacts = along.axes[3:5]
     assert impacts.get_xlabel() == "distance [ft]"
     assert legend(force)[0] == "C2, 1.12e+03 lbf"
-    assert len(legend(force)) == 6
+    assert len(legend(force)) == 5
     values, edges, _ = force.patches[0].get_data()
     # windows are joined by two, and the highest stays
     assert (len(values), np.nanmax(values)) == (125, pytest.approx(5e3 / 4.4482216152605))
