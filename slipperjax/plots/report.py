@@ -104,7 +104,8 @@ def summary(view: RunView) -> list[str]:
     if len(lengths) > LENGTHS:
         lines.append(f"and {len(lengths) - LENGTHS} further lengths with a status")
     # numbers of a lost run mean nothing
-    return lines if is_lost(view.status) else [*lines, *_results(view)]
+    lost = is_lost(view.status) or is_lost(view.codes).all()
+    return lines if lost else [*lines, *_results(view)]
 
 
 def _results(view: RunView) -> Iterator[str]:
@@ -136,9 +137,9 @@ def _results(view: RunView) -> Iterator[str]:
         yield f"friction work {_said(heat, ds['friction_work'].sum())}"
     if "peak_force_percentile" in ds:
         percentile = ds["peak_force_percentile"].sel(percentile=99)
-        yield _worst(view, "99th percentile of the windows' highest forces", "peak_force", percentile)
+        yield from _worst(view, "99th percentile of the windows' highest forces", "peak_force", percentile)
     if "rms_a_z" in ds:
-        yield _worst(view, "RMS of a_z", "a_z", ds["rms_a_z"])
+        yield from _worst(view, "RMS of a_z", "a_z", ds["rms_a_z"])
     if "probe_error" in ds and view.scene is not None:
         yield step_error(view.scene, ds["probe_error"].values)
 
@@ -164,12 +165,13 @@ def _peak(view: RunView) -> Iterator[str]:
     yield f"highest contact force {_said(view.quantity('peak_force'), peak)} at {point}, {place}{times}"
 
 
-def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> str:
-    """Return in words the largest value of all stretches, and its stretch."""
+def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterator[str]:
+    """Yield in words the largest value of all stretches, and its stretch; nothing where none is known."""
     # stretches with lost windows are NaN
     k = int(values.fillna(-np.inf).values.argmax())
-    stretch = _from_to(view, *edges_of(view.ds, "stretch")[k : k + 2])
-    return f"worst {text}: {_said(view.quantity(name), values[k])} from {stretch}"
+    if np.isfinite(values[k]):
+        stretch = _from_to(view, *edges_of(view.ds, "stretch")[k : k + 2])
+        yield f"worst {text}: {_said(view.quantity(name), values[k])} from {stretch}"
 
 
 def _said(q: Quantity, value: Any) -> str:
@@ -274,7 +276,7 @@ def _draw_envelope(ax: Axes, view: RunView) -> None:
                 baseline=None,
                 lw=0.8,
                 color=POINT_COLORS[rank],
-                label=f"{ds['point'].values[point]}{end + 1}, {most[end, point]:.3g} {q.display_unit}",
+                label=f"{ds['point'].values[point]}{end + 1}, {most[end, point]:.4g} {q.display_unit}",
             )
     finish_forces(ax, view)
 

@@ -277,7 +277,7 @@ def _draw_forces(ax: Axes, view: RunView) -> None:
     if high > 0:
         at = view.quantity("distance")
         place = float(at.shown(peak["peak_distance"]))
-        label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {in_hundredths(place)} {at.display_unit}"
+        label = f"{high:.4g} {force.display_unit} at {peak['name'].item()}, {in_hundredths(place)} {at.display_unit}"
         ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
     finish_forces(ax, view)
 

@@ -147,7 +147,7 @@ def test_pages_show_the_envelope_of_points_impacts_and_spectra():
     assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in lines
     force, impacts = along.axes[3:5]
     assert impacts.get_xlabel() == "distance [ft]"
-    assert legend(force)[0] == "C2, 1.12e+03 lbf"
+    assert legend(force)[0] == "C2, 1124 lbf"
     assert len(legend(force)) == 5
     values, edges, _ = force.patches[0].get_data()
     # windows are joined by two, and the highest stays

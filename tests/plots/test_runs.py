@@ -88,7 +88,7 @@ def test_a_run_is_drawn_in_a_user_s_units():
     assert drawn(speed.lines[0])[0] == pytest.approx([100 / 0.3048, 100 / 0.44704])
     assert force.get_ylabel() == "contact force $F$ [lbf]"
     assert heights(force)[0][0][122] == pytest.approx(5e3 / 4.4482216)
-    assert legend(force)[-1] == "1.12e+03 lbf at C2, 729.99 ft"
+    assert legend(force)[-1] == "1124 lbf at C2, 729.99 ft"
     assert spectra.get_xlabel() == "distance [ft]"
     assert np.nanmax(spectra.collections[0].get_array()) == pytest.approx(40 / 9.80665)
 
