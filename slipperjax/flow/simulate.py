@@ -244,7 +244,7 @@ class Peak(NamedTuple):
         when = f"period {float(self.period):.3f}"
         # rails without waves are known by distance
         if travel_unit(scene) != "period":
-            when = f"{float(self.period * scene.wavelength):.6g} m"
+            when = f"{float(self.period * scene.wavelength):.2f} m"
         return f"highest contact force {float(self.force):.0f} N at {where}, {when}"
 
 

@@ -41,14 +41,17 @@ class Along(NamedTuple):
     label: str
     words: str
     """Of an instant, with a place for its number."""
+    brief: str
+    """The same in a legend."""
 
     @classmethod
     def of(cls, ds: xr.Dataset) -> "Along":
         """Return the time in forcing periods; on rails without waves, where these are arbitrary, the distance [m]."""
         wave = ds.attrs.get("wavelength [m]")
         if wave is None:
-            return cls(1.0, "time [forcing periods]", "forcing period {:.2f}")
-        return cls(np.ravel(wave)[0], "distance [m]", "{:.2f} m")
+            return cls(1.0, "time [forcing periods]", "forcing period {:.2f}", "{:.4g}")
+        # stations have many digits before the point
+        return cls(np.ravel(wave)[0], "distance [m]", "{:.2f} m", "{:.2f} m")
 
 
 def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
@@ -103,7 +106,7 @@ def contact_forces(
             if not lost(ds):
                 label += f", peak {line.peak:.3g} kN"
                 if np.isfinite(line.instant):
-                    label += f" at {along.unit * line.instant:.4g}"
+                    label += f" at {along.brief.format(along.unit * line.instant)}"
                 elif line.peak > 0:
                     label += " in the whole run"
             ax.plot(along.unit * period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)

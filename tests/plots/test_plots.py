@@ -230,8 +230,10 @@ def test_rails_without_waves_are_drawn_over_distance_and_lost_motions_without_nu
     assert labels(line.axes) == ("distance [m]", "roll [mrad]")
     assert drawn(line)[[0, -1], 0].tolist() == [0.0, 16.0]
     ax = plots.contact_forces(ds, most=1)
-    assert (ax.get_xlabel(), legend(ax)) == ("distance [m]", ["C2, peak 5 kN at 8"])
+    assert (ax.get_xlabel(), legend(ax)) == ("distance [m]", ["C2, peak 5 kN at 8.00 m"])
     assert drawn(ax.lines[1]).tolist() == [[8.0, 5.0]]
+    far = ds.assign_coords(period=ds["period"] + 16221.6)
+    assert legend(plots.contact_forces(far, most=1)) == ["C2, peak 5 kN at 129780.80 m"]
     for status in (sj.Status.NOT_FINITE, sj.Status.DERAILED, sj.Status.PRESSED_IN, sj.Status.TOO_FEW_STEPS):
         assert legend(plots.contact_forces(trajectory(status=int(status)), most=2)) == ["C2", "B2"]
     assert "peak" in legend(plots.contact_forces(trajectory(status=int(sj.Status.INACCURATE)), most=1))[0]
