@@ -132,6 +132,16 @@ def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "sled.csv").read_text()
 
 
+def test_of_a_lost_run_nothing_is_told_but_its_status(file, tmp_path, capsys, replaced):
+    replaced("sweeps.runs.run", return_value=made(status=1))
+    text, _ = call(["run", file, "--out", tmp_path / "run.csv"], capsys, 1)
+    _, case, *told = text.splitlines()
+    assert case == "clearance 1 mm, length 0.2 m, from Table 2's start"
+    assert told == [f"status: {sj.Status.NOT_FINITE}"]
+    assert (tmp_path / "run.csv").read_text().splitlines()[1] == "100,101,0.01,100,not finite,,,"
+    assert not (tmp_path / "run.nc").exists()
+
+
 def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replaced):
     ran = replaced("sweeps.runs.run")
     for ending, words in ((".docx", "Option --out must end in one of .nc, .png, .pdf, .csv, .xlsx, but is"),):
