@@ -105,7 +105,8 @@ def _numbered(scene: Scene, rails: int) -> tuple[Scene, str, np.ndarray]:
         return scene, "", np.zeros(1)
     if isinstance(track, SampledTrack):
         alike = RandomTrack.like(track)
-        track = TrackSet(tracks=(track, *(replace(alike, seed=number) for number in range(1, rails))))
+        others = (replace(alike, seed=number) for number in range(1, rails))
+        track = TrackSet((track, *others))  # pyright: ignore[reportCallIssue] - `ends` is a property
     need = "be 1 on a track that is neither random nor a survey"
     require(track.chosen_by, "rails", need, rails)
     if isinstance(track, TrackSet):

@@ -312,6 +312,8 @@ def test_a_name_in_a_call_is_guessed(call, meant):
     # and nothing where nothing is similar
     with pytest.raises(ValueError, match=r"slipper.inertia.1\.$"):
         sj.paper_scene().replace(xyz=1.0)
+
+
 def test_units_of_reports_are_no_arguments_of_a_run(tmp_path):
     file = tmp_path / "sled.toml"
     file.write_text('base = "paper"\n[run]\nlength = "1 km"\nunits = ["ft", "g"]\n')
