@@ -1,21 +1,65 @@
 """The command that runs a scene over a length of rail, and reports what a track test would measure."""
 
+import itertools
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from ..flow.status import is_lost
+from ..model.parameters import PARAMETERS, parameter
+from ..tools.checks import require
 from .files import Outputs, fitting, keeping
-from .options import FILE, LOST, Case, app, begin, given, takes_case
+from .options import (
+    COUNT,
+    FILE,
+    LOST,
+    VALUE,
+    Case,
+    app,
+    begin,
+    given,
+    option,
+    parameters_of,
+    shown_value,
+    takes_case,
+)
 
 if TYPE_CHECKING:
     import xarray
 
+SEPARATOR = "\t"
+"""Between the words of --over, which may have spaces in them."""
 
-@app.command()
+
+class _Comparing(click.Command):
+    """A command whose option --over takes a name and any number of values."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if "--over" in args:
+            first = args.index("--over") + 1
+            # the name, and all that begin as numbers do
+            values = itertools.takewhile(lambda word: re.match(r"[-+]?\.?\d", word), args[first + 1 :])
+            joined = [*args[first : first + 1], *values]
+            args = [*args[:first], SEPARATOR.join(joined), *args[first + len(joined) :]]
+        return super().parse_args(ctx, args)
+
+
+@app.command(cls=_Comparing)
 @begin
+@option(
+    "--over",
+    str,
+    f"Compare designs: a parameter and two or more values. {parameters_of(PARAMETERS)}",
+    metavar="NAME VALUE VALUE ...",
+)
+@option("--rails", COUNT, "With --over: number of rails, the survey first, or seeds of a random one.", default=1)
+@option("--starts", COUNT, "With --over: number of starts on each rail.", default=1)
+@option("--store", FILE, "With --over: keep runs in this store, from which the same command goes on.")
 @click.option(
     "--out",
     type=FILE,
@@ -26,8 +70,9 @@ if TYPE_CHECKING:
 )
 @takes_case
 @click.argument("scene", metavar="FILE", type=FILE)
-def run(case: Case, begin: float | None, out: tuple[Path, ...]) -> int:
-    """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says.
+def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None, **ensemble: object) -> int:
+    """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
+    designs by many runs over the same rails from the same starts.
 
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km".
     """
@@ -40,6 +85,10 @@ def run(case: Case, begin: float | None, out: tuple[Path, ...]) -> int:
     # options that the user gave override the file
     of_file = {name: value for name, value in load_run(file).items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
+    if over is not None:
+        return _compared(case, over, options | ensemble, out, load_units(file))
+    for name in ensemble:
+        require(not given(name), f"--{name}", "come with --over", ensemble[name])
     files = [_outputs(path) for path in out]
     with keeping(lambda ds: "\n".join(_write(one, ds, partial=True) for one in files)):
         ds = over_rail(case.scene, **options, probe=3, progress=True)
@@ -47,8 +96,33 @@ def run(case: Case, begin: float | None, out: tuple[Path, ...]) -> int:
     ds.attrs[UNITS] = json.dumps(load_units(file))
     for one in files:
         print(_write(one, ds))
-    print("\n".join([case.text(), *summary(RunView.of(ds, case.scene))]))
+    print("\n".join([case.text(start=_start(case)), *summary(RunView.of(ds, case.scene))]))
     return LOST if is_lost(int(ds["status"])) else 0
+
+
+def _compared(case: Case, over: str, options: dict[str, object], out: tuple[Path, ...], units: Sequence[str]) -> int:
+    """Compare designs, write and print what was found."""
+    from ..plots.comparisons import verdict
+    from ..plots.runs import UNITS
+    from ..sweeps.compare import compare
+
+    name, *written = over.split(SEPARATOR)
+    require(len(written) > 1, "--over", "have a parameter and two or more values", over.replace(SEPARATOR, " "))
+    q = parameter(name, case.scene)
+    values = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
+    files = [_outputs(path) for path in out]
+    with keeping(lambda ds: "nothing is written, but with --store the same command goes on"):
+        ds = compare(case.scene, {name: values}, progress=True, **options)
+    ds.attrs[UNITS] = json.dumps(units)
+    for one in files:
+        print(_write(one, ds))
+    print("\n".join([case.text([name], _start(case)), *verdict(ds)]))
+    return 0 if bool(np.isfinite(ds["value"].values).any()) else LOST
+
+
+def _start(case: Case) -> str:
+    """Return in words where a run begins whose scene has no start; empty for one that has."""
+    return "from rest on the rail" if case.start is None else ""
 
 
 def _outputs(path: Path) -> Outputs:

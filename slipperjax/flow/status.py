@@ -102,7 +102,7 @@ class Status(enum.IntEnum):
         return self.meaning + (f"; {self.remedy}" if self.remedy else "")
 
 
-DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED)
+DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.TOO_SLOW)
 """Statuses of cases whose numbers are what was computed, with a doubt; those of other statuses mean nothing."""
 
 

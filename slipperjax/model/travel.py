@@ -228,15 +228,25 @@ class SpeedProgramme(ShapeChecked):
     @at_once
     def stands(self, begin: ArrayLike, end: ArrayLike) -> Bool[Array, "*places"]:
         """Return whether the sled is slower than `LEAST_SPEED`, or stands, somewhere between two distances [m]."""
-        passing, durations = self._durations
-        # there it takes longer than at the speed of the programme, the least one
-        fast = jnp.maximum(self.speed[1:], self.speed[:-1]) > LEAST_SPEED * (1 + 1e-9)
-        slow = ~fast & (durations > passing * (1 + 1e-6))
-        before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(slow)])
+        before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(self._slow)])
         # of the stretches between places from that of `begin` to that which ends at `end` or behind
         first = self._place(jnp.asarray(begin, float))[0]
         last = jnp.searchsorted(self.distance, jnp.asarray(end, float), side="left")
         return before[jnp.clip(last, 1, len(self.distance) - 1)] > before[first]
+
+    @property
+    def stops(self) -> list[tuple[float, float, float]]:
+        """Lengths of rail where the sled is slower than `LEAST_SPEED`: both ends [m], and for how long [s]."""
+        times = np.asarray(self.seconds(self.distance))
+        places = np.asarray(self.distance)
+        return [(*places[[k, k + 1]].tolist(), float(times[k + 1] - times[k])) for k in np.flatnonzero(self._slow)]
+
+    @property
+    def _slow(self) -> Bool[Array, " stretches"]:
+        """Whether it takes longer between two places than at the least speed, at which the programme passes."""
+        passing, durations = self._durations
+        fast = jnp.maximum(self.speed[1:], self.speed[:-1]) > LEAST_SPEED * (1 + 1e-9)
+        return ~fast & (durations > passing * (1 + 1e-6))
 
     @property
     def _durations(self) -> tuple[Array, Array]:

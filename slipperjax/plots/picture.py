@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from ..model.quantities import SECTIONS
 from .branches import branches
+from .comparisons import comparison
 from .designs import design_overview
 from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
 from .runs import run_overview
@@ -16,6 +17,7 @@ from .trajectories import overview
 
 PICTURES: tuple[tuple[set[str], int | None, Callable[..., Axes | np.ndarray]], ...] = (
     ({"distance", "seconds", "stretch"}, 0, run_overview),
+    ({"runs", "difference", "quantile"}, None, comparison),
     ({"trial_design"}, None, design_overview),
     ({"event_point", "stable"}, None, branches),
     ({"contact_force", "time"}, 0, overview),

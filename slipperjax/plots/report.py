@@ -7,7 +7,7 @@ import os
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,9 +22,11 @@ from ..model.dynamics import driven_mass
 from ..model.parameters import PARAMETERS
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import PARTS, Scene
+from ..model.travel import LEAST_SPEED, SpeedProgramme
 from ..tools.checks import require
 from ..tools.files import Content, user_path, write_each
 from ..tools.units import STANDARD_GRAVITY
+from .comparisons import comparison, table as table_of_designs, verdict
 from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
 from .style import COLORS, POINT_COLORS, legend_above, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
@@ -46,11 +48,11 @@ POINTS = 5
 def report(
     ds: xr.Dataset, file: str | os.PathLike[str], units: Sequence[str] | None = None, scene: Scene | None = None
 ) -> str:
-    """Write the report of a run: its summary, worst places, pictures and tables.
+    """Write the report of a run, or of designs compared: its summary, worst places, pictures and tables.
 
     **Arguments:**
 
-    - `ds`: of `run`, without a grid or one case of it, also one that was read from a file.
+    - `ds`: of `run`, without a grid or one case of it, or of `compare`; also one that was read from a file.
     - `file`: its ending decides. FILE.pdf has pages; FILE.csv has a row for each window of distance, and
         FILE_100m.csv beside it one for each 100 m; FILE.xlsx has the summary, both tables and the worst places as
         sheets.
@@ -77,8 +79,13 @@ def report_files(
 
     **Arguments:** `ends`: of `endings`; all others as for `report`.
     """
-    view = RunView.of(ds, scene, units)
-    return {Path(f"{out}{end}"): functools.partial(MAKERS[end], view) for end in ends}
+    compares = isinstance(ds, xr.Dataset) and "best" in ds
+    made = _of_designs(ds, units) if compares else _of_run(RunView.of(ds, scene, units))
+    return {
+        Path(f"{out}{end}"): functools.partial(MAKERS[end], made)
+        for end in ends
+        if end != "_100m.csv" or not compares
+    }
 
 
 def endings(path: Path, *others: str, name: str = "file") -> tuple[str, ...]:
@@ -118,6 +125,12 @@ def _results(view: RunView) -> Iterator[str]:
     seconds = float(np.ptp(view.times))
     ends = edges_of(ds, "distance")[[0, -1]]
     yield f"{_from_to(view, *ends)} in {seconds:.4g} s, speed {speeds} {speed.display_unit}"
+    programme = None if view.scene is None else view.scene.speed
+    stops = programme.stops if isinstance(programme, SpeedProgramme) else []
+    for *length, duration in stops:
+        if length[0] < ends[1] and length[1] > ends[0]:
+            least = _said(speed, LEAST_SPEED)
+            yield f"slower than {least} from {_from_to(view, *length)}, for {duration:.3g} s: passed at that speed"
     lost = is_lost(view.codes)
     if lost.any():
         yield "without the lengths that have no meaning:"
@@ -214,45 +227,70 @@ def described(view: RunView) -> list[str]:
     return [", ".join(numbers), *parts]
 
 
-def _pdf(view: RunView) -> bytes:
+class Report(NamedTuple):
+    """What the files of a report are made of."""
+
+    title: str
+    text: list[str]
+    tables: dict[str, pd.DataFrame]
+    """By their names, the first one first."""
+    figures: Callable[[], Iterator[Figure]]
+    """Yields the pages after the text."""
+
+
+def _of_run(view: RunView) -> Report:
+    """Return the report of a run."""
+    made = tables(view)
+    text = summary(view)
+    worst = made["worst places"]
+    if len(worst):
+        text += ["", f"Worst places, {_said(view.quantity('distance'), APART)} apart or more", ""]
+        text += worst.to_string(index=False, float_format="{:.2f}".format).splitlines()
+    text += ["", "Scene", "", *described(view)]
+    return Report("Run over a rail", text, made, functools.partial(_figures, view))
+
+
+def _of_designs(ds: xr.Dataset, units: Sequence[str] | None) -> Report:
+    """Return the report of designs that were compared."""
+    figures = lambda: (axes[0].figure for axes in (comparison(ds, units),))
+    return Report("Designs compared", verdict(ds, units), {"designs": table_of_designs(ds, units)}, figures)
+
+
+def _pdf(made: Report) -> bytes:
     """Return pages: the summary, what happened along the rail, and spectra."""
     content = io.BytesIO()
     # fonts are written at the end of the pages
-    with styled(), PdfPages(content, metadata={"Title": "Run over a rail"}) as pages:
-        for figure in pages_of(view):
-            figure.set_size_inches(PAGE)
+    with styled(), PdfPages(content, metadata={"Title": made.title}) as pages:
+        for figure in pages_of(made):
             pages.savefig(figure)
             plt.close(figure)
     return content.getvalue()
 
 
-def pages_of(view: RunView) -> Iterator[Figure]:
-    """Yield the pages of a report; those of numbers only where there are some."""
-    yield from _text_pages(view)
-    finite = lambda name: name in view.ds and bool(np.isfinite(view.ds[name]).any())
-    panels = {"peak_force": _draw_envelope, "impacts": _draw_impacts}
-    draws = [draw_speed, *(draw for name, draw in panels.items() if finite(name))]
-    yield draw_panels(view, draws)[0].figure
-    bands = [name for name in ("a_y", "a_z") if finite(f"band_{name}")]
-    if bands:
-        yield _spectra(view, bands)
-
-
-def _text_pages(view: RunView) -> Iterator[Figure]:
-    lines = [*summary(view), ""]
-    worst = tables(view)["worst places"]
-    if len(worst):
-        lines += [f"Worst places, {_said(view.quantity('distance'), APART)} apart or more", ""]
-        lines += [*worst.to_string(index=False, float_format="{:.2f}".format).splitlines(), ""]
-    lines += ["Scene", "", *described(view)]
-    wrapped = [part for line in lines for part in textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""]]
+def pages_of(made: Report) -> Iterator[Figure]:
+    """Yield the pages of a report: its text, then its pictures."""
+    wrapped = [part for line in made.text for part in textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""]]
     for first in range(0, len(wrapped), LINES):
         figure = plt.figure(figsize=PAGE)
-        figure.suptitle("Run over a rail", x=0.06, ha="left", fontsize=12)
+        figure.suptitle(made.title, x=0.06, ha="left", fontsize=12)
         text = "\n".join(wrapped[first : first + LINES])
         # names may have dollar signs, which are no formulae
         figure.text(0.06, 0.94, text, va="top", family="monospace", fontsize=7, linespacing=1.4, parse_math=False)
         yield figure
+    yield from made.figures()
+
+
+def _figures(view: RunView) -> Iterator[Figure]:
+    """Yield the pictures of a run, of numbers only where there are some."""
+    finite = lambda name: name in view.ds and bool(np.isfinite(view.ds[name]).any())
+    panels = {"peak_force": _draw_envelope, "impacts": _draw_impacts}
+    draws = [draw_speed, *(draw for name, draw in panels.items() if finite(name))]
+    page = draw_panels(view, draws)[0].figure
+    page.set_size_inches(PAGE)
+    yield page
+    bands = [name for name in ("a_y", "a_z") if finite(f"band_{name}")]
+    if bands:
+        yield _spectra(view, bands)
 
 
 def _draw_envelope(ax: Axes, view: RunView) -> None:
@@ -319,12 +357,12 @@ def _csv(table: pd.DataFrame) -> bytes:
     return table.to_csv(index=False, float_format="%.9g").encode()
 
 
-def _xlsx(view: RunView) -> bytes:
-    """Return a workbook: the summary and the scene in words, and the tables as sheets."""
+def _xlsx(made: Report) -> bytes:
+    """Return a workbook: the text, and the tables as sheets."""
     content = io.BytesIO()
-    text = pd.DataFrame({"summary": [*summary(view), "", *described(view)]})
+    text = pd.DataFrame({"summary": made.text})
     with pd.ExcelWriter(content, engine="openpyxl") as writer:
-        for name, table in {"summary": text, **tables(view)}.items():
+        for name, table in {"summary": text, **made.tables}.items():
             table.to_excel(writer, sheet_name=name, index=False, freeze_panes=(1, 0))
             sheet = writer.sheets[name]
             # wide enough for the header
@@ -334,10 +372,10 @@ def _xlsx(view: RunView) -> bytes:
     return content.getvalue()
 
 
-MAKERS: dict[str, Callable[[RunView], bytes]] = {
+MAKERS: dict[str, Callable[[Report], bytes]] = {
     ".pdf": _pdf,
-    ".csv": lambda view: _csv(tables(view)["windows"]),
-    "_100m.csv": lambda view: _csv(tables(view)["100 m"]),
+    ".csv": lambda made: _csv(next(iter(made.tables.values()))),
+    "_100m.csv": lambda made: _csv(made.tables["100 m"]),
     ".xlsx": _xlsx,
 }
 """Functions that make the content of a report's files, by what is added to the name without ending."""

@@ -107,7 +107,8 @@ class RunView(NamedTuple):
         first = self.ds.attrs["window [m]"] / self.ds[speed_name(self.ds)].values[0]
         # From standstill the first window of a run takes 1.41 of its length over the speed in its middle; at the
         # first window of a part of a run more time has passed.
-        return np.append(0.0 if seconds[0] < 1.5 * first else seconds[0] - first, seconds)
+        begins = seconds[0] < 1.5 * first or self.codes[0] == Status.TOO_SLOW
+        return np.append(0.0 if begins else seconds[0] - first, seconds)
 
     def highest(self, name: str) -> np.ndarray:
         """Return the highest of all points in each window [SI unit], NaN where none is a number."""

@@ -147,8 +147,8 @@ def _compared(
         data[name] = column((*dims, "quantile"), stacked, unit, text)
     attrs = {key: value for key, value in ds[record].attrs.items()}
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), attrs
-    lost = np.isnan(numbers).sum(axis=(1, 2)).reshape(designs.shape)
-    data["lost"] = column(dims, lost, "1", "runs that were lost, which count as the highest")
+    status = ds["status"].values.reshape(data["runs"][1].shape)
+    data["status"] = column(data["runs"][0], status, "", "status of each run", meaning=MEANINGS)
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
     coords = designs.coordinates() | {"quantile": column("quantile", shares, "1", "share of the runs below")}

@@ -1,0 +1,153 @@
+"""Designs compared over the same rails and starts: in words, as a table and as a picture."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ..flow.status import Status, is_lost
+from ..model.quantities import Quantity, ShownUnits
+from .runs import UNITS
+from .style import check_dataset, line_color, name_case, name_label, quantity_of, styled, with_unit
+
+SOURCE = "slipperjax.compare"
+"""What makes such datasets."""
+
+
+class Comparison(NamedTuple):
+    """A result of `slipperjax.compare` with its designs in one list, in a user's units."""
+
+    ds: xr.Dataset
+    """With the designs along `design`."""
+    labels: list[str]
+    """Of the designs, with units."""
+    quantity: Quantity
+    """What is compared."""
+
+    @classmethod
+    def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
+        """Return the comparison of a dataset; `units`: as of `slipperjax.plots.report`."""
+        ds = check_dataset(ds, SOURCE, "runs", "best", "difference")
+        chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
+        dims = ds["best"].dims
+        # every parameter that differs from design to design
+        along = [str(name) for name, values in ds.coords.items() if values.dims and set(values.dims) <= set(dims)]
+        flat = ds.stack(design=dims)
+        labels = ["" for _ in range(flat.sizes["design"])]
+        for name in along:
+            q = chosen.of(quantity_of(name, ds))
+            values = q.shown(np.broadcast_to(flat[name].values, len(labels)))
+            text = q.name.replace("_", " ")
+            labels = [
+                f"{label}, " * bool(label) + f"{text} {v:.4g} {q.display_unit}"
+                for label, v in zip(labels, values, strict=True)
+            ]
+        return cls(flat, labels, chosen.of(quantity_of(ds.attrs["record"], ds.rename(runs=ds.attrs["record"]))))
+
+    def said(self, name: str, design: int, quantile: int) -> str:
+        """Return a value of one design and its standard error in words."""
+        value, error = (
+            self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
+            for part in (name, "stderr" if name == "value" else f"{name}_stderr")
+        )
+        # two digits of the error
+        digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 and np.isfinite(error) else 3
+        return f"{value:.{digits}f} +- {error:.{digits}f} {self.quantity.display_unit}"
+
+
+def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
+    """Return in words which design is better and how sure that is: the status of lost runs first, then a line for
+    each design. Behind +- stand standard errors."""
+    view = Comparison.of(ds, units)
+    flat = view.ds
+    codes = flat["status"].values
+    lines = []
+    for code in np.unique(codes[is_lost(codes)]):
+        count = int(np.sum(codes == code))
+        lines.append(f"status of {count} of {codes.size} runs: {Status(int(code))}; they count as the highest")
+    shares = flat["quantile"].values
+    best = int(np.argmax(flat["best"].values))
+    if not np.isfinite(flat["value"].values[..., -1].max()) and np.isnan(
+        flat["value"].isel(design=best, quantile=-1)
+    ):
+        return [*lines, "too many runs are lost to tell which design is better"]
+    for k, label in enumerate(view.labels):
+        if k == best:
+            continue
+        at = flat.isel(design=k, quantile=-1)
+        sure = float(at["difference"]) > 2 * float(at["difference_stderr"])
+        words = "is better than" if sure else "cannot be told from"
+        # the last quantile, which decides, first
+        each = [f"{view.said('difference', k, j)} in the {_of_runs(shares[j])}" for j in reversed(range(len(shares)))]
+        lines.append(f"{view.labels[best]} {words} {label}: by {', '.join(each)}")
+    rails, starts = flat.sizes["rail"], flat.sizes["start"]
+    runs = f"{rails} rail{'s' * (rails > 1)} from {starts} start{'s' * (starts > 1)} each"
+    lines.append(f"{view.quantity.long_name} on {runs}:")
+    for k, label in enumerate(view.labels):
+        values = [f"{_of_runs(share)} {view.said('value', k, j)}" for j, share in enumerate(shares)]
+        lines.append(f"{label}: {', '.join(values)}")
+    return lines
+
+
+def _of_runs(share: float) -> str:
+    return "median" if share == 0.5 else f"{100 * share:g} % quantile"
+
+
+def table(ds: object, units: Sequence[str] | None = None) -> pd.DataFrame:
+    """Return a row for each design and quantile, with units in the header."""
+    view = Comparison.of(ds, units)
+    rows = []
+    for k, label in enumerate(view.labels):
+        for j, share in enumerate(view.ds["quantile"].values):
+            at = view.ds.isel(design=k, quantile=j)
+            numbers = {
+                f"{name.replace('_', ' ')} [{view.quantity.display_unit}]": view.quantity.shown(float(at[name]))
+                for name in ("value", "stderr", "low", "high", "difference", "difference_stderr")
+            }
+            lost = int(is_lost(at["status"].values).sum())
+            rows.append({"design": label, "quantile": share} | numbers | {"runs": at["runs"].size, "lost": lost})
+    return pd.DataFrame(rows)
+
+
+def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
+    """Draw the shares of runs below each value, with the quantiles and their errors, and what designs differ by.
+
+    **Arguments:** as for `verdict`.
+
+    **Returns:** an array of two Axes.
+
+    **Raises:** `ValueError` for another dataset.
+    """
+    view = Comparison.of(ds, units)
+    flat = view.ds
+    shares = flat["quantile"].values
+    q = view.quantity
+    with styled():
+        figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.9), layout="constrained", width_ratios=(3, 2))
+        left, right = axes
+        for k, label in enumerate(view.labels):
+            runs = np.sort(q.shown(flat["runs"].isel(design=k).values.ravel()))
+            color = line_color(k)
+            # lost runs, which count as the highest, come last and are not drawn
+            left.step(runs, (np.arange(len(runs)) + 1) / len(runs), where="post", color=color, lw=1, label=label)
+            value, error = (q.shown(flat[name].isel(design=k).values) for name in ("value", "stderr"))
+            left.errorbar(value, shares, xerr=2 * error, fmt="o", ms=4, color=color, capsize=2)
+            difference, error = (
+                q.shown(flat[name].isel(design=k).values) for name in ("difference", "difference_stderr")
+            )
+            right.errorbar(
+                difference, np.arange(len(shares)) - 0.12 * k, xerr=2 * error, fmt="o", ms=4, color=color, capsize=2
+            )
+        left.set(xlabel=name_label(q), ylabel="share of runs below", ylim=(0, 1.02))
+        left.legend(loc="lower right", fontsize=7)
+        right.axvline(0.0, color="black", lw=0.6)
+        right.set_yticks(np.arange(len(shares)), [_of_runs(share) for share in shares])
+        right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
+        right.set_xlabel(with_unit("difference from the best, two errors either side", q.display_unit, brackets=True))
+        name_case(figure, ds if isinstance(ds, xr.Dataset) else flat)
+    return axes
