@@ -56,7 +56,7 @@ window = "$window m"  # of the rail for which each number of the result stands
 # begin = "$begin m"  # place of the rail; without this line where the rail begins
 # steps_per_period = 400  # steps of integration in a window; without this line as many as impacts need
 
-# [start]  # of the motion; without this table that of the paper's Table 2
+# [start]  # of the motion; without this table the slipper is at rest on the rail
 # z = "0 mm"  # also y; roll, pitch, yaw; v_y, v_z; w_x, w_y, w_z
 """)
 

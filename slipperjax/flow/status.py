@@ -297,11 +297,11 @@ def with_accuracy(
     return np.where(inaccurate, int(Status.INACCURATE), status)
 
 
-def step_error(scene: Scene, changes: Numbers) -> str:
+def step_error(scene: Scene, changes: Numbers, unit: str = "") -> str:
     """Return in words the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
     most = float(np.max(changes))
     share = float(share_of_scale(scene))
     if not np.isfinite(most):
         return "half the step does not stay finite"
     units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
-    return f"half the step changes the motion by {most:.1e} per {travel_unit(scene)} (unit: {units})"
+    return f"half the step changes the motion by {most:.1e} per {unit or travel_unit(scene)} (unit: {units})"

@@ -16,6 +16,9 @@ from ..tools.fields import ShapeChecked, field
 from ..tools.fused import circle
 from ..tools.types import Real
 
+DEFAULT_WAVELENGTH = 8.0
+"""Length of travel that counts as a forcing period on tracks without waves [m]."""
+
 
 class Irregularity(NamedTuple):
     """Displacement of the rail's axis at some distances, or its slope there (per metre of travel)."""
@@ -36,7 +39,7 @@ class AbstractTrack(ShapeChecked):
         """The length that defines the forcing period [m], period = wavelength / speed: the first wavelength. By
         default 8 m, for tracks that have none; see `Scene.window`."""
         with jax.ensure_compile_time_eval():  # known inside jit, too
-            return jnp.asarray(8.0)
+            return jnp.asarray(DEFAULT_WAVELENGTH)
 
     @abc.abstractmethod
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:

@@ -154,7 +154,7 @@ def _results(view: RunView) -> Iterator[str]:
     if "rms_a_z" in ds:
         yield from _worst(view, "RMS of a_z", "a_z", ds["rms_a_z"])
     if "probe_error" in ds and view.scene is not None:
-        yield step_error(view.scene, ds["probe_error"].values)
+        yield step_error(view.scene, ds["probe_error"].values, ds["probe_error"].attrs.get("over", ""))
 
 
 def _peak(view: RunView) -> Iterator[str]:

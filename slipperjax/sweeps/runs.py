@@ -26,6 +26,7 @@ from ..model.kinematics import Motion
 from ..model.layout import StateLayout
 from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
+from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
@@ -122,7 +123,7 @@ def run(
     - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
         same all the way; by default those that the least speed of each window needs, times `refine`.
     - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
-        track or its reference length: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
+        track or 8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
         a tenth the status says so.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
@@ -353,7 +354,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     # records of a stretch begin with `empty`
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
-    wavelength = max(1, round(float(np.max(plan.cases.scene.wavelength)) / call.window))
+    wavelength = max(1, round(_probed_length(plan.cases.scene) / call.window))
     pieces = []
     marks = []
     plays = []
@@ -394,6 +395,13 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
     play = np.stack(plays, axis=1) if plays else None
     return _Results(status, record, np.stack(marks, axis=1), play, probe)
+
+
+def _probed_length(scene: Scene) -> float:
+    """Return the length of travel over which errors are measured [m]: a wavelength of the track, or 8 m at most of
+    rails without, which may be one long wave that repeats."""
+    wavelength = float(np.max(scene.wavelength))
+    return wavelength if hasattr(scene.track, "wavelengths") else min(wavelength, DEFAULT_WAVELENGTH)
 
 
 def _alike(profile: np.ndarray) -> list[tuple[int, int]]:
@@ -462,7 +470,8 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
         coords["face"] = ("face", ["".join(face) for face in cases.scene.section.faces])
     if len(probed):
         text = "what half the step changes over a reference length, in scales"
-        data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text)
+        over_length = f"{_probed_length(cases.scene):g} m"
+        data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text, over=over_length)
         coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
         status = with_accuracy(status, results.probe.max(axis=1))  # by the largest error of a run
     data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
