@@ -87,6 +87,7 @@ REMARKS = {
     "roughness": "factor of all displacements",
     "ends": "how it goes on beyond its length",
     "ramp": "over which it becomes straight at its ends",
+    "first": "where it begins",
 }
 """What the values of a random rail are."""
 

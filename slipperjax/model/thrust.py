@@ -128,7 +128,8 @@ class RocketSled(ShapeChecked):
                 max_step=row if burns else np.inf,
             )
             times, places, speeds = _sampled(found)
-            rows.append([places, speeds, times])
+            # a phase begins where the one before ended
+            rows.append(np.stack([places, speeds, times])[:, 1 if rows else 0 :])
             slow, reached = (len(hits) > 0 for hits in found.t_events)
             t, v = float(found.t[-1]), float(speeds[-1])
             x = edge if reached else float(places[-1])

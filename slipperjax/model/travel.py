@@ -161,7 +161,8 @@ class SpeedProgramme(ShapeChecked):
 
         **Arguments:** `timed`: whether times are kept where they follow from the speeds, too.
         """
-        slow = speed < LEAST_SPEED
+        # an end at that speed may be slower by rounding
+        slow = speed < LEAST_SPEED * (1 - 1e-6)
         if not np.any(slow):
             return cls(distance, speed, time=time if timed else None)
         require(not np.all(slow), "speed", f"reach {LEAST_SPEED:g} m/s", speed)

@@ -35,9 +35,11 @@ def hint(wrong: object, names: Iterable[str]) -> str:
     """Return a question after the most similar of some names, for the end of an error; empty where none is."""
     import difflib  # here, because only errors need it
 
+    if not isinstance(wrong, str):
+        return ""
     # capitals count little
     small = {name.lower(): name for name in names}
-    close = difflib.get_close_matches(str(wrong).lower(), small, 1)
+    close = difflib.get_close_matches(wrong.lower(), small, 1)
     return f" Did you mean {small[close[0]]}?" if close else ""
 
 

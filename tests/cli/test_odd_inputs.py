@@ -162,7 +162,7 @@ ERRORS = [
     # starts
     *each(simulate, "start", MOTION, ({"y": 0.0}, None), (np.zeros(10), "")),
     *each(sweep, "start", MOTION, (sj.Motion, "<class")),
-    *each(follow, "start", MOTION, ("rest", None)),
+    *each(follow, "start", MOTION, (3, None)),
     *each(jump, "start", MOTION, ([0.0] * 10, None)),
     *each(spectrum, "start", MOTION, (PAPER, "Scene")),
     refused("`start` must be finite, but its w_y is inf", started, w_y=INF),

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -67,7 +68,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
 
     duration = float(ds["seconds"][-1])
     # the status comes before all numbers of the run
-    assert "start\nstatus: finite\n0 to 80 m in" in text
+    assert "from rest on the rail\nstatus: finite\n0 to 80 m in" in text
     assert numbers(text, r"\n0 to 80 m in (..) s, speed (..) to (..) m/s\n") == pytest.approx(
         [duration, float(ds["speed"][0]), float(ds["speed"][-1])], rel=1e-3
     )
@@ -96,7 +97,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
         [rms, rms / 9.80665], rel=1e-2
     )
     error = float(ds["probe_error"].max())
-    assert numbers(text, "half the step changes the motion by (..) per period \\(unit: 1 mm") == pytest.approx(
+    assert numbers(text, "half the step changes the motion by (..) per 8 m \\(unit: 1 mm") == pytest.approx(
         [error], rel=0.1
     )
 
@@ -126,7 +127,11 @@ def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
     assert f"wrote {out}.csv and {out}_100m.csv\nwrote {out}.pdf\n" in text
     # units are not of the simulation, but of what is told and written, then and later
     assert "units" not in ran.call_args[1]
-    assert "\nhighest contact force 1124 lbf at C2 (rear), 729.99 ft and 100 m/s: 8.37 times" in text
+    force, place = numbers(text, r"highest contact force (..) lbf at .*, (..) ft and 100 m/s")
+    highest = peak_of(dataset(out))
+    assert [force, place] == pytest.approx(
+        [float(highest["peak_force"]) / 4.4482216, float(highest["peak_distance"]) / 0.3048], rel=1e-3
+    )
     again = sj.plots.report(dataset(out), tmp_path / "again.csv")
     assert again == f"wrote {tmp_path / 'again'}.csv and {tmp_path / 'again'}_100m.csv"
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "sled.csv").read_text()
@@ -136,7 +141,7 @@ def test_of_a_lost_run_nothing_is_told_but_its_status(file, tmp_path, capsys, re
     replaced("sweeps.runs.run", return_value=made(status=1))
     text, _ = call(["run", file, "--out", tmp_path / "run.csv"], capsys, 1)
     _, case, *told = text.splitlines()
-    assert case == "clearance 1 mm, length 0.2 m, from Table 2's start"
+    assert case == "clearance 1 mm, length 0.2 m, from rest on the rail"
     assert told == [f"status: {sj.Status.NOT_FINITE}"]
     assert (tmp_path / "run.csv").read_text().splitlines()[1] == "100,101,0.01,100,not finite,,,"
     assert not (tmp_path / "run.nc").exists()
@@ -256,3 +261,37 @@ def test_the_worst_stretch_is_named():
     assert "highest forces: 4 kN from 150 to 250 m\n" in text
     assert text.endswith("RMS of a_z: 9.807 m/s^2 (1 g) from 250 to 300 m")
     assert "friction" not in text
+
+
+def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
+    file.write_text(FILE.replace("80 m", "16 m") + 'units = ["lbf"]\n')
+    out = tmp_path / "designs"
+    words = ["run", file, "--over", "clearance", "0.8", "1/16 in", "--starts", "80"]
+    text, _ = call([*words, f"--out={out}.nc", f"--out={out}.xlsx"], capsys)
+    assert text.startswith(f"wrote {out}.nc\nwrote {out}.xlsx\nlength 0.2 m, from rest on the rail\nclearance ")
+    better, heading, *each = text.splitlines()[3:]
+    assert " lbf in the 95 % quantile, " in better
+    assert heading == "highest normal contact force on 1 rail from 80 starts each:"
+    assert [line.partition(":")[0] for line in each] == ["clearance 0.8 mm", "clearance 1.588 mm"]
+    ds = dataset(out)
+    assert ds["runs"].shape == (2, 1, 80)
+    value = float(ds["value"].sel(quantile=0.5)[0]) / 4.4482216
+    assert numbers(each[0], r"median (..) \+- ")[0] == pytest.approx(value, rel=1e-2)
+    sheets = pd.read_excel(f"{out}.xlsx", sheet_name=None)
+    assert list(sheets) == ["summary", "designs"]
+    np.testing.assert_allclose(sheets["designs"]["value [lbf]"][0], value, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rails", "3"], "Option --rails must come with --over, but is 3"),
+        (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
+        (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
+        (["--over", "clearance", "0.8", "1 kg"], "`clearance` must be in a unit like m, but is in 'kg'"),
+        (["--over", "clearance", "0.8", "1"], "Argument `rails` must be 2 or more"),
+    ],
+)
+def test_a_wrong_comparison_is_one_line(options, words, file, capsys):
+    error = error_of(["run", file, *options], capsys)
+    assert words in error

@@ -12,14 +12,14 @@ from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.runs import _keys, _step_profiles
 from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 
-SCENE, STEPS = sj.paper_scene(), 50
+SCENE, STEPS, START = sj.paper_scene(), 50, sj.table_2_start()
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.Coulomb(0.1))
 FAST = sj.SpeedProgramme.over_distance([0.0, 100.0, 200.0], [50.0, 800.0, 400.0])
 
 
 @pytest.fixture(scope="module")
 def steady():
-    return sj.run(SCENE, length=64.0, window=8.0, steps_per_period=STEPS, probe=3)
+    return sj.run(SCENE, length=64.0, window=8.0, steps_per_period=STEPS, probe=3, start=START)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_peaks_say_where_they_are(steady):
 
 
 def test_a_run_goes_on_from_where_another_one_ended(steady):
-    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS)
+    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS, start=START)
     rest = sj.run(SCENE, length=40.0, window=8.0, steps_per_period=STEPS, start=first)
     np.testing.assert_array_equal(rest["distance"], steady["distance"][3:])
     # measured equal bits
@@ -77,7 +77,7 @@ def test_a_run_goes_on_from_where_another_one_ended(steady):
 
 
 def test_a_trajectory_goes_on_from_a_state_that_a_run_kept(steady):
-    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS)
+    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS, start=START)
     run = sj.simulate(SCENE, 5, start=first, begin=24.0, steps_per_period=STEPS)
     assert run.loads is not None
     np.testing.assert_allclose(run.loads.peak_force, steady["peak_force"][3:], rtol=1e-10)

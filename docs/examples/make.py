@@ -1,0 +1,66 @@
+"""Writes the files of the engineer's example: a survey, a history of speeds and the corners of a slipper.
+
+They are made up: a rail of a published sled track's spectrum with joints every 52 in, thrust of 200 m/s^2 to 900 m/s,
+and coasting. Run it in this folder: `python make.py`.
+"""
+
+import numpy as np
+
+FOOT = 0.3048
+INCH = 0.0254
+
+
+def survey() -> str:
+    """Return the survey of 600 ft of rail, with a remark at each joint."""
+    rng = np.random.default_rng(5)
+    chainage = np.arange(0.0, 600.1, 0.25)
+    x = chainage * FOOT
+    # waves of 0.6 to 50 m, of the density A k^-2.085 [m^2 per cycle/m]
+    k = np.arange(1, 1024) / 600.0
+    k = k[(k > 1 / 50) & (k < 1 / 0.6)]
+    size = np.sqrt(2 * 6.76e-10 * k**-2.085 / 600.0)
+    rail = lambda: (size * rng.normal(size=k.size)) @ np.cos(
+        2 * np.pi * k[:, None] * x + rng.uniform(0, 2 * np.pi, (k.size, 1))
+    )
+    # a joint dips by 8 thousandths of an inch over a foot either way
+    since = (x + 0.4) % (52 * INCH)
+    away = np.minimum(since, 52 * INCH - since)
+    joints = -8e-3 * INCH * np.exp(-((away / 0.12) ** 2))
+    rows = ["Sled track, rail B, survey of the alignment", "", "Chainage [ft], Lateral [in], Vertical [in], Remark"]
+    for at, y, z, near in zip(chainage, rail() / INCH, (rail() + joints) / INCH, away, strict=True):
+        rows.append(f"{at:.2f}, {y:.5f}, {z:.5f}, {'joint' if near < 0.038 else ''}")
+    return "\n".join(rows) + "\n"
+
+
+def history() -> str:
+    """Return speeds from a standstill of half a second to 900 m/s and 1.5 s of coasting, at 100 Hz."""
+    rng = np.random.default_rng(6)
+    time = np.arange(0.0, 6.5 + 1e-9, 0.01)
+    speed = np.clip(200.0 * (time - 0.5), 0.0, 900.0)
+    coasting = time > 5.0
+    # drag by the square of the speed
+    speed[coasting] = 900.0 / (1 + 900.0 * 1.2e-4 * (time[coasting] - 5.0))
+    speed[time < 0.5] = rng.normal(0.0, 0.03, int(np.sum(time < 0.5)))
+    rows = ["time [s]; velocity [ft/s]"]
+    rows += [f"{t:.2f}; {v / FOOT:.3f}" for t, v in zip(time, speed, strict=True)]
+    return "\n".join(rows) + "\n"
+
+
+SECTION = """point, y [mm], z [mm]
+# two corners of each face, clockwise with y to the right
+J, -30, 13
+A, 30, 13
+B, 48, 5.5
+C, 48, -14.5
+D, 44.5, -24.9
+E, 29, -29
+F, -29, -29
+G, -44.5, -24.9
+H, -48, -14.5
+I, -48, 5.5
+"""
+
+if __name__ == "__main__":
+    for name, text in (("survey.csv", survey()), ("velocity.csv", history()), ("section.csv", SECTION)):
+        with open(name, "w") as file:
+            file.write(text)
