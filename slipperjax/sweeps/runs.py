@@ -1,5 +1,6 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ import xarray as xr
 from jaxtyping import Int, PyTree
 
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.period_map import initial_states
+from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
@@ -28,12 +29,12 @@ from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
-from ..solvers.latching import solver_name
+from ..solvers.latching import calls_lapack, solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, require, whole
 from ..tools.columns import column
-from ..tools.compile import as_argument, jit
+from ..tools.compile import ahead, as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
 from .grid import Cases, filled
@@ -350,11 +351,18 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     states = initial_states(scenes, part.starts, epoch)
     at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
     records = plan.records
-    capacity_of = _capacities(profile, CAPACITY_OF_A_PROGRAM if call.only else 0)
+    steppings = _steppings(profile, CAPACITY_OF_A_PROGRAM if call.only else 0)
     # records of a stretch begin with `empty`
     empty = carry = initial_carry(records, scenes, states)
     # errors grow over a wavelength of the track
     wavelength = max(1, round(_probed_length(plan.cases.scene) / call.window))
+    # LAPACK must not be called from two threads
+    if call.only and not calls_lapack(plan.solver):
+        # calls of no windows: they compile the programs at the same time as that of the probe, and cost no steps
+        of_windows = dict(solver=plan.solver, periods=Calls(1, 1, STRETCH).capacity, records=records)
+        for stepping in {one.most: one for one in steppings.values()}.values():
+            compiled = functools.partial(advance, scenes, states, epoch, stepping, used=as_argument(0), earlier=carry)
+            ahead(functools.partial(compiled, **of_windows))
     pieces = []
     marks = []
     plays = []
@@ -369,18 +377,15 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
             for worn in _worn_in(carry):
                 now = _opened(scenes, worn.play)
             # the last window goes on where the run ends before
-            ahead = profile[np.minimum(first + np.arange(wavelength), plan.periods - 1)]
-            around = dict(periods=capacity_for(wavelength), solver=plan.solver)
-            errors.append(half_step_change(now, at.states, at.period, _alike(ahead), **around))
+            around = _alike(profile[np.minimum(first + np.arange(wavelength), plan.periods - 1)])
+            of_probe = dict(periods=capacity_for(wavelength), solver=plan.solver)
+            errors.append(half_step_change(now, at.states, at.period, around, **of_probe))
         samples = Samples(records, used)
         begin = at.period
         carried = carry
         for each, count in _alike(steps):
-            stepping = ConstantSteps(each)
-            if np.ptp(profile):  # windows of other steps share a program
-                stepping = ConstantSteps(capacity_of[each], as_argument(each))
             calls = Calls(count, 1, STRETCH)
-            at, carried = run_span(part, scenes, at, calls, stepping, records, carried, samples)
+            at, carried = run_span(part, scenes, at, calls, steppings[each], records, carried, samples)
         made = records.finish(carried, samples.joined(), RecordedSpan(used, int(steps.max()), begin, at.status))
         pieces.append([])
         carry = ()
@@ -409,19 +414,22 @@ def _alike(profile: np.ndarray) -> list[tuple[int, int]]:
     return [(steps, len(list(alike))) for steps, alike in itertools.groupby(profile.tolist())]
 
 
-def _capacities(profile: np.ndarray, least: int) -> dict[int, int]:
-    """Return the capacity of the program of windows by their steps: few programs, because each is compiled.
+def _steppings(profile: np.ndarray, least: int) -> dict[int, ConstantSteps]:
+    """Return the stepping of windows by their steps, with few programs, because each is compiled.
 
     **Arguments:** `least`: capacity of all windows of a program together from which on it is worth while.
     """
     steps, counts = np.unique(profile, return_counts=True)
+    if len(steps) == 1:
+        return {int(steps[0]): ConstantSteps(int(steps[0]))}
     own = np.array([shared_capacity(int(profile.max()), int(each)) for each in steps])
     sizes = np.unique(own)
     # a few windows run with more capacity than they need
     for size, larger in itertools.pairwise(sizes.tolist()):
         if larger * counts[own == size].sum() < least:
             own[own == size] = larger
-    return dict(zip(steps.tolist(), own.tolist(), strict=True))
+    both = zip(steps.tolist(), own.tolist(), strict=True)
+    return {each: ConstantSteps(most, as_argument(each)) for each, most in both}
 
 
 def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:

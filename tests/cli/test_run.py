@@ -266,13 +266,13 @@ def test_the_worst_stretch_is_named():
 def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     file.write_text(FILE.replace("80 m", "16 m") + 'units = ["lbf"]\n')
     out = tmp_path / "designs"
-    words = ["run", file, "--over", "clearance", "0.8", "1/16 in", "--starts", "80"]
+    words = ["run", file, "--over", "clearance", "0.8", "1/8 in", "--starts", "80"]
     text, _ = call([*words, f"--out={out}.nc", f"--out={out}.xlsx"], capsys)
     assert text.startswith(f"wrote {out}.nc\nwrote {out}.xlsx\nlength 0.2 m, from rest on the rail\nclearance ")
     better, heading, *each = text.splitlines()[3:]
     assert " lbf in the 95 % quantile, " in better
     assert heading == "highest normal contact force on 1 rail from 80 starts each:"
-    assert [line.partition(":")[0] for line in each] == ["clearance 0.8 mm", "clearance 1.588 mm"]
+    assert [line.partition(":")[0] for line in each] == ["clearance 0.8 mm", "clearance 3.175 mm"]
     ds = dataset(out)
     assert ds["runs"].shape == (2, 1, 80)
     value = float(ds["value"].sel(quantile=0.5)[0]) / 4.4482216
