@@ -55,8 +55,10 @@ class Comparison(NamedTuple):
             self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
             for part in (name, "stderr" if name == "value" else f"{name}_stderr")
         )
+        if not np.isfinite(error):
+            return f"{value:.3g} {self.quantity.display_unit} with an unknown error"
         # two digits of the error
-        digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 and np.isfinite(error) else 3
+        digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 3
         return f"{value:.{digits}f} +- {error:.{digits}f} {self.quantity.display_unit}"
 
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..analysis.quantiles import bootstrap, check_quantile
+from ..flow.records import AbstractNumber
 from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
@@ -63,8 +64,8 @@ def compare(
     - `seed`: of the starts and of the bootstrap.
 
     **Returns:** an `xarray.Dataset` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
-    NaN where a run was lost, and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference` and
-    `difference_stderr` as of `over_rails`, but from the `best` design, which has the lowest last quantile.
+    NaN where one was lost, also with twice the steps; and over `quantile`, too, `value`, `stderr`, `low`, `high`,
+    `difference` and `difference_stderr` as of `over_rails`, but from the `best` design, of the lowest last quantile.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -77,7 +78,7 @@ def compare(
         raise ValueError(
             f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
         )
-    scene, number, values = _numbered(scene, rails)
+    scene, of_rails, values = _numbered(scene, rails)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
     count = designs_of.count
@@ -85,17 +86,36 @@ def compare(
     each = np.unravel_index(np.arange(count), designs_of.shape)
     cases = {name: np.repeat(v, rails * starts) for name, v in designs_of.part(each).items()}
     if rails > 1:
-        cases[number] = np.tile(np.repeat(values, starts), count)
+        cases[of_rails] = np.tile(np.repeat(values, starts), count)
     if starts > 1:
         for name, shift in _starts(first, starts, seed).items():
             require(name not in cases, "designs", "be no starts where these are drawn", name)
             cases[name] = np.tile(shift, count * rails)
-    ds = run(scene, cases, length=length, record=record, start=first, product=False, **options)
-    # of all windows, then of the points
-    joined = np.asarray(of_windows.join.reduce(ds[record].transpose("distance", "case", ...).values, axis=0))
+    of_runs = dict(length=length, record=record, start=first, product=False)
+    ds = run(scene, cases, **of_runs, **options)
+    numbers = _numbers(of_windows, ds)
+    status = ds["status"].values.copy()
+    lost = np.flatnonzero(is_lost(status))
+    # one impact among thousands may need more steps
+    if len(lost):
+        again = {name: values[lost] for name, values in cases.items()}
+        # of steps that are given, or of those that the scenes need
+        number = "refine" if options.get("steps_per_period") is None else "steps_per_period"
+        more = {name: value for name, value in options.items() if name not in ("store", "executor")}
+        more[number] = 2 * whole(number, more.get(number, 1), 1)
+        finer = run(scene, again, **of_runs, **more)
+        numbers[lost] = _numbers(of_windows, finer)
+        status[lost] = finer["status"].values
+    ensembles = (count, rails, starts)
+    return _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, quantiles, seed)
+
+
+def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
+    """Return the number of each run: of all its windows, the highest of all points; NaN for lost runs."""
+    values = ds[record.name].transpose("distance", "case", ...).values
+    joined = np.asarray(record.join.reduce(values, axis=0))
     numbers = joined.reshape(len(joined), -1).max(axis=1)
-    numbers[is_lost(ds["status"].values)] = np.nan
-    return _compared(designs_of, numbers.reshape(count, rails, starts), ds, record, quantiles, seed)
+    return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 
 def _numbered(scene: Scene, rails: int) -> tuple[Scene, str, np.ndarray]:
@@ -124,9 +144,15 @@ def _starts(first: Motion | State, starts: int, seed: int) -> dict[str, np.ndarr
 
 
 def _compared(
-    designs: Grid, numbers: np.ndarray, ds: xr.Dataset, record: str, quantiles: Sequence[float], seed: int
+    designs: Grid,
+    numbers: Float[np.ndarray, "designs rails starts"],
+    status: Int[np.ndarray, "designs rails starts"],
+    ds: xr.Dataset,
+    record: str,
+    quantiles: Sequence[float],
+    seed: int,
 ) -> xr.Dataset:
-    """Return the dataset of `compare` from the numbers of all runs, (designs, rails, starts)."""
+    """Return the dataset of `compare` from the numbers and statuses of all runs; `ds`: that of the runs."""
     count, rails, starts = numbers.shape
     # runs on one rail are drawn together; lost ones count as the highest
     grouped = np.moveaxis(np.where(np.isnan(numbers), np.inf, numbers), 0, -1)
@@ -148,8 +174,8 @@ def _compared(
         data[name] = column((*dims, "quantile"), stacked, unit, text)
     attrs = {key: value for key, value in ds[record].attrs.items()}
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), attrs
-    status = ds["status"].values.reshape(data["runs"][1].shape)
-    data["status"] = column(data["runs"][0], status, "", "status of each run", meaning=MEANINGS)
+    codes = status.reshape(data["runs"][1].shape)
+    data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
     coords = designs.coordinates() | {"quantile": column("quantile", shares, "1", "share of the runs below")}

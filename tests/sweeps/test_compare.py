@@ -60,6 +60,18 @@ def test_the_first_rail_of_a_survey_is_the_survey():
     assert np.all(np.abs(ds["runs"][:, 1, 0] - highest) > 1.0)
 
 
+def test_lost_runs_are_repeated_with_more_steps():
+    stiff = SCENE.replace(stiffness=1e10)
+    options = dict(length=24.0, window=8.0, record="peak_force")
+    # too few for all impacts
+    assert np.all(sj.run(stiff, DESIGNS, steps_per_period=40, **options)["status"] == sj.Status.TOO_FEW_STEPS)
+    with pytest.warns(sj.ImplausibleWarning, match="leaves 0.1 of 2 rails"):
+        ds = sj.compare(stiff, DESIGNS, steps_per_period=40, rails=2, **options)
+    assert not ds["status"].any()
+    finer = sj.run(stiff, DESIGNS, steps_per_period=80, **options)["peak_force"].max(("distance", "end", "point"))
+    np.testing.assert_allclose(ds["runs"][:, 0, 0], finer, rtol=1e-6)
+
+
 def drawn(rails, starts, seed, shift=1.0):
     """Runs of two designs, of which those on one rail have most in common."""
     rng = np.random.default_rng(seed)
@@ -68,9 +80,9 @@ def drawn(rails, starts, seed, shift=1.0):
 
 
 def made(numbers, seed=0):
-    runs = xr.DataArray(numbers.ravel(), dims="case", attrs={"units": "N", "quantity": "peak_force"})
-    ds = xr.Dataset({"peak_force": runs, "status": ("case", np.where(np.isnan(numbers.ravel()), 1, 0))})
-    return _compared(Grid(SCENE, DESIGNS), numbers, ds, "peak_force", (0.5, 0.95), seed)
+    ds = xr.Dataset({"peak_force": ((), 0.0, {"units": "N", "quantity": "peak_force"})})
+    status = np.where(np.isnan(numbers), 1, 0)
+    return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", (0.5, 0.95), seed)
 
 
 def test_two_errors_hold_the_truth_where_runs_share_their_rails():
