@@ -78,15 +78,14 @@ def compare(
         raise ValueError(
             f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
         )
-    scene, of_rails, values = _numbered(scene, rails)
+    scene, of_rails = _on_rails(scene, rails)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
     count = designs_of.count
     # each design runs on each rail from each start, side by side
     each = np.unravel_index(np.arange(count), designs_of.shape)
     cases = {name: np.repeat(v, rails * starts) for name, v in designs_of.part(each).items()}
-    if rails > 1:
-        cases[of_rails] = np.tile(np.repeat(values, starts), count)
+    cases |= {name: np.tile(np.repeat(values, starts), count) for name, values in of_rails.items()}
     if starts > 1:
         for name, shift in _starts(first, starts, seed).items():
             require(name not in cases, "designs", "be no starts where these are drawn", name)
@@ -118,21 +117,22 @@ def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " case
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 
-def _numbered(scene: Scene, rails: int) -> tuple[Scene, str, np.ndarray]:
-    """Return a scene on a track of many rails, the parameter that chooses one, and its values."""
+def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
+    """Return a scene on a track of many rails, and the parameters that choose one, with their values for each."""
     track = scene.track
+    count = np.arange(float(rails))
     if rails == 1:
-        return scene, "", np.zeros(1)
+        return scene, {}
     if isinstance(track, SampledTrack):
-        alike = RandomTrack.like(track)
-        others = (replace(alike, seed=number) for number in range(1, rails))
-        track = TrackSet((track, *others))  # pyright: ignore[reportCallIssue] - `ends` is a property
+        # the survey itself, and rails like it
+        both = TrackSet((track, RandomTrack.like(track)))  # pyright: ignore[reportCallIssue] - `ends` is a property
+        return replace(scene, track=both), {"track.number": np.minimum(count, 1.0), "track.tracks.1.seed": count}
     need = "be 1 on a track that is neither random nor a survey"
     require(track.chosen_by, "rails", need, rails)
     if isinstance(track, TrackSet):
         require(rails <= len(track.tracks), "rails", f"be {len(track.tracks)} at most, as the track has", rails)
     first = float(getattr(track, track.chosen_by)) if isinstance(track, RandomTrack) else 0.0
-    return replace(scene, track=track), f"track.{track.chosen_by}", first + np.arange(rails)
+    return scene, {f"track.{track.chosen_by}": first + count}
 
 
 def _starts(first: Motion | State, starts: int, seed: int) -> dict[str, np.ndarray]:
