@@ -150,6 +150,7 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
         right.axvline(0.0, color="black", lw=0.6)
         right.set_yticks(np.arange(len(shares)), [_of_runs(share) for share in shares])
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
-        right.set_xlabel(with_unit("difference from the best, two errors either side", q.display_unit, brackets=True))
+        right.set_title("bars: two standard errors either side", fontsize=7)
+        right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))
         name_case(figure, ds if isinstance(ds, xr.Dataset) else flat)
     return axes

@@ -1,0 +1,91 @@
+"""The engineer's day of docs/engineer.md: its commands, typed into a folder with the files of docs/examples."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from .commands import call
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "engineer.md").read_text()
+BLOCKS = re.findall(r"^```(sh|toml|text)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+"""Commands, lines that are changed in the scene's file, and what is printed, in their order."""
+
+
+def words_of(block):
+    """The commands of a block, each as a list of words without the name of the program."""
+    return [shlex.split(line)[1:] for line in block.replace("\\\n", " ").splitlines()]
+
+
+def changed(text, block):
+    """A scene's file in which the lines of a block replace those of their names, or follow the header of their table."""
+    table, *rows = block.strip().splitlines()
+    for row in rows:
+        name = row.partition(" = ")[0]
+        inside = text.index(table)
+        line = re.compile(rf"^{name} = .*$", re.MULTILINE)
+        found = line.search(text, inside)
+        ends = text.find("\n[", inside + 1)
+        if found and (found.start() < ends or ends < 0):
+            text = text[: found.start()] + row + text[found.end() :]
+        else:
+            text = text.replace(table, f"{table}\n{row}", 1)
+    return text
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    for file in (DOCS / "examples").glob("*.csv"):
+        shutil.copy(file, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_examples_are_those_of_their_script(tmp_path):
+    shutil.copy(DOCS / "examples" / "make.py", tmp_path)
+    subprocess.run([sys.executable, "make.py"], cwd=tmp_path, check=True)
+    for file in (DOCS / "examples").glob("*.csv"):
+        assert (tmp_path / file.name).read_text() == file.read_text()
+
+
+def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
+    """Over 24 m instead of 2800, on two rails."""
+    short = {"2800": "24", "32": "2", "4": "1"}
+    for kind, block in BLOCKS:
+        if kind == "toml":
+            file = folder / "sled.toml"
+            file.write_text(changed(file.read_text(), block))
+        elif kind == "sh":
+            for words in words_of(block):
+                text, _ = call([short.get(word, word) for word in words], capsys)
+                assert "wrote " in text
+    assert {path.suffix for path in folder.iterdir()} == {".csv", ".toml", ".nc", ".pdf", ".xlsx", ".png"}
+    with xr.open_dataset(folder / "sled.nc") as ds:
+        assert int(ds["status"]) == 0
+        # it passes the standstill at 1 m/s
+        assert ds["window_status"].values.tolist() == [10] + 23 * [0]
+    with xr.open_dataset(folder / "plays.nc") as ds:
+        assert ds["runs"].shape == (2, 2, 1)
+        assert not ds["status"].any()
+
+
+@pytest.mark.slow  # three minutes
+def test_the_whole_day_prints_what_the_page_says(folder, capsys):
+    """All words, and all numbers of three digits but those of chaotic motions, which other processors round otherwise."""
+    plain = lambda text: re.sub(r"[-+]?\d[\d.e+]*", "#", " ".join(text.split()))
+    printed = ""
+    for kind, block in BLOCKS:
+        if kind == "toml":
+            file = folder / "sled.toml"
+            file.write_text(changed(file.read_text(), block))
+        elif kind == "sh":
+            printed = "".join(call(words, capsys)[0] for words in words_of(block))
+            print(printed)
+        else:
+            assert plain(block) == plain(printed)
