@@ -77,7 +77,7 @@ def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
 
 @pytest.mark.slow  # three minutes
 def test_the_whole_day_prints_what_the_page_says(folder, capsys):
-    """All words, and all numbers of three digits but those of chaotic motions, which other processors round otherwise."""
+    """All words: numbers of chaotic motions are others on other processors."""
     plain = lambda text: re.sub(r"[-+]?\d[\d.e+]*", "#", " ".join(text.split()))
     printed = ""
     for kind, block in BLOCKS:
