@@ -24,7 +24,7 @@ def words_of(block):
 
 
 def changed(text, block):
-    """A scene's file in which the lines of a block replace those of their names, or follow the header of their table."""
+    """A scene's file in which lines of a block replace those of their names, or follow the header of their table."""
     table, *rows = block.strip().splitlines()
     for row in rows:
         name = row.partition(" = ")[0]
