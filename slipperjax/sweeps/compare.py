@@ -78,6 +78,12 @@ def compare(
         raise ValueError(
             f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
         )
+    shares = [
+        float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
+    ]
+    # one warning, of the quantile with the fewest runs beyond it
+    for share in sorted(shares, key=lambda share: min(share, 1 - share))[:1]:
+        check_quantile(share, rails * starts)
     scene, of_rails = _on_rails(scene, rails)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
@@ -106,7 +112,7 @@ def compare(
         numbers[lost] = _numbers(of_windows, finer)
         status[lost] = finer["status"].values
     ensembles = (count, rails, starts)
-    return _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, quantiles, seed)
+    return _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
@@ -149,7 +155,7 @@ def _compared(
     status: Int[np.ndarray, "designs rails starts"],
     ds: xr.Dataset,
     record: str,
-    quantiles: Sequence[float],
+    shares: Sequence[float],
     seed: int,
 ) -> xr.Dataset:
     """Return the dataset of `compare` from the numbers and statuses of all runs; `ds`: that of the runs."""
@@ -159,10 +165,6 @@ def _compared(
     groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
     draws = dict(resamples=RESAMPLES, seed=seed)
     unit = ds[record].attrs["units"]
-    shares = [float(share) for share in quantiles]
-    # one warning, of the quantile with the fewest runs beyond it
-    for share in sorted(shares, key=lambda share: min(share, 1 - share))[:1]:
-        check_quantile(share, rails * starts)
     values = [_fit(groups, share)(np.ones(len(groups))) for share in shares]
     best = int(np.argmin(np.where(np.isfinite(values[-1]), values[-1], np.inf)))
     each = [_columns(groups, share, best, unit, draws) for share in shares]
@@ -172,15 +174,13 @@ def _compared(
         stacked = np.stack([columns[name][0] for columns in each], axis=-1).reshape(*designs.shape, len(shares))
         text = words.replace("the first case", "the best design") if name != "value" else "quantile of the runs"
         data[name] = column((*dims, "quantile"), stacked, unit, text)
-    attrs = {key: value for key, value in ds[record].attrs.items()}
-    data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), attrs
+    data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), ds[record].attrs
     codes = status.reshape(data["runs"][1].shape)
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
     coords = designs.coordinates() | {"quantile": column("quantile", shares, "1", "share of the runs below")}
-    kept = {key: value for key, value in ds.attrs.items() if key not in ("record",)}
-    return xr.Dataset(data, coords, kept | {"record": record})
+    return xr.Dataset(data, coords, ds.attrs | {"record": record})
 
 
 def over_rails(
