@@ -179,7 +179,7 @@ def _compared(
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
-    coords = designs.coordinates() | {"quantile": column("quantile", shares, "1", "share of the runs below")}
+    coords = designs.coordinates() | {"quantile": column("quantile", list(shares), "1", "share of the runs below")}
     return xr.Dataset(data, coords, ds.attrs | {"record": record})
 
 

@@ -54,6 +54,7 @@ def test_the_examples_are_those_of_their_script(tmp_path):
         assert (tmp_path / file.name).read_text() == file.read_text()
 
 
+@pytest.mark.filterwarnings("default")
 def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
     """Over 24 m instead of 2800, on two rails."""
     short = {"2800": "24", "32": "2", "4": "1"}
@@ -75,6 +76,7 @@ def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
         assert not ds["status"].any()
 
 
+@pytest.mark.filterwarnings("default")
 @pytest.mark.slow  # three minutes
 def test_the_whole_day_prints_what_the_page_says(folder, capsys):
     """All words: numbers of chaotic motions are others on other processors."""

@@ -10,7 +10,7 @@ import pytest
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.flow.datasets import dataset_of
-from slipperjax.plots.report import MAKERS, described, pages_of, static_load, summary
+from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, static_load, summary
 from slipperjax.plots.runs import RunView
 from slipperjax.plots.tables import of_hundreds, of_windows, of_worst, tables
 
@@ -129,7 +129,7 @@ def test_files_hold_what_the_tables_hold(tmp_path):
 
 
 def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
-    content = MAKERS[".pdf"](RunView.of(run(), sj.paper_scene()))
+    content = MAKERS[".pdf"](_of_run(RunView.of(run(), sj.paper_scene())))
     assert content.startswith(b"%PDF")
     assert b"/Subtype /Type0" in content  # TrueType, which can be searched; Type3 would be outlines
     assert b"/Type3" not in content
@@ -138,7 +138,7 @@ def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
 
 
 def test_pages_show_the_envelope_of_points_impacts_and_spectra():
-    text, along, spectra = pages_of(RunView.of(run(), sj.paper_scene(), FEET))
+    text, along, spectra = pages_of(_of_run(RunView.of(run(), sj.paper_scene(), FEET)))
     lines = text.texts[-1].get_text().splitlines()
     assert lines[0] == "status: finite"
     assert lines[1] == "328.08 to 1148.29 ft in 2.5 s, speed 100 m/s"
@@ -176,10 +176,10 @@ def test_a_lost_run_has_no_numbers_anywhere(code):
     )
     assert windows["status"].unique().tolist() == [sj.Status(code).name.lower().replace("_", " ")]
     assert (windows["point"] == "").all()
-    text, along = pages_of(view)
+    text, along = pages_of(_of_run(view))
     assert "Worst places" not in text.texts[-1].get_text()
     assert [ax.get_ylabel() for ax in along.axes if ax.get_ylabel()][-2:] == ["speed $V$ [m/s]", "time [s]"]
-    assert len(pd.read_excel(io.BytesIO(MAKERS[".xlsx"](view)), "worst places")) == 0
+    assert len(pd.read_excel(io.BytesIO(MAKERS[".xlsx"](_of_run(view))), "worst places")) == 0
 
 
 def test_windows_that_are_lost_are_named_and_left_out():

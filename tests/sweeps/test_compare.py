@@ -1,8 +1,10 @@
 """Designs compared over the same rails and starts: which runs are made, and what is said of them."""
 
 import dataclasses
+import re
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -146,6 +148,17 @@ def test_tables_and_pictures_hold_all_designs():
     assert len(sj.plots.plot(ds)) == 2
 
 
+def test_reports_of_comparisons_have_words_tables_and_pages(tmp_path):
+    ds = made(1e3 * drawn(50, 2, 5))
+    for end in (".pdf", ".csv", ".xlsx"):
+        file = tmp_path / f"designs{end}"
+        assert sj.plots.report(ds, file) == f"wrote {file}"
+    assert len(re.findall(rb"/Type /Page\b", (tmp_path / "designs.pdf").read_bytes())) == 2
+    sheets = pd.read_excel(tmp_path / "designs.xlsx", sheet_name=None)
+    assert sheets["summary"]["summary"].tolist() == verdict(ds)
+    pd.testing.assert_frame_equal(sheets["designs"], pd.read_csv(tmp_path / "designs.csv"), rtol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -160,6 +173,6 @@ def test_tables_and_pictures_hold_all_designs():
     ],
 )
 def test_bad_comparisons_name_what_is_wrong(change, words):
-    arguments = dict(scene=SCENE, designs=DESIGNS, length=8.0, rails=2) | change
+    arguments = dict(scene=SCENE, designs=DESIGNS, length=8.0, rails=80) | change
     with pytest.raises(ValueError, match=words):
         sj.compare(**arguments)
