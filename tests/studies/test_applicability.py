@@ -67,6 +67,8 @@ class Ensemble:
             [sj.Stage(0.0, length=before), sj.Stage(acceleration, length=way)], start=first
         )
         options = dict(length=before + way, window=PERIOD, record=["peak_force"], product=False, chunk=CHUNK)
+        # as the sweeps that it stands beside
+        options["start"] = sj.table_2_start()
         ds = sj.run(self.scene, self.grid(self.scene, count), speed=speed, **options)
         return highest(ds.isel(distance=slice(self.transient, None)))
 
@@ -286,7 +288,7 @@ def test_speeds_that_pass_the_jumps():
         way = (speeds[-1] ** 2 - speeds[0] ** 2) / (2 * acceleration * G)
         stages = [sj.Stage(0.0, length=800.0), sj.Stage(acceleration * G, speed=speeds[-1])]
         speed = sj.SpeedProgramme.stages(stages, start=speeds[0])
-        options = dict(window=PERIOD, record=["peak_force"], product=False, chunk=CHUNK)
+        options = dict(window=PERIOD, record=["peak_force"], start=sj.table_2_start(), product=False, chunk=CHUNK)
         ds = sj.run(scene, starts, length=PERIOD * (100 + int(way / PERIOD)), speed=speed, **options)
         force = ds["peak_force"].isel(distance=slice(100, None)).max(("end", "point")).transpose("case", "distance")
         passed = np.sqrt(speeds[0] ** 2 + 2 * acceleration * G * (force["distance"].values - 800.0))

@@ -25,7 +25,7 @@ def ramp(start, first, last, periods):
 @pytest.fixture(scope="module")
 def risen():
     """The motion at 1250 m/s, and the run that has risen from there to 2225 m/s."""
-    settled = sj.run(sj.paper_scene(1250.0), length=3200.0, **OPTIONS)
+    settled = sj.run(sj.paper_scene(1250.0), length=3200.0, start=sj.table_2_start(), **OPTIONS)
     return ramp(settled, 1250.0, 2225.0, 1000)
 
 
