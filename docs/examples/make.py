@@ -19,15 +19,22 @@ def survey() -> str:
     k = np.arange(1, 1024) / 600.0
     k = k[(k > 1 / 50) & (k < 1 / 0.6)]
     size = np.sqrt(2 * 6.76e-10 * k**-2.085 / 600.0)
-    rail = lambda: (size * rng.normal(size=k.size)) @ np.cos(
-        2 * np.pi * k[:, None] * x + rng.uniform(0, 2 * np.pi, (k.size, 1))
+    rail = lambda: (
+        (size * rng.normal(size=k.size))
+        @ np.cos(2 * np.pi * k[:, None] * x + rng.uniform(0, 2 * np.pi, (k.size, 1)))
     )
     # a joint dips by 8 thousandths of an inch over a foot either way
     since = (x + 0.4) % (52 * INCH)
     away = np.minimum(since, 52 * INCH - since)
     joints = -8e-3 * INCH * np.exp(-((away / 0.12) ** 2))
-    rows = ["Sled track, rail B, survey of the alignment", "", "Chainage [ft], Lateral [in], Vertical [in], Remark"]
-    for at, y, z, near in zip(chainage, rail() / INCH, (rail() + joints) / INCH, away, strict=True):
+    rows = [
+        "Sled track, rail B, survey of the alignment",
+        "",
+        "Chainage [ft], Lateral [in], Vertical [in], Remark",
+    ]
+    for at, y, z, near in zip(
+        chainage, rail() / INCH, (rail() + joints) / INCH, away, strict=True
+    ):
         rows.append(f"{at:.2f}, {y:.5f}, {z:.5f}, {'joint' if near < 0.038 else ''}")
     return "\n".join(rows) + "\n"
 
@@ -61,6 +68,10 @@ I, -48, 5.5
 """
 
 if __name__ == "__main__":
-    for name, text in (("survey.csv", survey()), ("velocity.csv", history()), ("section.csv", SECTION)):
+    for name, text in (
+        ("survey.csv", survey()),
+        ("velocity.csv", history()),
+        ("section.csv", SECTION),
+    ):
         with open(name, "w") as file:
             file.write(text)
