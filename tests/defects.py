@@ -58,7 +58,7 @@ tests/tools/test_limits.py -k durations
 
 # from standstill to report
 contacts of a slipper at rest begin as if they approached
-tests/model/test_starts.py -k in_balance
+tests/model/test_starts.py -k carry_the_weight
 -            rate = jnp.where(jnp.abs(approach) > LEAST_APPROACH, approach, 0.0)
 +            rate = approach
 
