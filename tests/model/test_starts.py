@@ -57,7 +57,7 @@ def test_all_forces_are_in_balance(scene, epoch):
 def test_the_contacts_carry_the_weight_as_the_slipper_travels():
     """Rounding errors of gap rates are no approach, by which contacts would be damped."""
     for epoch in (0.0, 3.3, 7.7):
-        # measured 3.4e-3, as normals are tilted; half of it without the threshold
+        # measured 3.4e-3, as normals are tilted
         np.testing.assert_allclose(reactions_of(SCENE, epoch).contact_force.sum(), WEIGHT, rtol=1e-2)
 
 
