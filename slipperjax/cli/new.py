@@ -14,6 +14,7 @@ from ..model.parameters import PARAMETERS
 from ..model.quantities import Quantity
 from ..tools.checks import require
 from ..tools.files import content_of, user_path, write_whole
+from ..tools.units import STANDARD_GRAVITY
 from .options import FILE, Adds, Measure, app, flag, option
 
 SCENE = Template("""\
@@ -162,7 +163,7 @@ _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_uni
 @_number("length", 0.2, "Distance between the front and the rear section")
 @_number("stiffness", 1e8, "Contact stiffness")
 @_number("restitution", 0.9, "Coefficient of restitution")
-@_number("gravity", 9.80665, "Gravitational acceleration")
+@_number("gravity", STANDARD_GRAVITY, "Gravitational acceleration")
 @option("--friction", float, "Coefficient of friction of the contacts; default: none.")
 @option(
     "--speed",

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import finite, instance, require, warn
 from ..tools.compile import as_argument, is_traced, jit
 from ..tools.types import Real
+from ..tools.units import STANDARD_GRAVITY
 from .dynamics import Acting, State, driven_mass, motion_rates, phase
 from .kinematics import (
     Motion,
@@ -26,8 +27,6 @@ from .linearised import factored, solved
 from .scene import Scene, check_scene
 from .step_size import contact_depth
 
-STANDARD_WEIGHT = 9.81
-"""Acceleration by which forces are scaled in a scene without gravity and load [m/s^2]."""
 CENTRING = 1e-6
 """Force that leads a slipper to the middle of its play where nothing else holds it, at one play over its load [1]."""
 MOST_ITERATIONS = 200
@@ -177,7 +176,8 @@ class _Scales(NamedTuple):
         if scene.load is not None:
             (_, *force), moment = scene.load.wrench(scene.travel(epoch))
             load = load + sum(map(jnp.abs, force)) + sum(map(jnp.abs, moment)) / half_length
-        load = jnp.where(load > 0, load, scene.slipper.mass * STANDARD_WEIGHT)
+        # without both, forces are scaled by the weight on earth
+        load = jnp.where(load > 0, load, scene.slipper.mass * STANDARD_GRAVITY)
         depth = (load / scene.contact.stiffness) ** (2 / 3)
         size = jnp.max(scene.section.play) + depth
         # a quaternion is half an angle

@@ -74,9 +74,7 @@ def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
         lines.append(f"status of {count} of {codes.size} runs: {Status(int(code))}; they count as the highest")
     shares = flat["quantile"].values
     best = int(np.argmax(flat["best"].values))
-    if not np.isfinite(flat["value"].values[..., -1].max()) and np.isnan(
-        flat["value"].isel(design=best, quantile=-1)
-    ):
+    if np.isnan(flat["value"].isel(design=best, quantile=-1)):
         return [*lines, "too many runs are lost to tell which design is better"]
     for k, label in enumerate(view.labels):
         if k == best:
@@ -152,5 +150,5 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
         right.set_title("bars: two standard errors either side", fontsize=7)
         right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))
-        name_case(figure, ds if isinstance(ds, xr.Dataset) else flat)
+        name_case(figure, flat)
     return axes

@@ -165,8 +165,8 @@ def _compared(
     groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
     draws = dict(resamples=RESAMPLES, seed=seed)
     unit = ds[record].attrs["units"]
-    values = [_fit(groups, share)(np.ones(len(groups))) for share in shares]
-    best = int(np.argmin(np.where(np.isfinite(values[-1]), values[-1], np.inf)))
+    last = _fit(groups, shares[-1])(np.ones(len(groups)))
+    best = int(np.argmin(np.where(np.isfinite(last), last, np.inf)))
     each = [_columns(groups, share, best, unit, draws) for share in shares]
     dims = designs.dims
     data = {}
