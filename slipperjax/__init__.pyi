@@ -73,6 +73,7 @@ from .model.tracks import (
     LocalTrack as LocalTrack,
     StraightTrack as StraightTrack,
     SumTrack as SumTrack,
+    TwoRails as TwoRails,
 )
 from .model.travel import SpeedProgramme as SpeedProgramme, Stage as Stage
 from .model.wear import AbstractWear as AbstractWear, Wear as Wear, WearTable as WearTable

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..tools.checks import finite, instance, not_negative, one_of, positive, require
+from ..tools.checks import finite, instance, not_negative, one_of, positive, require, shown_number
 from ..tools.compile import as_argument, at_once, is_traced
 from ..tools.fields import ShapeChecked, field
 from ..tools.fused import circle
@@ -58,6 +58,11 @@ class AbstractTrack(ShapeChecked):
 
     chosen_by: ClassVar[str] = ""
     """Name of the field that chooses one of many rails, see `chosen`; empty for a single track."""
+
+    @property
+    def rails(self) -> dict[str, "AbstractTrack"]:
+        """The rails by their names; empty for a track that is that of every rail."""
+        return {}
 
     @property
     def begin(self) -> Real:
@@ -418,6 +423,78 @@ class SumTrack(AbstractTrack):
     @property
     def shortest_wavelength(self):
         return jnp.minimum(self.one.shortest_wavelength, self.other.shortest_wavelength)
+
+
+class TwoRails(AbstractTrack):
+    """The left and the right rail of a track, for a `slipperjax.Sled` whose mounts are on them.
+
+    Distances along both are the same. Taken as one, the track is the line in the middle between its rails.
+    """
+
+    left: AbstractTrack
+    """The rail on the side of positive y; the first that defines the forcing period."""
+    right: AbstractTrack
+    gauge: Float[Array, ""] | None = field("m", positive, plausible=(0.1, 10.0), default=None)
+    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+
+    def __check_init__(self):
+        for name, rail in self.rails.items():
+            instance(name, rail, AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+            require(not rail.rails, name, "be one rail", rail)
+
+    def __repr__(self) -> str:
+        gauge = "" if self.gauge is None else f", gauge={shown_number(self.gauge)} m"
+        return f"TwoRails({self.left!r}, {self.right!r}{gauge})"
+
+    @property
+    def rails(self):
+        return {"left": self.left, "right": self.right}
+
+    @property
+    def wavelength(self):
+        return self.left.wavelength
+
+    def prepared(self):
+        return TwoRails(self.left.prepared(), self.right.prepared(), self.gauge)
+
+    def irregularity(self, distance):
+        return _scaled(0.5, _sum(*(rail.irregularity(distance) for rail in self.rails.values())))
+
+    def motion(self, distance):
+        (here, slope), (there, other_slope) = (rail.motion(distance) for rail in self.rails.values())
+        return _scaled(0.5, _sum(here, there)), _scaled(0.5, _sum(slope, other_slope))
+
+    @property
+    def recurrence(self):
+        """The least multiple of the first wavelength after which both recur [m]."""
+        lengths = jnp.stack([self.left.recurrence, self.right.recurrence])
+        return self.wavelength * least_common_count(self.wavelength, lengths)
+
+    @property
+    def begin(self):
+        return greatest((self.left.begin, self.right.begin))
+
+    @property
+    def extent(self):
+        # the least of both
+        return -greatest((-self.left.extent, -self.right.extent))
+
+    @property
+    def end(self):
+        return min(self.left.end, self.right.end)
+
+    @property
+    def steepest_slope(self):
+        return jnp.maximum(self.left.steepest_slope, self.right.steepest_slope)
+
+    @property
+    def shortest_wavelength(self):
+        return jnp.minimum(self.left.shortest_wavelength, self.right.shortest_wavelength)
+
+
+def _scaled(factor: Real, rail: Irregularity) -> Irregularity:
+    """Return displacements, or slopes, times a factor."""
+    return Irregularity(*(None if channel is None else factor * channel for channel in rail))
 
 
 def _sum(one: Irregularity, other: Irregularity) -> Irregularity:
