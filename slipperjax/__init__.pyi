@@ -40,7 +40,7 @@ from .model.dynamics import (
     reactions as reactions,
     vector_field as vector_field,
 )
-from .model.kinematics import Motion as Motion, SledMotion as SledMotion
+from .model.kinematics import ModalMotion as ModalMotion, Motion as Motion, SledMotion as SledMotion
 from .model.loads import (
     AbstractFriction as AbstractFriction,
     AbstractLoad as AbstractLoad,
@@ -51,12 +51,14 @@ from .model.loads import (
     SumLoad as SumLoad,
     TabulatedLoad as TabulatedLoad,
 )
+from .model.modes import Modes as Modes
 from .model.parameters import PARAMETERS as PARAMETERS
+from .model.payload import SledMass as SledMass
 from .model.rails import SampledTrack as SampledTrack, TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.section import Section as Section
-from .model.sled import SledMass as SledMass
+from .model.sled import Mount as Mount, Sled as Sled
 from .model.slipper import Slipper as Slipper
 from .model.starts import AtRest as AtRest, initial_state as initial_state
 from .model.step_size import (

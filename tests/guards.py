@@ -43,7 +43,8 @@ Quantities = Iterator[tuple[str, float, dict[str, Any]]]
 
 def numbers(state: sj.State) -> dict[str, Any]:
     """The numbers of a state by name."""
-    return vars(state.motion) | ({} if state.memory is None else {"memory": state.memory})
+    motion = {name: value for name, value in vars(state.motion).items() if value is not None}
+    return motion | ({} if state.memory is None else {"memory": state.memory})
 
 
 def spectrum(multipliers: Any) -> np.ndarray:

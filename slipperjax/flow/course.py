@@ -28,7 +28,7 @@ from ..model.dynamics import (
     per_period,
     sled_force,
 )
-from ..model.kinematics import Contacts, Motion, RailFrame, contacts
+from ..model.kinematics import Contacts, Motion, RailFrame, contacts, modal_compliance
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.sliding import tractions
@@ -89,15 +89,15 @@ def _two_more(values: Array) -> Array:
 class Loads(NamedTuple):
     """Loads of each contact point, front and rear, in one forcing period or in a stretch of them."""
 
-    peak_force: Float[Array, "*cases 2 points"]
+    peak_force: Float[Array, "... 2 points"]
     """Highest normal force [N]."""
-    peak_period: Float[Array, "*cases 2 points"]
+    peak_period: Float[Array, "... 2 points"]
     """Its instant [forcing periods]; NaN where the force is zero throughout."""
-    impulse: Float[Array, "*cases 2 points"]
+    impulse: Float[Array, "... 2 points"]
     """Integral of the normal force over time [N s]."""
-    contact_fraction: Float[Array, "*cases 2 points"]
+    contact_fraction: Float[Array, "... 2 points"]
     """Share of the time in which the gap is negative [1]."""
-    penetration: Float[Array, "*cases 2 points"]
+    penetration: Float[Array, "... 2 points"]
     """Greatest penetration [m]; negative where the gap stays open, then the smallest gap."""
     stability_number: Float[Array, "*cases"]
     """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
@@ -107,9 +107,9 @@ class Loads(NamedTuple):
 def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whole) -> Loads:
     """Return the loads of one forcing period.
 
-    **Arguments:** `force` [N] and `gap` [m], arrays (ends, 2, points), and `rate`, the `contact_rate` [1/s], (ends,):
-    at both ends of every step, of which the first `steps` + 1 count; `args`: scene and epoch; `steps`: integration
-    steps per period, 3 at least, may be traced.
+    **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
+    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `args`: scene and epoch;
+    `steps`: integration steps per period, 3 at least, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
@@ -188,8 +188,9 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
-def contact_rate(now: Contacts, memory: Array | None, args: Args) -> Array:
-    """Return the greatest rate of the contacts [1/s]: sum of their decay rates, or frequency of their springs.
+def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Args) -> Array:
+    """Return the greatest rate of contacts and modes [1/s]: sum of the contacts' decay rates, frequency of their
+    springs, or that of the highest mode.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
     greatest rate of all together.
@@ -202,10 +203,15 @@ def contact_rate(now: Contacts, memory: Array | None, args: Args) -> Array:
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
     # a point yields to a force as the slipper moves and turns; no derivative is taken of a number that only judges
     turn = sum(lever**2 * (1 / j) for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
-    per_mass = jax.lax.stop_gradient(1 / scene.slipper.mass + turn)
+    yielding = 1 / scene.slipper.mass + turn
+    modes = scene.slipper.modes
+    if modes is not None:
+        yielding = yielding + modal_compliance(frame)
+    per_mass = jax.lax.stop_gradient(yielding)
     # one pass over the points, see `slipperjax.tools.fused`
     decay, square = sums(*(jnp.maximum(jax.lax.stop_gradient(x), 0) * per_mass for x in (damper, spring)))
-    return jnp.maximum(decay, jnp.sqrt(square))
+    fastest = jnp.maximum(decay, jnp.sqrt(square))
+    return fastest if modes is None else jnp.maximum(fastest, 2 * jnp.pi * modes.frequency[-1])
 
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
@@ -457,23 +463,23 @@ class Course:
 
     @functools.cached_property
     def force(self) -> StepCubics:
-        """Normal contact forces at the front and the rear points [N], (ends, 2, points)."""
+        """Normal contact forces at the front and the rear points [N], (ends, *slippers, 2, points)."""
         return self._where_closed(self._curve(self._of_points(self._forces)))
 
     @functools.cached_property
     def gap(self) -> StepCubics:
-        """Gaps of the front and the rear points, negative where penetrating [m], (ends, 2, points)."""
+        """Gaps of the front and the rear points, negative where penetrating [m], (ends, *slippers, 2, points)."""
         return self._curve(self._of_points(self._contacts[1].gap))
 
     @functools.cached_property
-    def gap_rate(self) -> Float[Array, "ends 2 points"]:
+    def gap_rate(self) -> Float[Array, "ends *slippers 2 points"]:
         """Rates of the gaps at both ends of every step [m/s]; negative where they close."""
         return self._of_points(self._contacts[1].rate)
 
     @functools.cached_property
     def power(self) -> StepCubics:
-        """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
-        rate."""
+        """Power that the contacts take from the motion along the normals [W], (ends, *slippers, 2, points): force
+        times closing rate."""
         return self._where_closed(self._curve(store(-self.force.values * self.gap_rate)))
 
     @functools.cached_property
@@ -498,7 +504,7 @@ class Course:
 
     @functools.cached_property
     def friction_power(self) -> StepCubics:
-        """Power that friction turns into heat [W], (ends, 2, points); zero without friction."""
+        """Power that friction turns into heat [W], (ends, *slippers, 2, points); zero without friction."""
         friction = self.scene.friction
         power = jnp.zeros_like(self._forces)
         if friction is not None:
@@ -522,7 +528,7 @@ class Course:
     def loads(self) -> Loads:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
-        rate = jax.vmap(of_one)(self._contacts[1], self.states.memory)
+        rate = jax.vmap(of_one)(*self._contacts, self.states.memory)
         return contact_loads(self.force.values, self.gap.values, store(rate), self.args, self.steps)
 
     @functools.cached_property
@@ -564,7 +570,7 @@ class Course:
 
     def _of_points(self, values: Array) -> Array:
         # those at the front come first
-        return values.reshape(len(values), 2, -1)
+        return values.reshape(len(values), *self.scene.point_shape)
 
     def _curve(self, values: Array) -> StepCubics:
         return StepCubics(values, step_slopes(values, self.steps), self)

@@ -114,7 +114,7 @@ _over_periods = jit(over_periods)
 def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     """Return a `Trajectory` as an `xarray.Dataset`.
 
-    - Dimensions: time, end (front, rear) and point (A..J).
+    - Dimensions: time, of a sled slipper (named as its mounts are), end (front, rear) and point (A..J).
     - Coordinates: time [s] and period [forcing periods].
     - Variables over time: y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z, a_y, a_z, alpha_x, alpha_y, alpha_z,
         drive_force, and at each end and point contact_force and gap.
@@ -142,8 +142,9 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
         # of the whole run: periods count by their duration, which differs where the speed changes
         saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
         total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
+        dims = tuple(trajectory.scene.point_labels)
         for name, q in LOADS.items():
-            data[name] = column(("end", "point"), np.asarray(getattr(total, name)), q.unit, q.long_name)
+            data[name] = column(dims, np.asarray(getattr(total, name)), q.unit, q.long_name)
     if trajectory.probe is not None:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
         attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))

@@ -219,11 +219,6 @@ def _periods_in(calls: list[PyTree]) -> int:
     return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
 
-def point_labels(scene: Scene) -> dict[str, Any]:
-    """Return a dataset's coordinates of variables that have a value for each contact point."""
-    return {"end": ["front", "rear"], "point": list(scene.section.names)}
-
-
 # --- records of samples ---------------------------------------------------------------------------------------------
 
 
@@ -353,8 +348,8 @@ class HistoryValues(NamedTuple):
     states: Float[AnyArray, "*cases saves coordinates"]
     period: Float[AnyArray, "*cases saves"]
     acceleration: Float[AnyArray, "*cases saves accelerations"]
-    contact_force: Float[AnyArray, "*cases saves 2 points"]
-    gap: Float[AnyArray, "*cases saves 2 points"]
+    contact_force: Float[AnyArray, "... 2 points"]
+    gap: Float[AnyArray, "... 2 points"]
     drive_force: Float[AnyArray, "*cases saves"]
 
 
@@ -410,8 +405,8 @@ class History(AbstractRecord):
         for k, (name, q) in enumerate((COORDINATES | ACCELERATIONS).items()):
             data[name] = column((*dims, "time"), rows[..., k], q.unit, q.long_name)
         for name, q in REACTIONS.items():
-            inner = () if name == "drive_force" else ("end", "point")
+            inner = () if name == "drive_force" else tuple(scene.point_labels)
             data[name] = column((*dims, "time", *inner), getattr(values, name), q.unit, q.long_name)
         # one coordinate for all cases, which have the same instants, or NaN where they were not run
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
-        return data, {"period": column("time", period, "1", "time in forcing periods")} | point_labels(scene)
+        return data, {"period": column("time", period, "1", "time in forcing periods")} | scene.point_labels

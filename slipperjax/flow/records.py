@@ -25,7 +25,7 @@ from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.types import AnyArray, Real, Whole
 from .course import Course
-from .record import AbstractRecord, Unlabelled, point_labels
+from .record import AbstractRecord, Unlabelled
 from .status import most_stability_number, with_loads
 
 POINTS = ("end", "point")
@@ -78,7 +78,8 @@ class AbstractQuantityRecord(AbstractRecord):
     quantity: Quantity
     """Name, unit and description."""
     dims: tuple[PyTree, ...] = ()
-    """Dimensions of a value: "end", "point", or a pair of another name and its labels."""
+    """Dimensions of a value: "slipper", "end", "point", or a pair of another name and its labels. Of a sled, values
+    at ends or points have those of its slippers first."""
 
     @property
     def name(self) -> str:
@@ -86,9 +87,11 @@ class AbstractQuantityRecord(AbstractRecord):
 
     def labels(self, scene: Scene) -> dict[str, list]:
         """Return the names of `dims`, each with the labels along it."""
-        of_points = point_labels(scene)
+        of_points = scene.point_labels
         found = {}
         for d in self.dims:
+            if isinstance(d, str) and "slipper" in of_points:
+                found["slipper"] = of_points["slipper"]
             name, own = (d, of_points[d]) if isinstance(d, str) else d
             found[name] = list(own)
         return found
@@ -230,7 +233,7 @@ class OnePoint(AbstractNumber):
     record: Record
     """A greatest or least value at each point, such as the highest force."""
     point: str | None = None
-    """A point's name and 1 for the front or 2 for the rear, such as "A1"; None for all."""
+    """A point's name and 1 for the front or 2 for the rear, such as "A1", of a sled "left2_A1"; None for all."""
 
     def __post_init__(self):
         instance("record", self.record, Record, "a slipperjax.flow.Record")
@@ -258,14 +261,13 @@ class OnePoint(AbstractNumber):
     def of(self, course):
         return self.join.reduce(self._at_point(course, self.record.of(course)).ravel(), axis=0)
 
-    def _at_point(self, course: Course, values: Float[Array, "*first 2 points"]) -> Array:
+    def _at_point(self, course: Course, values: Float[Array, "... 2 points"]) -> Array:
         if self.point is None:
             return values
-        # "A1" is point A at the front, "A2" the one at the rear
-        names = course.scene.section.names
-        indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-        require(self.point in indices, "point", f"be one of {', '.join(indices)}", self.point)
-        return values[..., *indices[self.point]]
+        scene = course.scene
+        names = scene.point_names
+        require(self.point in names, "point", f"be one of {', '.join(names)}", self.point)
+        return values[..., *np.unravel_index(names.index(self.point), scene.point_shape)]
 
 
 class AbstractAtPeak(AbstractQuantityRecord):
@@ -275,7 +277,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
 
     @abc.abstractmethod
     def of(self, course: Course) -> PyTree:
-        """Return the number at the highest forces of one forcing period, (2, points)."""
+        """Return the number at the highest forces of one forcing period, as `Loads`."""
 
     def begin(self, scene, state):
         # the highest forces so far, and the numbers there

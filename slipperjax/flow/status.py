@@ -1,5 +1,6 @@
 """Statuses of cases, which every result carries, and interrupts: how runs are asked to end, and what they leave."""
 
+import dataclasses
 import enum
 import threading
 from collections.abc import Callable
@@ -121,7 +122,8 @@ def judge_states(states: State) -> Int[Array, ""]:
     Leading axes of `states` are of instants, all of which count.
     """
     m = states.motion
-    leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(m)])
+    # a lost motion loses its modes, too, and they it
+    leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(dataclasses.replace(m, modes=None))])
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
     good = jnp.where(turned, int(Status.DERAILED), int(Status.FINITE))
     return jnp.where(jnp.all(jnp.isfinite(leaves)), good, int(Status.NOT_FINITE))

@@ -4,6 +4,8 @@ Time is counted in forcing periods from the start of the period `epoch`, so that
 number for all speeds of a sweep and keeps its precision after any number of periods. Derivatives are per period.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,6 +20,7 @@ from ..tools.types import Real
 from .contact import Before
 from .kinematics import (
     Contacts,
+    ModalMotion,
     Motion,
     Points,
     RailFrame,
@@ -26,10 +29,12 @@ from .kinematics import (
     contacts,
     rail_frame,
     rotation,
+    track_nodes,
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
+from .modes import Modes
+from .payload import SledMass
 from .scene import Scene
-from .sled import SledMass
 from .sliding import tractions
 from .step_size import settle_memory
 from .travel import Travel
@@ -39,7 +44,7 @@ class State(eqx.Module):
     """The state of one case."""
 
     motion: Motion
-    """Position, attitude and velocities of the slipper, in SI units."""
+    """Position, attitude and velocities of the slipper or sled, in SI units."""
     memory: Float[Array, " points"] | None
     """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
 
@@ -104,6 +109,38 @@ def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
     return tuple(d + f for d, f in zip(directions, (*traction, *moment), strict=True))
 
 
+def wrench_directions(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
+    """Return of `per_force` what moves the body: all of an elastic one, of a rigid one not the force along x."""
+    every = per_force(scene, at, travel)
+    return every if at.frame.shapes is not None else every[1:]
+
+
+def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array] = ()) -> list[list[Array]]:
+    """Return the wrench of each of some loads of the points, in one pass over them.
+
+    A wrench is the force along y and z [N] and the moment about the body's x, y and z [N m], and of an elastic body
+    the force on each mode, an array [N kg^-0.5].
+
+    **Arguments:** `loads`: each a force or a moment of all points along each of `wrench_directions`, (points,);
+    `others`: what else is to be summed over the points, the last of the results.
+    """
+    flat = [part for load in loads for part in load]
+    if frame.shapes is None:
+        total = sums(*flat, *others)
+        wrenches = [total[k : k + 5] for k in range(0, len(flat), 5)]
+        return [*wrenches, total[len(flat) :]]
+    # of each slipper first, whose force moves the modes
+    slippers = len(frame.shapes[0])
+    of_slippers = sums(*(part.reshape(slippers, -1) for part in (*flat, *others)))
+    total = sums(*of_slippers)
+    wrenches = []
+    for k in range(0, len(flat), 6):
+        push = zip(of_slippers[k : k + 3], frame.shapes, strict=True)
+        (modal,) = sums(sum(shape.T * force for force, shape in push))
+        wrenches.append([*total[k + 1 : k + 6], modal])
+    return [*wrenches, total[len(flat) :]]
+
+
 def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N]."""
     drive = -jnp.sum(at.force * per_force(scene, at, travel)[0], axis=-1)
@@ -122,12 +159,13 @@ def driven_mass(scene: Scene) -> Array:
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
     """Return the derivative of the motion [per second] under the contacts' wrench and the scene's load.
 
-    **Arguments:** `wrench`: force along y and z [N], moment about the slipper's x, y and z [N m].
+    **Arguments:** `wrench`: as of `resultants`.
     """
+    rigid, modal = wrench[:5], wrench[5:]
     if scene.load is not None:
         (_, *push), moment = scene.load.wrench(travel)
-        wrench = [w + extra for w, extra in zip(wrench, (*push, *moment), strict=True)]
-    f_y, f_z, t_x, t_y, t_z = wrench
+        rigid = [w + extra for w, extra in zip(rigid, (*push, *moment), strict=True)]
+    f_y, f_z, t_x, t_y, t_z = rigid
     if scene.sled is not None:
         on_slipper = sled_force(scene.sled, m)
         f_y = f_y + on_slipper[0]
@@ -148,25 +186,43 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (t_y - (j_x - j_z) * m.w_z * m.w_x) * per_y,
         (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
     )
-    if scene.sled is None:
-        return rates
-    # the sled gets the opposite force
-    a_y, a_z = (-on_slipper[k] / scene.sled.mass for k in range(2))
-    a_z = a_z if scene.gravity is None else a_z - scene.gravity
-    return SledMotion(**vars(rates), sled_y=m.sled_v_y, sled_z=m.sled_v_z, sled_v_y=a_y, sled_v_z=a_z)
+    sled = modes = None
+    if scene.sled is not None:
+        # the sled gets the opposite force
+        a_y, a_z = (-on_slipper[k] / scene.sled.mass for k in range(2))
+        a_z = a_z if scene.gravity is None else a_z - scene.gravity
+        sled = SledMotion(own_sled(m).v_y, own_sled(m).v_z, a_y, a_z)
+    if scene.slipper.modes is not None:
+        modes = modal_rates(scene.slipper.modes, m, *modal)
+    return dataclasses.replace(rates, sled=sled, modes=modes) if sled or modes else rates
+
+
+def modal_rates(modes: Modes, m: Motion, force: Float[Array, " modes"]) -> ModalMotion:
+    """Return the derivative of the modes' motion [per second] under a modal force [N kg^-0.5]."""
+    now = m.modes
+    if now is None:
+        raise ValueError("Argument `start` must be of a scene with elastic modes: take a Motion, or a run's end.")
+    circular = 2 * jnp.pi * modes.frequency
+    return ModalMotion(now.rate, force - circular * (circular * now.coordinate + 2 * modes.damping * now.rate))
+
+
+def own_sled(m: Motion) -> SledMotion:
+    """Return the motion of the mass on the slipper; raises `ValueError` where there is none."""
+    if m.sled is None:
+        raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")
+    return m.sled
 
 
 def sled_force(sled: SledMass, m: Motion) -> Array:
     """Return the sled's lateral and vertical force on the slipper [N]."""
-    if not isinstance(m, SledMotion):
-        raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")
-    deflection = jnp.stack([m.sled_y - m.y, m.sled_z - m.z])
-    return sled.force(deflection, jnp.stack([m.sled_v_y - m.v_y, m.sled_v_z - m.v_z]))
+    own = own_sled(m)
+    deflection = jnp.stack([own.y - m.y, own.z - m.z])
+    return sled.force(deflection, jnp.stack([own.v_y - m.v_y, own.v_z - m.v_z]))
 
 
 def motion_rates(scene: Scene, at: Acting, travel: Travel) -> Motion:
     """Return the motion's derivative [per second], from the contacts and their forces at one instant."""
-    wrench = sums(*(at.force * w for w in per_force(scene, at, travel)[1:]))
+    wrench, _ = resultants(at.frame, [at.force * w for w in wrench_directions(scene, at, travel)])
     return newton_euler(scene, at.motion, wrench, travel)
 
 
@@ -227,14 +283,14 @@ class VectorField(eqx.Module):
     def linearised(self, t: Real, state: State, args: Args) -> Linearised:
         """Return the motion's derivative, linearised [per forcing period]; the memory is frozen.
 
-        **Raises:** `ValueError` for a scene with a sled.
+        **Raises:** `ValueError` for a scene with a sled on springs, or with elastic modes.
         """
         scene = args.scene
         require(
-            scene.sled is None,
+            scene.sled is None and scene.slipper.modes is None,
             "solver",
-            "be an explicit one for a scene with a sled, such as RK4, or Latching of one of diffrax's implicit ones "
-            "with a root finder of optimistix",
+            "be an explicit one for a scene with a sled on springs or elastic modes, such as RK4, or Latching of one "
+            "of diffrax's implicit ones with a root finder of optimistix",
             shown="implicit",
         )
         if scene.friction is not None:  # which has no closed form here
@@ -313,15 +369,15 @@ def fill_frozen(rates: State, state: State) -> State:
 class Reactions(NamedTuple):
     """Forces at one instant."""
 
-    contact_force: Float[Array, "2 points"]
-    """Normal force at each point, front and rear [N]."""
-    gap: Float[Array, "2 points"]
+    contact_force: Float[Array, "*slippers 2 points"]
+    """Normal force at each point, front and rear [N]; of a sled with a first axis of its slippers."""
+    gap: Float[Array, "*slippers 2 points"]
     """Gap at each point, front and rear [m]."""
     drive_force: Float[Array, ""]
     """Force along x that keeps the speed constant, the multiplier of Eq. (A6) [N]."""
-    node_force: Float[Array, "2 3"]
+    node_force: Float[Array, "*slippers 2 3"]
     """Force of the slipper on the front and the rear track node, x, y, z [N]."""
-    node_moment: Float[Array, "2 3"]
+    node_moment: Float[Array, "*slippers 2 3"]
     """Moment of the slipper on the front and the rear track node, about the node, x, y, z [N m]."""
     acceleration: Float[Array, "5"]
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
@@ -349,22 +405,19 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
     now = contacts(frame, m)
     at = forces_at(scene, frame, now, state)
     rates = motion_rates(scene, at, travel)
-    # points of the front and of the rear end
-    ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
+    # points of the front and of the rear end, of each slipper
+    ends = lambda a: a.reshape(*a.shape[:-1], *scene.point_shape)
     # the track feels the opposite force
     on_track = ends(-at.force[None] * jnp.stack(per_force(scene, at, travel)[:3]))
-    # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
+    # places of the points, and of the nodes under both ends, seen from the body's centre on a straight rail
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
-    # the rear node is one length behind the front one
-    lengths = scene.slipper.length * jnp.array([0.0, 1.0])
-    rail = scene.track.irregularity(phase(t, args.epoch) * scene.wavelength - lengths)
-    node = jnp.stack([scene.slipper.length / 2 - lengths, rail.lateral, rail.vertical])
+    node = track_nodes(scene, phase(t, args.epoch), args.points)
     return Reactions(
         contact_force=ends(at.force),
         gap=ends(now.gap),
         drive_force=drive_force(scene, at, travel),
-        node_force=jnp.sum(on_track, axis=-1).T,
-        node_moment=jnp.sum(jnp.cross(point - node[..., None], on_track, axis=0), axis=-1).T,
+        node_force=jnp.moveaxis(jnp.sum(on_track, axis=-1), 0, -1),
+        node_moment=jnp.moveaxis(jnp.sum(jnp.cross(point - node[..., None], on_track, axis=0), axis=-1), 0, -1),
         acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
     )

@@ -1,25 +1,31 @@
 """Attitude, and the gaps and gap rates of the contact points, Eqs. (1)-(8) of Dang et al. 2024.
 
-The points of both ends share one axis: front A, B, ..., then rear A, B, ...
+The points of both ends share one axis: front A, B, ..., then rear A, B, ...; of a sled those of its first slipper,
+then those of its second, and so on.
 
 The attitude is the vector part q of a unit quaternion, with q_0 = sqrt(1 - q.q): rotation matrices are
 polynomials in it and regular for every angle below 180 degrees. Euler angles of Eq. (2) are used for input and output
 only.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
-from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated
+from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated, sums
 from ..tools.types import Real
-from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
+from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
+from .slipper import Mounted
+from .tracks import AbstractTrack, Irregularity
 
 
 def _coordinate(name: str, unit: str) -> Any:
@@ -27,8 +33,30 @@ def _coordinate(name: str, unit: str) -> Any:
     return eqx.field(default=0.0, converter=converted(name, unit))
 
 
+class SledMotion(eqx.Module):
+    """Motion of a mass on the slipper, see `slipperjax.SledMass`."""
+
+    y: Real = _coordinate("y", "m")
+    """Lateral displacement [m]."""
+    z: Real = _coordinate("z", "m")
+    """Vertical displacement [m]."""
+    v_y: Real = _coordinate("v_y", "m/s")
+    """Lateral velocity [m/s]."""
+    v_z: Real = _coordinate("v_z", "m/s")
+    """Vertical velocity [m/s]."""
+
+
+class ModalMotion(eqx.Module):
+    """Motion of a sled's elastic modes, see `slipperjax.Modes`."""
+
+    coordinate: Float[Array, " modes"]
+    """Coordinate of each mode [m kg^0.5]."""
+    rate: Float[Array, " modes"]
+    """Its rate [m kg^0.5/s]."""
+
+
 class Motion(eqx.Module):
-    """Position, attitude and velocities of a rigid slipper, each a scalar."""
+    """Position, attitude and velocities of a rigid slipper or sled, each a scalar, and the motions of its parts."""
 
     y: Real = _coordinate("y", "m")
     """Lateral displacement of the centre, positive to the left [m]."""
@@ -50,16 +78,24 @@ class Motion(eqx.Module):
     """Angular velocity about the slipper's y axis [rad/s]."""
     w_z: Real = _coordinate("w_z", "rad/s")
     """Angular velocity about the slipper's z axis [rad/s]."""
+    sled: SledMotion | None = None
+    """Motion of the mass on it; None for none."""
+    modes: ModalMotion | None = None
+    """Motion of the elastic modes; None for a rigid body."""
 
     def __repr__(self) -> str:
-        units = {name: q.unit for name, q in (COORDINATES | SLED_NUMBERS).items()}
+        units = {name: q.unit for name, q in COORDINATES.items()}
+        values = {name: getattr(self, name) for name in MOTION_NUMBERS}
         parts = []
-        for name, value in vars(self).items():
+        for name, value in values.items():
             if is_traced(value) or np.any(np.asarray(value) != 0):
                 parts.append(f"{name}={shown_number(value)} {units.get(name, '')}".rstrip())
         # numbers that are zero are left out
-        if len(parts) < len(vars(self)):
+        if len(parts) < len(values):
             parts.append("others 0")
+        for name in ("sled", "modes"):
+            if getattr(self, name) is not None:
+                parts.append(f"{name}={getattr(self, name)!r}")
         return f"{type(self).__name__}({', '.join(parts)})"
 
     @staticmethod
@@ -69,39 +105,30 @@ class Motion(eqx.Module):
         return Motion(q_x=q_x, q_y=q_y, q_z=q_z, **others)
 
 
-class SledMotion(Motion):
-    """Motion of a slipper and of the sled on it, see `slipperjax.SledMass`."""
-
-    sled_y: Real = _coordinate("sled_y", "m")
-    """Lateral displacement of the sled [m]."""
-    sled_z: Real = _coordinate("sled_z", "m")
-    """Vertical displacement of the sled [m]."""
-    sled_v_y: Real = _coordinate("sled_v_y", "m/s")
-    """Lateral velocity of the sled [m/s]."""
-    sled_v_z: Real = _coordinate("sled_v_z", "m/s")
-    """Vertical velocity of the sled [m/s]."""
-
-
 def moved(m: Motion, change: Motion) -> Motion:
-    """Return a motion with `change` added to the slipper's numbers; a sled's stay."""
+    """Return a motion with `change` added to the body's numbers; those of its parts stay."""
     sums = [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)]
     return eqx.tree_at(_of_slipper, m, sums)
 
 
 def _of_slipper(m: Motion) -> list[Any]:
     instance("motion", m, Motion, "a slipperjax.Motion")
-    # not of a sled, which comes after them
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
 def check_motion(name: str, motion: Motion) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
-    for coordinate, value in vars(motion).items():
+    for coordinate in MOTION_NUMBERS:
+        value = getattr(motion, coordinate)
         if is_traced(value):
             continue  # its value is not known
         # True and False pass, as 1 and 0
         if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
+    for part in ("sled", "modes"):
+        values = jax.tree.leaves(getattr(motion, part))
+        if not is_traced(values) and not all(np.all(np.isfinite(value)) for value in values):
+            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(getattr(motion, part))}.")
     return motion
 
 
@@ -109,22 +136,19 @@ MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 """Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
-def of_slipper(motion: Motion) -> Motion:
-    """Return the slipper's part of a motion."""
-    return Motion(*_of_slipper(motion))
-
-
 def scales_of(motion: Motion) -> Motion:
-    """Return the scales of a motion's numbers, a sled's included."""
-    if not isinstance(motion, SledMotion):
-        return MOTION_SCALES
-    return SledMotion(**vars(MOTION_SCALES), **{name: q.scale for name, q in SLED_NUMBERS.items()})
+    """Return the scales of a motion's numbers, those of its parts included."""
+    sled = None if motion.sled is None else SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
+    modes = None
+    if motion.modes is not None:
+        modes = ModalMotion(*(jnp.full(motion.modes.rate.shape, q.scale) for q in MODE_NUMBERS))
+    return dataclasses.replace(MOTION_SCALES, sled=sled, modes=modes)
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
     """Return the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
     # faces without play do not count
-    play = scene.section.play
+    play = _side_by_side([slipper.section.play for slipper in scene.mounted])
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
     # a clearance below what is made and measured [m]: smaller ones do not narrow the scales further
     least = 5e-6
@@ -214,38 +238,96 @@ def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-class Points(NamedTuple):
-    """Data of the contact points of both ends that are constant during a run."""
+def dot(a, b):
+    """Return a . b; the components are arrays of points."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
-    normal: Float[Array, "2 2*points"]
+
+class Points(NamedTuple):
+    """Data of the contact points of both ends that are constant during a run; of a sled those of all slippers."""
+
+    normal: Float[Array, "2 points"]
     """y and z of the faces' unit normals on a straight rail [1]."""
-    track: Float[Array, "2 2*points"]
+    track: Float[Array, "2 points"]
     """y and z of the matching points on the rail head, in the track node's frame [m]."""
     arm: tuple[Array, Array, Array]
-    """x, y and z of the slipper's points in its own frame, front ones first, each of shape (2 points,) [m]."""
+    """x, y and z of the body's points in its own frame, front ones first, each of shape (points,) [m]."""
+    length: Array
+    """Length of the slipper that each point is on [m]; one number for a single slipper."""
+    axis: tuple[Array | None, Array | None]
+    """y and z of the undisturbed rail's axis at each point [m]; None for zero."""
+    ahead: Float[Array, " slippers"] | None
+    """How far the front end of each slipper is ahead of the distance that is counted [m]; None of a single one."""
+    lengths: Float[Array, " slippers"]
+    """Length of each slipper [m]."""
+    shapes: tuple[Array, Array, Array] | None
+    """x, y and z of the modes' shapes at the slippers, each of shape (slippers, modes) [kg^-0.5]; None if rigid."""
 
 
 def contact_points(scene: Scene) -> Points:
     """Return the scene's contact points, computed once per run because they cost as much as a rail frame."""
-    section = instance("scene", scene, Scene, "a slipperjax.Scene").section
+    slippers = instance("scene", scene, Scene, "a slipperjax.Scene").mounted
     # the rear end has the section of the front one
     both = lambda a: jnp.tile(a, (2, 1)).T
-    # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
-    x = scene.slipper.length * np.repeat([0.5, -0.5], section.points.shape[0])
-    return Points(both(section.normals), both(section.track_points), (x, *both(section.points)))
+    # slippers may share a section
+    sections = {id(slipper.section): slipper.section for slipper in slippers}
+    of_section = {key: (both(one.normals), both(one.track_points)) for key, one in sections.items()}
+    each = [of_section[id(slipper.section)] for slipper in slippers]
+    normal, track = map(_side_by_side, zip(*each, strict=True))
+    arms = []
+    for slipper in slippers:
+        count = slipper.section.points.shape[0]
+        # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
+        x = slipper.length * np.repeat([0.5, -0.5], count)
+        own = (x, *both(slipper.section.points))
+        arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])
+    arm_x, arm_y, arm_z = map(_side_by_side, zip(*arms, strict=True))
+    lengths = _side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
+    length = slippers[0].length
+    ahead = None
+    if len(slippers) > 1 or slippers[0].ahead is not None:
+        length = jnp.repeat(lengths, normal.shape[1] // len(slippers))
+        ahead = jnp.stack([jnp.zeros(()) if s.ahead is None else s.ahead for s in slippers])
+    modes = scene.slipper.modes
+    shapes = None if modes is None else tuple(modes.shapes[..., k].T for k in range(3))
+    return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
+
+
+def _side_by_side(parts: Sequence[Any]) -> Array:
+    """Return arrays joined along their last axis; a single one as it is."""
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
+
+
+def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | None, Array | None]:
+    """Return y and z of the undisturbed rail's axis at each point [m], None where it is zero for all."""
+    gauge = scene.track.gauge
+    # a gauge tells where the rails are; otherwise they are where their mounts are
+    side = {"left": 0.5, "right": -0.5}
+    across = [slipper.place[1] if gauge is None else side[slipper.rail] * gauge for slipper in slippers]
+    upwards = [slipper.place[2] for slipper in slippers]
+
+    def at_points(places: list) -> Array | None:
+        if all(place is None for place in places):
+            return None
+        each = jnp.stack([jnp.zeros(()) if place is None else place for place in places])
+        return jnp.repeat(each, 2 * slippers[0].section.points.shape[0])
+
+    return at_points(across), at_points(upwards)
 
 
 class RailFrame(NamedTuple):
     """Geometry and velocity of the rail at one instant; independent of the slipper's state."""
 
     normal: tuple[Array, Array, Array]
-    """Unit normals n out of the rail head, x, y and z, each of shape (2 points,) [1]."""
-    position: Float[Array, " 2*points"]
-    """n . r_T, the rail point's position along its normal, with x counted from the slipper's centre [m]."""
-    velocity: Float[Array, " 2*points"]
+    """Unit normals n out of the rail head, x, y and z, each of shape (points,) [1]."""
+    position: Float[Array, " points"]
+    """n . r_T, the rail point's position along its normal, with x counted from the body's centre [m]."""
+    velocity: Float[Array, " points"]
     """n . v_T, the rail point's velocity along its normal [m/s]."""
     arm: tuple[Array, Array, Array]
-    """The slipper's points in its own frame, each of shape (2 points,) [m]."""
+    """The body's points in its own frame, each of shape (points,) [m]."""
+    shapes: tuple[Array, Array, Array] | None = None
+    """`Points.shapes`."""
 
 
 def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailFrame:
@@ -262,18 +344,39 @@ def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailF
     along_z = rear.z - front.z
     n_y, n_z, t_y, t_z, v_y, v_z = _each_at_its_node(scene, front, rear)
     # along x, so that the normal is at right angles to the face
-    n_x = store((n_y * along_y + n_z * along_z) / scene.slipper.length)
+    n_x = store((n_y * along_y + n_z * along_z) / points.length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
     # tilted normals are longer than one
     per_norm = store(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = store([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
-    return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm)
+    return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm, points.shapes)
+
+
+def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Float[Array, "3 *slippers 2"]:
+    """Return x, y and z of the track nodes under both ends of each slipper [m], seen from the body's centre on a
+    straight rail; without an axis of slippers for a single one."""
+    points = contact_points(scene) if points is None else points
+    distance = jnp.asarray(phase, float) * scene.wavelength
+    # the rear node is one length behind the front one
+    ends = jnp.array([0.0, 1.0])
+    if points.ahead is None:
+        lengths = points.length * ends
+        here, _ = scene.track.motion(distance - lengths)
+        node = jnp.stack([points.length / 2 - lengths, here.lateral, here.vertical])
+        return node.reshape(3, *scene.point_shape[:-1])
+    behind = points.lengths[:, None] * ends
+    here, _, _ = _rails_at(scene, (distance + points.ahead - behind.T))
+    # the body's centre is half of its slippers' length behind the distance
+    x = (points.ahead + scene.slipper.length / 2)[:, None] - behind
+    each = scene.points // len(points.lengths)
+    y, z = (0.0 if axis is None else axis[::each, None] for axis in points.axis)
+    return jnp.stack([x, y + here.lateral.T, z + here.vertical.T])
 
 
 class _Node(NamedTuple):
-    """Normals and rail points of all points as if they were at one track node, each of shape (2 points,)."""
+    """Normals and rail points of all points as if at their slipper's front or rear node, each of shape (points,)."""
 
     n_y: Array
     n_z: Array
@@ -287,30 +390,78 @@ class _Node(NamedTuple):
 def _nodes(scene: Scene, points: Points, phase: Real) -> list[_Node]:
     """Return all points as if at the front node, and as if at the rear one."""
     distance = jnp.asarray(phase, float) * scene.wavelength
-    return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
+    if points.ahead is None:
+        return [_node(points, _rail_at(scene.track, at)) for at in (distance, distance - points.length)]
+    front = distance + points.ahead
+    rail = _rails_at(scene, jnp.stack([front, front - points.lengths]))
+    # from values of each slipper to those of its points
+    flat, structure = jax.tree.flatten(rail)
+    values = spread(scene.points // len(points.lengths), *flat)
+    ends = zip(*(value.reshape(2, -1) for value in values), strict=True)
+    return [_node(points, jax.tree.unflatten(structure, end)) for end in ends]
 
 
 def _each_at_its_node(scene: Scene, front: _Node, rear: _Node) -> _Node:
     """Return each point at its own node."""
-    is_front = np.repeat([True, False], len(scene.section.names))
+    is_front = np.tile(np.repeat([True, False], len(scene.section.names)), len(scene.mounted))
     return _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
 
 
-def _node(scene: Scene, points: Points, distance: Array) -> _Node:
-    """Return the section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
-    rail, slope = store(scene.track.motion(distance))
+class _Rail(NamedTuple):
+    """The rail at some distances."""
+
+    here: Irregularity
+    """Displacements; a roll of None where the rail does not roll."""
+    slope: Irregularity
+    turn: tuple[Array, Array] | None
+    """Cosine and sine of the roll."""
+
+
+def _rail_at(track: AbstractTrack, distance: Array) -> _Rail:
+    """Return a rail at distances [m]."""
+    here, slope = store(track.motion(distance))
+    return _Rail(here, slope, None if here.roll is None else circle(here.roll))
+
+
+def _rails_at(scene: Scene, distance: Float[Array, "ends slippers"]) -> _Rail:
+    """Return the rail of each slipper at its distances [m]."""
+    rails = scene.track.rails
+    if not rails:
+        return _rail_at(scene.track, distance)
+    on = [slipper.rail for slipper in scene.mounted]
+    # the slippers of each rail at once, and back in their order
+    index = {name: np.flatnonzero([rail == name for rail in on]) for name in dict.fromkeys(on)}
+    motions = [rails[name].motion(distance[:, k]) for name, k in index.items()]
+    if any(here.roll is not None for here, _ in motions):
+        motions = jax.tree.map(_rolling, motions, is_leaf=lambda part: isinstance(part, Irregularity))
+    order = np.argsort(np.concatenate(list(index.values())))
+    here, slope = store(jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1)[:, order], *motions))
+    return _Rail(here, slope, None if here.roll is None else circle(here.roll))
+
+
+def _rolling(rail: Irregularity) -> Irregularity:
+    """Return a rail with a roll of zero where it has none."""
+    return rail if rail.roll is not None else rail._replace(roll=jnp.zeros_like(rail.lateral))
+
+
+def _node(points: Points, rail: _Rail) -> _Node:
+    """Return the section at the track node where the rail is `rail`, Eqs. (7), (10), (11)."""
+    here, slope, turn = rail
     n_y, n_z = points.normal
     y, z = points.track
     v_y = slope.lateral
     v_z = slope.vertical
-    if rail.roll is not None:
-        c, s = circle(rail.roll)
+    if turn is not None and slope.roll is not None:
+        c, s = turn
         n_y, n_z = _rolled(c, s, n_y, n_z)
         y, z = _rolled(c, s, y, z)
         # a rolling rail moves its points around the axis
         v_y = v_y - slope.roll * z
         v_z = v_z + slope.roll * y
-    return _Node(n_y, n_z, y + rail.lateral, z + rail.vertical, v_y, v_z)
+    y = y + here.lateral
+    z = z + here.vertical
+    axis_y, axis_z = points.axis
+    return _Node(n_y, n_z, y if axis_y is None else y + axis_y, z if axis_z is None else z + axis_z, v_y, v_z)
 
 
 def _rolled(c: Array, s: Array, y: Array, z: Array) -> tuple[Array, Array]:
@@ -344,7 +495,34 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     lever = cross(frame.arm, own)
     gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
     rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
+    if m.modes is not None:
+        by_modes, rate_by_modes = along_normals(frame, m.modes.coordinate, m.modes.rate)
+        gap = gap + by_modes
+        rate = rate + rate_by_modes
     return Contacts(store_if_differentiated(gap), *store_cotangent((rate, lever)))
+
+
+def along_normals(frame: RailFrame, *coordinates: Float[Array, " modes"]) -> list[Array]:
+    """Return how far modes with these coordinates move the points along their normals, each of shape (points,)."""
+    assert frame.shapes is not None  # of each elastic sled
+    # of each slipper, for all its points alike
+    of_slippers = sums(*(shape * q for q in coordinates for shape in frame.shapes))
+    each = frame.normal[0].shape[-1] // len(frame.shapes[0])
+    x_y_z = [value.ravel() for value in spread(each, *of_slippers)]
+    return [dot(frame.normal, x_y_z[k : k + 3]) for k in range(0, len(x_y_z), 3)]
+
+
+def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
+    """Return the sum over all modes of the squares of their shapes along the points' normals [1/kg]."""
+    assert frame.shapes is not None  # of each elastic sled
+    pairs = [(j, k) for j in range(3) for k in range(j, 3)]
+    # of each slipper a symmetric matrix, for all its points alike
+    of_slippers = sums(*(frame.shapes[j] * frame.shapes[k] for j, k in pairs))
+    each = frame.normal[0].shape[-1] // len(frame.shapes[0])
+    entries = [value.ravel() for value in spread(each, *of_slippers)]
+    matrix = dict(zip(pairs, entries, strict=True))
+    rows = [[matrix[min(j, k), max(j, k)] for k in range(3)] for j in range(3)]
+    return dot(frame.normal, [dot(row, frame.normal) for row in rows])
 
 
 def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"]:

@@ -1,6 +1,6 @@
 """The layout of a scene's state: its numbers by name, unit and scale, and states as rows of arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from ..tools.compile import jit
 from .dynamics import State
-from .kinematics import Motion, SledMotion, euler_angles
-from .quantities import MOTION_NUMBERS, SLED_NUMBERS, Quantity
+from .kinematics import ModalMotion, Motion, SledMotion, euler_angles
+from .quantities import MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS, Quantity
 from .scene import Scene
 
 
@@ -19,7 +19,9 @@ class StateLayout:
     """The numbers of a state in a row: those of the motion, then those of each part that the scene has."""
 
     motion: tuple[Quantity, ...]
-    """The motion's numbers, in the order of `Motion` or `SledMotion`."""
+    """The motion's numbers, in the order of `Motion`."""
+    modes: int
+    """Number of elastic modes, whose coordinates and rates are the last of the motion's numbers."""
     memory: tuple[Quantity, ...] | None
     """The memory of each contact point, front ones first; None for laws without memory."""
     integrated: bool
@@ -30,12 +32,18 @@ class StateLayout:
         """Return the layout of a scene's states."""
         memory = None
         if scene.contact.has_memory:
-            # "A1" is point A at the front, "A2" the one at the rear
-            points = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
+            points = scene.point_names
             unit = scene.memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
         motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
-        return cls(tuple(motion.values()), memory, scene.integrates_memory)
+        modes = 0 if scene.slipper.modes is None else scene.slipper.modes.count
+        # all coordinates, then all rates
+        of_modes = [
+            replace(q, name=f"{q.name}_{k}", long_name=f"{q.long_name} {k}")
+            for q in MODE_NUMBERS
+            for k in range(1, modes + 1)
+        ]
+        return cls((*motion.values(), *of_modes), modes, memory, scene.integrates_memory)
 
     @property
     def numbers(self) -> tuple[Quantity, ...]:
@@ -61,22 +69,28 @@ class StateLayout:
     def pack(states: State) -> Float[np.ndarray, "*batch size"]:
         """Return states (*batch), which are known, as rows of all their numbers."""
         # in NumPy nothing is compiled
-        columns = [np.asarray(v)[..., None] for v in vars(states.motion).values()]
-        if states.memory is not None:
-            columns.append(np.asarray(states.memory))
-        return np.concatenate(columns, axis=-1)
+        m = states.motion
+        columns = [np.asarray(v)[..., None] for v in jax.tree.leaves(replace(m, modes=None))]
+        arrays = [*jax.tree.leaves(m.modes), *([] if states.memory is None else [states.memory])]
+        return np.concatenate([*columns, *map(np.asarray, arrays)], axis=-1)
 
     def unpack(self, rows: Array | np.ndarray) -> State:
         """Return states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
-        kind = Motion if count == len(MOTION_NUMBERS) else SledMotion
-        parts = [rows[..., k] for k in range(count)]
+        single = count - 2 * self.modes
+        parts = [rows[..., k] for k in range(single)]
+        zeros = np.zeros(())  # stands for an array
+        sled = SledMotion() if single > len(MOTION_NUMBERS) else None
+        modes = None
+        if self.modes:
+            parts += [rows[..., single : single + self.modes], rows[..., single + self.modes : count]]
+            modes = ModalMotion(zeros, zeros)
         memory = None
         if self.memory is not None:
             parts.append(rows[..., count:])
-            memory = jnp.asarray(np.zeros(len(self.memory)))
+            memory = zeros
         # by the structure and not by the classes, whose fields convert and check what they get
-        return jax.tree.unflatten(jax.tree.structure(State(kind(), memory)), parts)
+        return jax.tree.unflatten(jax.tree.structure(State(Motion(sled=sled, modes=modes), memory)), parts)
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from ..tools.fused import store, sums
 from ..tools.types import Real
@@ -185,6 +185,20 @@ def factored(a: Matrix) -> Matrix:
             for j in range(k + 1, n):
                 a[i][j] = a[i][j] - a[i][k] * a[k][j]
     return a
+
+
+def eliminated(a: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the solution of a linear system of any size by Gauss-Jordan elimination, without pivoting or LAPACK."""
+
+    def without(system: Array, k: Array) -> tuple[Array, None]:
+        """Return a system in which the k-th unknown is left in the k-th equation alone."""
+        row = system[k] / system[k, k]
+        others = system - system[:, k, None] * row
+        return others.at[k].set(row), None
+
+    system = jnp.concatenate([a, right[:, None]], axis=1)
+    system, _ = jax.lax.scan(without, system, jnp.arange(len(right)))
+    return system[:, -1]
 
 
 def _inverse(a: Matrix) -> Matrix:

@@ -149,7 +149,13 @@ SLED_NUMBERS: dict[str, Quantity] = _named(
     Quantity("sled_v_y", "m/s", "lateral velocity of the sled"),
     Quantity("sled_v_z", "m/s", "vertical velocity of the sled"),
 )
-"""The further numbers of a `SledMotion`."""
+"""The numbers of a `SledMotion`, a mass on the slipper."""
+
+MODE_NUMBERS: tuple[Quantity, Quantity] = (
+    Quantity("mode", "m kg^0.5", "coordinate of the elastic mode", "q", 1e-3),
+    Quantity("mode_rate", "m kg^0.5/s", "rate of the elastic mode", r"\dot q"),
+)
+"""The numbers of each mode of a `ModalMotion`, of unit modal mass."""
 
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),

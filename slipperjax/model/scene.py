@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 
 import equinox as eqx
@@ -19,16 +20,17 @@ from ..tools.types import Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
 from .parameters import PARAMETERS, check_no_overlap, parameter
+from .payload import SledMass
 from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
-from .sled import SledMass
-from .slipper import Slipper
+from .sled import Sled
+from .slipper import AbstractBody, Mounted
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
 
 PARTS: dict[str, tuple[type, str]] = {
-    "slipper": (Slipper, "a slipperjax.Slipper"),
+    "slipper": (AbstractBody, "a slipperjax.Slipper or a slipperjax.Sled"),
     "section": (Section, "a slipperjax.Section"),
     "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
     "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
@@ -53,7 +55,8 @@ class Scene(ShapeChecked):
 
     speed: Float[Array, ""] | SpeedProgramme = eqx.field(converter=_speed, metadata={"unit": "m/s"})
     """Travelling speed V [m/s], or a programme of it."""
-    slipper: Slipper
+    slipper: AbstractBody
+    """The slipper, or a sled on several."""
     section: Section
     track: AbstractTrack
     contact: AbstractContactLaw
@@ -80,6 +83,7 @@ class Scene(ShapeChecked):
             # these parts may be None
             if part is not None or name not in ("load", "friction", "sled", "wear"):
                 instance(name, part, kind, text)
+        _check_mounts(self)
         if is_traced((self.track, self.slipper.length)):
             return
         with jax.ensure_compile_time_eval():  # inside jit, too
@@ -171,9 +175,33 @@ class Scene(ShapeChecked):
         return self.contact.has_memory and self.memory.integrated
 
     @property
+    def mounted(self) -> tuple[Mounted, ...]:
+        """The slippers where they are on the body."""
+        return self.slipper.mounted(self.section)
+
+    @property
+    def point_labels(self) -> dict[str, list[str]]:
+        """The dimensions of values of contact points, with their labels: slipper, of a sled alone, end and point."""
+        names = self.slipper.names
+        ends = {"end": ["front", "rear"], "point": list(self.section.names)}
+        return {"slipper": list(names), **ends} if names else ends
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """Shape of values of contact points, in the order of `point_labels`."""
+        return tuple(map(len, self.point_labels.values()))
+
+    @property
+    def point_names(self) -> list[str]:
+        """Names of all contact points: A1 at the front, A2 at the rear, left2_A1 of a sled's slipper."""
+        names = [f"{point}{end}" for end in (1, 2) for point in self.section.names]
+        slippers = self.slipper.names
+        return [f"{slipper}_{name}" for slipper in slippers for name in names] if slippers else names
+
+    @property
     def points(self) -> int:
-        """Number of contact points at both ends together."""
-        return 2 * len(self.section.names)
+        """Number of all contact points."""
+        return math.prod(self.point_shape)
 
     def replace(self, **values: Real | Numbers) -> "Scene":
         """Return a copy with other values of named parameters; see `PARAMETERS` for the names and units.
@@ -242,6 +270,41 @@ class Scene(ShapeChecked):
         if value is None:
             raise ValueError(f"Argument `{name}` has no value: the scene has no {p.long_name}.")
         return jnp.asarray(value)
+
+
+def _check_mounts(scene: Scene) -> None:
+    """Raise `ValueError` where the slippers do not fit the rails or each other."""
+    rails = scene.track.rails
+    if not isinstance(scene.slipper, Sled):
+        need = f"be one rail for a {type(scene.slipper).__name__}; a slipperjax.Sled has mounts on two"
+        require(not rails, "track", need, shown=type(scene.track).__name__)
+        return
+    for name, slipper in zip(scene.slipper.names, scene.mounted, strict=True):
+        known_rail = not rails or slipper.rail in rails
+        need = f"be on the rails {', '.join(rails)}"
+        require(known_rail, "mounts", need, shown=f"{name} on {slipper.rail or 'a rail without name'!r}")
+        alike = (slipper.section.names, slipper.section.faces) == (scene.section.names, scene.section.faces)
+        require(alike, "mounts", "have the points and faces of the scene's section", shown=f"others at {name}")
+        _check_on_rail(scene, name, slipper)
+
+
+def _check_on_rail(scene: Scene, name: str, slipper: Mounted) -> None:
+    """Raise `ValueError` for a slipper that lies outside its rail."""
+    y = slipper.place[1]
+    gauge = scene.track.gauge
+    if is_traced((y, gauge, slipper.section.play)):
+        return
+    across = np.zeros(()) if y is None else np.asarray(y)
+    if gauge is not None:
+        offset = across - (0.5 if slipper.rail == "left" else -0.5) * np.asarray(gauge)
+        play = float(np.max(np.asarray(slipper.section.play)))
+        need = f"be within their play, {play:g} m, of the rails, whose gauge is {float(gauge):g} m"
+        require(np.all(np.abs(offset) <= play), "mounts", need, shown=f"{name} at y = {float(across):g} m")
+    elif scene.track.rails:
+        sides = {"left": 1.0, "right": -1.0}
+        shown = f"{name} at y = {float(across):g} m"
+        inside = np.all(sides[slipper.rail] * across >= 0)
+        require(inside, "mounts", "be on the side of their rail, left at y > 0", shown=shown)
 
 
 def travel_unit(scene: Scene) -> str:

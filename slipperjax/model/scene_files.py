@@ -32,11 +32,11 @@ from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .loads import AbstractLoad, SumLoad, TabulatedLoad
 from .parameters import PARAMETERS, half_play
+from .payload import SledMass
 from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
-from .sled import SledMass
 from .slipper import Slipper
 from .starts import AtRest
 from .step_size import given_steps

@@ -1,58 +1,132 @@
-"""A sled on the slipper: a mass on a spring and a damper, with states of its own only where a scene has one."""
+"""A sled: a body on several slippers, rigid or with elastic modes."""
 
-import jax.numpy as jnp
+import itertools
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import not_negative, positive
+from ..tools.checks import finite, instance, positive, require
+from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
+from .modes import Modes
+from .section import Section
+from .slipper import AbstractBody, Mounted, check_inertia
 
-Pair = Float[Array, "2"]
 
+class Mount(ShapeChecked):
+    """A slipper's place on a sled, from the sled's centre of mass to the slipper's middle."""
 
-class SledMass(ShapeChecked):
-    """A mass that moves laterally and vertically, on a spring and a damper at the slipper's centre.
+    x: Float[Array, ""] | None = field("m", finite, plausible=(-50.0, 50.0), default=None)
+    """Place along the track, positive forwards [m]; None for zero."""
+    y: Float[Array, ""] | None = field("m", finite, plausible=(-5.0, 5.0), default=None)
+    """Place across, positive to the left [m]; None for zero."""
+    z: Float[Array, ""] | None = field("m", finite, plausible=(-5.0, 5.0), default=None)
+    """Place upwards [m]; None for zero."""
+    rail: str = eqx.field(static=True, default="")
+    """Name of its rail: "left" or "right" of `TwoRails`; any other track is that of all rails."""
+    section: Section | None = None
+    """Its section, with the slipper's middle as its origin; None for that of the scene."""
+    length: Float[Array, ""] | None = field("m", positive, plausible=(0.005, 20.0), default=None)
+    """Distance between its front and its rear section [m]; None for that of the sled."""
+    name: str = eqx.field(static=True, default="")
+    """Name in results; empty for the rail's, with a number: "left1"."""
 
-    It takes part in the travel, so that the drive accelerates it, too. A run that begins with a `Motion` begins with
-    the mass at rest on its spring, moving as the slipper does.
-    """
-
-    mass: Float[Array, ""] = field("kg", positive)
-    """Mass [kg]."""
-    stiffness: Pair = field("N/m", positive)
-    """Stiffness of the lateral and the vertical spring [N/m]."""
-    damping: Pair = field("N s/m", not_negative, default=(0.0, 0.0))
-    """Damping of the lateral and the vertical damper [N s/m]."""
-    travel: Pair | None = field("m", positive, default=None)
-    """Deflection of the springs from which on stops are hit [m]; None: there are none."""
-    stop_stiffness: Pair | None = field("N/m", positive, default=None)
-    """Stiffness of the stops [N/m]."""
+    def __repr__(self) -> str:
+        return super().__repr__().replace(", name=''", "").replace(", rail=''", "").replace("(rail=''", "(")
 
     def __check_init__(self):
-        if (self.travel is None) != (self.stop_stiffness is None):
-            raise ValueError("Arguments `travel` and `stop_stiffness` must be given together.")
+        for name in ("rail", "name"):
+            text = getattr(self, name)
+            need = "be a word of letters, digits and _"
+            require(isinstance(text, str) and (not text or text.isidentifier() or text.isalnum()), name, need, text)
+        if self.section is not None:
+            instance("section", self.section, Section, "a slipperjax.Section")
 
-    def force(self, deflection: Pair, rate: Pair) -> Pair:
-        """Return the lateral and the vertical force on the slipper [N].
 
-        **Arguments:** `deflection`: displacement of the mass less the slipper's [m]; `rate`: of it [m/s].
-        """
-        force = self.stiffness * deflection + self.damping * rate
-        if self.travel is None or self.stop_stiffness is None:
-            return force
-        # the stops act beside the springs, on either side of the free travel
-        beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
-        return force + self.stop_stiffness * beyond
+def _mounts(given: object) -> tuple[Mount, ...]:
+    """Return mounts as a tuple; raise `ValueError` for others."""
+    mounts = tuple(instance("mounts", given, Sequence, "a list of slipperjax.Mount(...)"))
+    require(mounts, "mounts", "be one slipperjax.Mount(...) or more", given)
+    for mount in mounts:
+        instance("mounts", mount, Mount, "a list of slipperjax.Mount(...)")
+    return mounts
 
-    def sag(self, gravity: Array | None) -> Array:
-        """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
-        if gravity is None:
-            return jnp.zeros(())
-        weight = self.mass * gravity
-        spring = self.stiffness[1]
-        free = weight / spring
-        if self.travel is None or self.stop_stiffness is None:
-            return -free
-        # what the spring does not carry within its travel, spring and stop carry together
-        travel = self.travel[1]
-        stop = self.stop_stiffness[1]
-        return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))
+
+class Sled(AbstractBody):
+    """A sled on slippers that move with it, such as three on a monorail or four on two rails.
+
+    ```python
+    corners = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
+    mounts = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in corners]
+    sled = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=mounts)
+    ```
+
+    Where the scene has travelled a distance, the sled's centre of mass is half a slipper's `length` behind it, so
+    that one slipper in its middle begins there, as a `Slipper` does.
+    """
+
+    mass: Float[Array, ""] = field("kg", positive, plausible=(0.1, 1e6), symbol="m")
+    """Mass, slippers included [kg]."""
+    inertia: Float[Array, "3"] = field("kg m^2", positive, plausible=(1e-9, 1e7), symbol="J")
+    """Principal moments of inertia about x, y and z of the sled's frame [kg m^2]."""
+    mounts: tuple[Mount, ...] = eqx.field(converter=_mounts)  # pyright: ignore[reportGeneralTypeIssues]
+    """Its slippers."""
+    length: Float[Array, ""] = field("m", positive, plausible=(0.005, 20.0), symbol="L", default=0.2)
+    """Distance between the front and the rear section of slippers without a length of their own [m]."""
+    modes: Modes | None = None  # pyright: ignore[reportIncompatibleVariableOverride, reportAssignmentType]
+    """Elastic modes; None for a rigid sled."""
+
+    def __check_init__(self):
+        names = self.names
+        require(len(set(names)) == len(names), "mounts", "have different names", names)
+        if self.modes is not None:
+            instance("modes", self.modes, Modes, "slipperjax.Modes(...)")
+            count = self.modes.shapes.shape[-2]
+            need = f"have shapes at each of the {len(names)} mounts"
+            require(count == len(names), "modes", need, shown=f"shapes at {count}")
+        if is_traced(self):
+            return
+        # the distance between the outermost ends of its slippers
+        ends = np.array([(x - length / 2, x + length / 2) for x, length in map(self._along, self.mounts)])
+        check_inertia(self, max(float(np.ptp(ends)), self._width()), "sled lengths")
+        for (one, a), (other, b) in itertools.combinations(zip(self.mounts, ends, strict=True), 2):
+            apart = one.rail != other.rail or a[0] >= b[1] or b[0] >= a[1]
+            both = f"{names[self.mounts.index(one)]} and {names[self.mounts.index(other)]}"
+            require(apart, "mounts", "not overlap on a rail", shown=f"{both}, which do")
+
+    def __repr__(self) -> str:
+        head = super().__repr__().split(", mounts=")[0]
+        modes = "" if self.modes is None else f", modes={self.modes!r}"
+        return f"{head}, mounts={list(self.mounts)!r}, length={float(self.length):g} m{modes})"
+
+    def _along(self, mount: Mount) -> tuple[float, float]:
+        """Return a mount's place along the track and its length [m]."""
+        length = self.length if mount.length is None else mount.length
+        return 0.0 if mount.x is None else float(mount.x), float(length)
+
+    def _width(self) -> float:
+        return float(np.ptp([0.0 if mount.y is None else float(mount.y) for mount in self.mounts]))
+
+    @property
+    def names(self):
+        """Names of the mounts, in their order."""
+        counts: dict[str, int] = {}
+        names = []
+        for mount in self.mounts:
+            counts[mount.rail] = counts.get(mount.rail, 0) + 1
+            names.append(mount.name or f"{mount.rail}{counts[mount.rail]}")
+        return tuple(names)
+
+    def mounted(self, section):
+        slippers = []
+        for mount in self.mounts:
+            ahead = mount.x
+            if mount.length is not None:
+                longer = (mount.length - self.length) / 2
+                ahead = longer if ahead is None else ahead + longer
+            length = self.length if mount.length is None else mount.length
+            own = section if mount.section is None else mount.section
+            slippers.append(Mounted((mount.x, mount.y, mount.z), length, own, mount.rail, ahead))
+        return tuple(slippers)

@@ -1,6 +1,7 @@
 """Starts of runs: states from motions, and the equilibrium of a slipper at rest on its rail."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -14,16 +15,19 @@ from ..tools.types import Real
 from ..tools.units import STANDARD_GRAVITY
 from .dynamics import Acting, State, driven_mass, motion_rates, phase
 from .kinematics import (
+    ModalMotion,
     Motion,
     SledMotion,
     check_motion,
+    contact_points,
     contacts,
     moved,
-    of_slipper,
     rail_frame,
     scalar_part,
+    track_nodes,
 )
-from .linearised import factored, solved
+from .linearised import eliminated, factored, solved
+from .quantities import MOTION_NUMBERS
 from .scene import Scene, check_scene
 from .step_size import contact_depth
 
@@ -96,7 +100,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     if isinstance(motion, AtRest):
         rest = at_rest(scene, place)
         motion = moved(rest, motion)
-    motion = _with_sled(scene, motion)
+    motion = _with_parts(scene, motion)
     now = contacts(frame, motion)
     outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
     if not scene.contact.has_memory:
@@ -155,7 +159,10 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
     q_0, q_rate = scalar_part(motion), jnp.stack([change.q_x, change.q_y, change.q_z]) / period
     spin = 2 * (q_0 * q_rate + q * jnp.dot(q, q_rate) / q_0 - jnp.cross(q, q_rate))
     along = dict(v_y=change.y / period, v_z=change.z / period)
-    rest = dataclasses.replace(motion, **along, w_x=spin[0], w_y=spin[1], w_z=spin[2])
+    modes = motion.modes
+    if modes is not None:
+        modes = ModalMotion(modes.coordinate, change.modes.coordinate / period)
+    rest = dataclasses.replace(motion, **along, w_x=spin[0], w_y=spin[1], w_z=spin[2], modes=modes)
     found = jnp.max(jnp.abs(search.residual)) < 1e-6
     return jax.tree.map(lambda value: jnp.where(found, value, jnp.nan), rest)
 
@@ -163,46 +170,77 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
 class _Scales(NamedTuple):
     """Scales of a slipper at rest, by which its unknowns and residuals are about one."""
 
-    pose: Float[Array, "5"]
-    """Of y and z [m] and q_x, q_y, q_z [1]: they move points by the play, or as deep as the load presses."""
+    pose: Float[Array, " unknowns"]
+    """Of y and z [m], q_x, q_y, q_z [1] and elastic modes: they move points by the play, or as deep as the load
+    presses."""
     load: Array
     """Force that the contacts carry [N]."""
 
     @classmethod
     def of(cls, scene: Scene, epoch: Array) -> "_Scales":
-        reach = jnp.max(jnp.abs(scene.section.points))
-        half_length = scene.slipper.length / 2
+        body = scene.slipper
+        reach, half_length = body.reach(scene.section), body.half_length(scene.section)
         load = jnp.zeros(()) if scene.gravity is None else driven_mass(scene) * jnp.abs(scene.gravity)
         if scene.load is not None:
             (_, *force), moment = scene.load.wrench(scene.travel(epoch))
             load = load + sum(map(jnp.abs, force)) + sum(map(jnp.abs, moment)) / half_length
         # without both, forces are scaled by the weight on earth
-        load = jnp.where(load > 0, load, scene.slipper.mass * STANDARD_GRAVITY)
+        load = jnp.where(load > 0, load, body.mass * STANDARD_GRAVITY)
         depth = (load / scene.contact.stiffness) ** (2 / 3)
         size = jnp.max(scene.section.play) + depth
         # a quaternion is half an angle
-        return cls(size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length]), load)
+        pose = size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length])
+        if body.modes is not None:
+            farthest = jnp.max(jnp.abs(body.modes.shapes), axis=(1, 2))
+            pose = jnp.concatenate([pose, size / jnp.where(farthest > 0, farthest, 1.0)])
+        return cls(pose, load)
 
 
-def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, "5"]) -> Motion:
-    """Return the motion without velocities at the place of `unknown`, which counts from the middle of the play."""
-    length = scene.slipper.length
+def _middle(scene: Scene, epoch: Array) -> Sequence[Real]:
+    """Return y, z, q_x, q_y and q_z of a body whose slippers are in the middle of their play, as nearly as can be."""
     distance = epoch * scene.wavelength
+    if len(scene.mounted) > 1:
+        return _level(scene, epoch)
+    length = scene.slipper.length
     front, rear = (scene.track.irregularity(at) for at in (distance, distance - length))
     # on the line through the rail at both ends; nose down is a positive pitch
-    middle = [
+    return [
         (front.lateral + rear.lateral) / 2,
         (front.vertical + rear.vertical) / 2,
         sum(at.roll for at in (front, rear) if at.roll is not None) / 4,
         -(front.vertical - rear.vertical) / length / 2,
         (front.lateral - rear.lateral) / length / 2,
     ]
-    at = [m + size * u for m, size, u in zip(middle, scales.pose, unknown, strict=True)]
-    return Motion(*at)
+
+
+def _level(scene: Scene, epoch: Array) -> list[Array]:
+    """Return `_middle` on the track nodes of several slippers, by least squares."""
+    points = contact_points(scene)
+    x, y, z = (node.ravel() for node in track_nodes(scene, epoch, points))
+    each = scene.points // len(points.lengths)
+    across, up = (jnp.zeros(()) if axis is None else jnp.repeat(axis[::each], 2) for axis in points.axis)
+    # from the middle of the slippers, where levels and slopes are independent
+    along, side = x - jnp.mean(x), across - jnp.mean(across)
+    slope = lambda arm, values: jnp.sum(arm * values) / jnp.maximum(jnp.sum(arm * arm), 1e-12)
+    lateral, vertical = y - across, z - up
+    roll, pitch, yaw = slope(side, vertical), -slope(along, vertical), slope(along, lateral)
+    z_0 = jnp.mean(vertical) + pitch * jnp.mean(x) - roll * jnp.mean(across)
+    return [jnp.mean(lateral) - yaw * jnp.mean(x), z_0, roll / 2, pitch / 2, yaw / 2]
+
+
+def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, " unknowns"]) -> Motion:
+    """Return the motion without velocities at the place of `unknown`, which counts from the middle of the play."""
+    scaled = [size * u for size, u in zip(scales.pose, unknown, strict=True)]
+    modes = None
+    if scene.slipper.modes is not None:
+        bent = jnp.stack(scaled[5:])
+        modes = ModalMotion(bent, jnp.zeros_like(bent))
+    return Motion(*(m + s for m, s in zip(_middle(scene, epoch), scaled, strict=False)), modes=modes)
 
 
 def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
-    """Return force along y and z [N] and moment about x, y and z [N m] on a slipper that stands there.
+    """Return force along y and z [N], moment about x, y and z [N m] and forces on modes [N kg^-0.5] of a slipper
+    that stands there.
 
     The forces of contacts are elastic, because nothing approaches.
     """
@@ -210,37 +248,40 @@ def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
     now = contacts(frame, motion)
     still = jnp.zeros_like(now.gap)
     force = scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
-    acting = Acting(frame, now, _with_sled(scene, motion), force)
+    acting = Acting(frame, now, _with_parts(scene, motion), force)
     rates = motion_rates(scene, acting, scene.travel(epoch))
     j_x, j_y, j_z = scene.slipper.inertia
     mass = scene.slipper.mass
-    return [mass * rates.v_y, mass * rates.v_z, j_x * rates.w_x, j_y * rates.w_y, j_z * rates.w_z]
+    modal = [] if rates.modes is None else rates.modes.rate
+    return [mass * rates.v_y, mass * rates.v_z, j_x * rates.w_x, j_y * rates.w_y, j_z * rates.w_z, *modal]
 
 
-def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, "5"]:
+def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, " unknowns"]:
     """Return the work of forces and moments over the scales of a slipper's pose, over that of its load [1]."""
     wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown)))
     # twice the quaternion is the angle
-    ways = scales.pose * jnp.array([1.0, 1.0, 2.0, 2.0, 2.0])
+    ways = scales.pose * np.append([1.0, 1.0, 2.0, 2.0, 2.0], np.ones(unknown.size - 5))
     return wrench * ways / (scales.pose[0] * scales.load) - CENTRING * unknown
 
 
 def _newton_step(slope: Array, residual: Array) -> Array:
     """Return what an iteration of Newton's method takes off, without LAPACK, which threads must not share."""
-    return jnp.stack(solved(factored(list(map(list, slope))), list(residual)))
+    if residual.size == 5:
+        return jnp.stack(solved(factored(list(map(list, slope))), list(residual)))
+    return eliminated(slope, residual)
 
 
 class _Search(NamedTuple):
     """Newton's iterations for the equilibrium, in the units of `_Scales`."""
 
-    unknown: Float[Array, "5"]
-    step: Float[Array, "5"]
+    unknown: Float[Array, " unknowns"]
+    step: Float[Array, " unknowns"]
     """The last one."""
     most: Array
     """Greatest size of the next step."""
-    residual: Float[Array, "5"]
+    residual: Float[Array, " unknowns"]
     """Before the last step, as the slope."""
-    slope: Float[Array, "5 5"]
+    slope: Float[Array, "unknowns unknowns"]
     count: Array
 
 
@@ -251,7 +292,7 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
     linearised = jax.vmap(along, (None, 0), (None, 1))
 
     def improve(at: _Search) -> _Search:
-        residual, slope = linearised(at.unknown, jnp.eye(5))
+        residual, slope = linearised(at.unknown, jnp.eye(at.unknown.size))
         full = -_newton_step(slope, residual)
         # an open slipper falls by a part of its play in each iteration; one that goes to and fro takes shorter ones
         most = jnp.where(jnp.dot(full, at.step) < 0, 0.5 * at.most, jnp.minimum(1.05 * at.most, 1.0))
@@ -259,19 +300,19 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
         return _Search(at.unknown + step, step, most, residual, slope, at.count + 1)
 
     go_on = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) & (at.count < MOST_ITERATIONS)
-    one = jnp.ones(5)
-    return jax.lax.while_loop(
-        go_on, improve, _Search(0 * one, one, jnp.asarray(0.5), one, jnp.eye(5), jnp.zeros((), int))
-    )
+    one = jnp.ones_like(scales.pose)
+    first = _Search(0 * one, one, jnp.asarray(0.5), one, jnp.eye(one.size), jnp.zeros((), int))
+    return jax.lax.while_loop(go_on, improve, first)
 
 
-def _with_sled(scene: Scene, motion: Motion) -> Motion:
-    """Return a motion with a sled at rest on its springs where the scene has one."""
-    if scene.sled is None:
-        # a motion with a sled may start a scene without one
-        return of_slipper(motion)
-    if isinstance(motion, SledMotion):
-        return motion
-    sag = scene.sled.sag(scene.gravity)
-    sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
-    return SledMotion(**vars(of_slipper(motion)), **sled)
+def _with_parts(scene: Scene, motion: Motion) -> Motion:
+    """Return a motion with those of the parts that the scene has: a mass at rest on its springs, modes at rest."""
+    # a motion with more parts may start a scene without them
+    sled = modes = None
+    if scene.sled is not None:
+        sag = scene.sled.sag(scene.gravity)
+        sled = SledMotion(motion.y, motion.z + sag, motion.v_y, motion.v_z) if motion.sled is None else motion.sled
+    if scene.slipper.modes is not None:
+        still = jnp.zeros(scene.slipper.modes.count)
+        modes = ModalMotion(still, still) if motion.modes is None else motion.modes
+    return Motion(**{name: getattr(motion, name) for name in MOTION_NUMBERS}, sled=sled, modes=modes)

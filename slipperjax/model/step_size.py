@@ -13,6 +13,9 @@ from .travel import Travel
 
 PER_CONTACT = 10
 """Default number of steps per typical impact, chosen by `tests/benchmarks/test_steps.py`."""
+PER_MODE = 20
+"""Default number of steps per oscillation of the highest elastic mode, in each of which RK4 loses 3e-4 of its energy.
+"""
 LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
@@ -39,9 +42,14 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
 def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
     """Return the depth of a typical impact [m], see `contact_duration`."""
     # effective mass of a corner, which translates, rolls and pitches
-    slipper = scene.slipper
-    reach = jnp.max(jnp.abs(scene.section.points))
-    mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
+    body = scene.slipper
+    reach = body.reach(scene.section)
+    along = body.half_length(scene.section)
+    yielding = 1 / body.mass + reach**2 / body.inertia[0] + along**2 / body.inertia[1]
+    if body.modes is not None:
+        # modes yield to an impact, too
+        yielding = yielding + jnp.max(jnp.sum(body.modes.shapes**2, axis=(0, 2)))
+    mass = 1 / yielding
     return (1.25 * mass * _approach(scene, travel) ** 2 / scene.contact.stiffness) ** 0.4
 
 
@@ -87,7 +95,11 @@ def steps_needed(scene: Scene) -> Float[Array, ""]:
     waves = scene.wavelength / scene.track.shortest_wavelength
     # whichever needs more: impacts or short waves
     per_impact = PER_CONTACT * impacts * jnp.maximum(damping / 2.0, 1.0)
-    return jnp.maximum(per_impact, 10 * waves * damped_waves(damping))
+    needed = jnp.maximum(per_impact, 10 * waves * damped_waves(damping))
+    modes = scene.slipper.modes
+    if modes is None:
+        return needed
+    return jnp.maximum(needed, PER_MODE * modes.frequency[-1] * scene.slowest_travel.period)
 
 
 def damped_waves(damping: Array) -> Array:

@@ -65,6 +65,11 @@ class AbstractTrack(ShapeChecked):
         return {}
 
     @property
+    def gauge(self) -> Float[Array, ""] | None:
+        """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+        return None
+
+    @property
     def begin(self) -> Real:
         """Distance from which on the rail is described [m]; -inf where it is everywhere."""
         return -np.inf

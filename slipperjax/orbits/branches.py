@@ -36,7 +36,7 @@ from ..tools.progress import bar as progress_bar
 from ..tools.types import Real
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
-from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
+from .signature import Gaps, GapSamples, Grazing, Signature, grazing, signature
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -375,8 +375,9 @@ class _Settings:
             "tolerance": self.tolerance,
         }
         ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
-        # contact points of both ends, the front ones first, get an axis of ends
-        touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
+        # a branch has points of its own
+        labels = {name.replace("point", "contact"): of for name, of in scene.point_labels.items()}
+        touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), *scene.point_shape)
         signatures = [view.signature for view in views]
         data = {
             "tangent": along(
@@ -398,14 +399,14 @@ class _Settings:
                 "least magnitude of a gap's extreme",
                 unit="m",
             ),
-            "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", "end", "contact"),
+            "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", *labels),
         }
         # crossings of all orbits, with a leading axis of points
         together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
         sections, _ = PoincareSections().label(scene, ("point",), together)
         # the state at the start of the orbit is its one strobe state
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
-        coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}
+        coords |= labels
         ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
         # the steps from which `extended` goes on
         next_steps = [end.step for end in branch.ends]
@@ -467,7 +468,7 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple
     """Return the dataset's variables along `event`."""
     # by identity, because two points may share a value, such as a bound and a grazing
     index = {id(node.z): k for k, node in enumerate(branch.nodes)}
-    names = contact_names(scene)
+    names = scene.point_names
     rows = []
     for event in branch.events:
         z = event.node.z

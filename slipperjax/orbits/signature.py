@@ -134,14 +134,9 @@ def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, 
     return (gaps.cubic.value(starts) >= 0) & (at_end < 0) & (starts < ends), starts, ends
 
 
-def contact_names(scene: Scene) -> list[str]:
-    """Return the names of all contact points, such as A1 at the front and A2 at the rear."""
-    return [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
-
-
 def signature(scene: Scene, gaps: Gaps) -> Signature:
     """Return the contact signature of an orbit."""
-    names = contact_names(scene)
+    names = scene.point_names
     cubic = gaps.cubic
     falls, low, high = _falls(gaps)
     # bisect each part for the instant of the fall, down to rounding

@@ -7,6 +7,7 @@ in which that cubic is closed. The motion gets the difference of the two impulse
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -23,12 +24,23 @@ from ..model.dynamics import (
     contact_forces,
     forces_at,
     newton_euler,
-    per_force,
     per_period,
+    resultants,
+    wrench_directions,
 )
-from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, moved
+from ..model.kinematics import (
+    Contacts,
+    ModalMotion,
+    Motion,
+    RailFrame,
+    along_normals,
+    attitude_rates,
+    contacts,
+    modal_compliance,
+    moved,
+)
 from ..model.scene import Scene
-from ..tools.fused import store, store_cotangent, store_if_differentiated, sums
+from ..tools.fused import store, store_cotangent, store_if_differentiated
 from ..tools.hermite import Cubic, sign_change
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
@@ -52,8 +64,8 @@ class Ends(NamedTuple):
     gap: Array  # [m]
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
     turning: Array  # the gap's true rate less Eq. (8)'s: that of the normals' own rotation [m/s]
-    wrenches: tuple[Array, ...]  # force along y and z and moment about x, y and z of a unit normal force
-    wrench: list[Array]  # those of all contacts together, five scalars [N, N m]
+    wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
+    wrench: list[Array]  # those of all contacts together, see `resultants`
 
 
 class ImpulseRK4(AbstractLatchingSolver):
@@ -104,9 +116,9 @@ class ImpulseRK4(AbstractLatchingSolver):
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             at = forces_at(scene, frame, now, State(m, y0.memory))
-            own = per_force(scene, at, travel)[1:]
-            wrenches = sums(*(at.force * d for d in (*own, *before.wrenches)))
-            return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
+            directions = wrench_directions(scene, at, travel), before.wrenches
+            own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), by_start
 
         y2, k2, f2 = stage(half, middle, k1, 0.5)
         y3, k3, f3 = stage(half, middle, k2, 0.5)
@@ -154,11 +166,22 @@ def _corrected(
     lever = store(now.lever)
     gap, turning = store((now.gap, _turning(args, t1, rail, m)))
     directions = (*frame.normal[1:], *lever)
-    along = lambda v: sum(d * part for d, part in zip(directions, v, strict=True))
-    rate = store(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
+
+    def along(rigid: Sequence[Array], modal: Sequence[Array]) -> Array:
+        """Return how far, or how fast, the points move along their normals with the body."""
+        moves = jnp.asarray(sum(d * part for d, part in zip(directions, rigid, strict=True)))
+        return moves + along_normals(frame, *modal)[0] if modal else moves
+
+    modal_rate = () if m.modes is None else (m.modes.rate,)
+    rate = store(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z), modal_rate) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
     # the compliance of a point along its normal
-    own = store_if_differentiated(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))
+    own = sum(c * d**2 for c, d in zip(compliance, directions, strict=True))
+    if m.modes is not None:
+        own = own + seconds * modal_compliance(frame)
+        # of modes of unit mass
+        compliance = [*compliance, seconds]
+    own = store_if_differentiated(own)
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
@@ -189,21 +212,26 @@ def _corrected(
     damped = _damping(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
-    *total, rough = sums(
-        *(means * d for d in before.wrenches),
-        *(earlies * d for d in before.wrenches),
-        rough,
+    total, total_early, (rough,) = resultants(
+        frame,
+        [means * d for d in before.wrenches],
+        [earlies * d for d in before.wrenches],
+        others=[rough],
     )
 
     # the difference of impulses changes velocities, and positions by its part of the step
     share = 1 / (1 + rough)
-    change = [share * (a - b) for a, b in zip(total, mean + early, strict=True)]
-    kick = [c * v for c, v in zip(compliance, change[:5], strict=True)]
-    move = [seconds * c * v for c, v in zip(compliance, change[5:], strict=True)]
+    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=True)]
+    kick = [c * v for c, v in zip(compliance, changes(total, mean), strict=True)]
+    move = [seconds * c * v for c, v in zip(compliance, changes(total_early, early), strict=True)]
     # the turn of the move, at the attitude that RK4 has found
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
-    m, kick, move = store((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
-    end = Contacts(gap + along(move), rate + along(kick), lever)
+    after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))
+    if m.modes is not None:
+        modes = ModalMotion(m.modes.coordinate + move[5], m.modes.rate + kick[5])
+        after = dataclasses.replace(after, modes=modes)
+    m, kick, move = store((after, kick, move))
+    end = Contacts(gap + along(move[:5], move[5:]), rate + along(kick[:5], kick[5:]), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
     return state, *_ended(args, t1, frame, end, turning, state)
 
@@ -220,8 +248,8 @@ def _ended(
     scene = args.scene
     travel = args.travel(t)
     at = forces_at(scene, frame, now, state)
-    own = per_force(scene, at, travel)[1:]
-    wrench = sums(*(at.force * w for w in own))
+    own = wrench_directions(scene, at, travel)
+    wrench, _ = resultants(frame, [at.force * w for w in own])
     rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
     return rates, Ends(now.gap, now.rate, turning, own, wrench)
 
@@ -304,4 +332,5 @@ def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
 def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
     """Return the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
     frame, change = rail
-    return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity
+    change = change._replace(arm=frame.arm, shapes=frame.shapes)
+    return contacts(change, m).gap * (1 / args.travel(t).period) + frame.velocity

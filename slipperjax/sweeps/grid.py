@@ -1,5 +1,6 @@
 """Grids and samples of parameters: as batches of scenes and starts, and as tiles. Only here are names resolved."""
 
+import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -196,16 +197,14 @@ class Cases(Grid):
         self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
         self.start = start
         motion = start.motion if isinstance(start, State) else start
-        of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
-        spread = lambda v: np.broadcast_to(np.asarray(v, float), self.count)
-        self.starts = type(motion)(**{name: spread(v) for name, v in of_start.items()})
-        # memory and other parts of a state are the same in all cases
+        # what the grid does not vary is the same in all cases
+        alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
+        of_start = {name: values for name, values in flat.items() if name in STARTS}
+        varying = {name: np.asarray(values, float) for name, values in of_start.items()}
+        starts = dataclasses.replace(jax.tree.map(alike, motion), **varying)
+        self.starts = starts
         if isinstance(start, State):
-            alike = jax.tree.map(
-                lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))),
-                start,
-            )
-            self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
+            self.starts = eqx.tree_at(lambda state: state.motion, jax.tree.map(alike, start), starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""

@@ -44,18 +44,19 @@ def store(tree):
     XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work where many do, as in
     an elimination without loops.
 
-    **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same values,
-    broadcast to that shape.
+    **Arguments:** a pytree of floating-point arrays. **Returns:** the same values.
     """
     return _of_leaves(_stored, tree)
 
 
 def _of_leaves(primitive: Primitive, tree):
-    """Call a primitive of the leaves of a pytree; a leaf that occurs twice is passed once."""
+    """Call a primitive of the leaves of a pytree, those of one shape together; one that occurs twice is passed once."""
     leaves, structure = jax.tree.flatten(tree)
-    once = {id(x): x for x in leaves}
-    results = primitive.bind(*_broadcast(once.values()))
-    of = dict(zip(once, results, strict=True))
+    once = {id(x): jnp.asarray(x, float) for x in leaves}
+    of = {}
+    for shape in dict.fromkeys(jnp.shape(x) for x in once.values()):
+        alike = {key: x for key, x in once.items() if jnp.shape(x) == shape}
+        of |= zip(alike, primitive.bind(*alike.values()), strict=True)
     return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
 
 

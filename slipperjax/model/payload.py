@@ -1,0 +1,58 @@
+"""A mass on a spring and a damper on the slipper or sled, with states of its own only where a scene has one."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..tools.checks import not_negative, positive
+from ..tools.fields import ShapeChecked, field
+
+Pair = Float[Array, "2"]
+
+
+class SledMass(ShapeChecked):
+    """A mass that moves laterally and vertically, on a spring and a damper at the slipper's centre.
+
+    It takes part in the travel, so that the drive accelerates it, too. A run that begins with a `Motion` begins with
+    the mass at rest on its spring, moving as the slipper does.
+    """
+
+    mass: Float[Array, ""] = field("kg", positive)
+    """Mass [kg]."""
+    stiffness: Pair = field("N/m", positive)
+    """Stiffness of the lateral and the vertical spring [N/m]."""
+    damping: Pair = field("N s/m", not_negative, default=(0.0, 0.0))
+    """Damping of the lateral and the vertical damper [N s/m]."""
+    travel: Pair | None = field("m", positive, default=None)
+    """Deflection of the springs from which on stops are hit [m]; None: there are none."""
+    stop_stiffness: Pair | None = field("N/m", positive, default=None)
+    """Stiffness of the stops [N/m]."""
+
+    def __check_init__(self):
+        if (self.travel is None) != (self.stop_stiffness is None):
+            raise ValueError("Arguments `travel` and `stop_stiffness` must be given together.")
+
+    def force(self, deflection: Pair, rate: Pair) -> Pair:
+        """Return the lateral and the vertical force on the slipper [N].
+
+        **Arguments:** `deflection`: displacement of the mass less the slipper's [m]; `rate`: of it [m/s].
+        """
+        force = self.stiffness * deflection + self.damping * rate
+        if self.travel is None or self.stop_stiffness is None:
+            return force
+        # the stops act beside the springs, on either side of the free travel
+        beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
+        return force + self.stop_stiffness * beyond
+
+    def sag(self, gravity: Array | None) -> Array:
+        """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
+        if gravity is None:
+            return jnp.zeros(())
+        weight = self.mass * gravity
+        spring = self.stiffness[1]
+        free = weight / spring
+        if self.travel is None or self.stop_stiffness is None:
+            return -free
+        # what the spring does not carry within its travel, spring and stop carry together
+        travel = self.travel[1]
+        stop = self.stop_stiffness[1]
+        return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))
