@@ -1,4 +1,4 @@
-"""System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
+"""System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, spectra, vibration, statistics."""
 
 from .attractor import Attractors as Attractors, classify as classify, zero_one_test as zero_one_test
 from .continuation import Branch as Branch, continue_motion as continue_motion, extend as extend, switch as switch
@@ -6,6 +6,18 @@ from .critical import (
     CriticalMotion as CriticalMotion,
     continue_critical as continue_critical,
     critical_motion as critical_motion,
+)
+from .environment import (
+    Envelope as Envelope,
+    VibrationEnvironment as VibrationEnvironment,
+    band_edges as band_edges,
+    envelope as envelope,
+    resample as resample,
+    running_level as running_level,
+    shock_response_spectrum as shock_response_spectrum,
+    tolerance_factor as tolerance_factor,
+    vibration_environment as vibration_environment,
+    window_densities as window_densities,
 )
 from .events import Event as Event
 from .floquet import jacobians as jacobians, largest_exponent as largest_exponent, multipliers as multipliers

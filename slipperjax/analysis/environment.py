@@ -1,0 +1,333 @@
+"""Vibration environment of a payload: spectral density, RMS, shock response, level over time, and tolerance limits.
+
+As reports of tests state it: NASA-HDBK-7005 (*Dynamic environmental criteria*, 2001) and MIL-STD-810H, Method 514.
+Accelerations are arrays (..., samples) in m/s^2; the leading axes are rails, places, directions. Densities are in
+(m/s^2)^2/Hz, and divided by the square of `STANDARD_GRAVITY` in g^2/Hz.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..tools.checks import number, numbers, positive, require
+from ..tools.types import Numbers
+from .spectra import power_spectral_density
+
+_ROUNDING = 1e-9
+"""Share by which a band may be too narrow or too high because numbers are rounded."""
+
+
+class Envelope(NamedTuple):
+    """Summary of an ensemble, over its first axis."""
+
+    maximum: np.ndarray
+    """Greatest value of the ensemble [unit]."""
+    mean: np.ndarray
+    """Arithmetic mean [unit]."""
+    limit: np.ndarray
+    """Normal tolerance limit of the logarithms [unit]; NaN for one sample, and where a value is zero."""
+
+
+class VibrationEnvironment(NamedTuple):
+    """Everything that a report on vibration states; `*cases` are the axes (rails, ...) of the accelerations."""
+
+    edges: np.ndarray
+    """Edges of the bands, and natural frequencies of the shock response [Hz], shape (bands + 1,)."""
+    time: np.ndarray
+    """Middle of each window from the first sample [s], shape (windows,)."""
+    windows: np.ndarray
+    """Density in each window [(m/s^2)^2/Hz], shape (*cases, windows, bands)."""
+    density: np.ndarray
+    """Mean density over the windows that have the band, which is Welch's [(m/s^2)^2/Hz], shape (*cases, bands)."""
+    maximax: np.ndarray
+    """Greatest density over the windows [(m/s^2)^2/Hz], shape (*cases, bands)."""
+    rms: np.ndarray
+    """RMS of the whole record about its mean, of all frequencies [m/s^2], shape (*cases,)."""
+    band_rms: np.ndarray
+    """RMS in the bands that have a density, by `density` [m/s^2], shape (*cases,)."""
+    shock_response: np.ndarray
+    """Maximax absolute acceleration at natural frequencies `edges` [m/s^2], shape (*cases, bands + 1)."""
+    level_time: np.ndarray
+    """Times of `level` from the first sample [s], shape (levels,)."""
+    level: np.ndarray
+    """Running RMS [m/s^2], shape (*cases, levels)."""
+    duration: np.ndarray
+    """Time for which the level is within 6 dB of its greatest [s], shape (*cases,)."""
+    density_envelope: Envelope
+    """Envelope of `density` over rails."""
+    maximax_envelope: Envelope
+    """Envelope of `maximax` over rails."""
+    shock_envelope: Envelope
+    """Envelope of `shock_response` over rails."""
+
+
+def _histories(acceleration: Numbers, axes: int = 1) -> np.ndarray:
+    """Return histories of 8 or more samples in double precision, which running sums and slow oscillators need."""
+    x = numbers("acceleration", acceleration, axes).astype(float)
+    require(x.shape[-1] >= 8, "acceleration", "have 8 or more samples along its last axis", shown=str(x.shape[-1]))
+    return x
+
+
+def band_edges(low: float = 20.0, high: float = 2000.0, *, per_octave: float = 6.0) -> np.ndarray:
+    """Return edges of equally wide bands from `low` to `high` [Hz] that are an octave / `per_octave` wide or less.
+
+    Of sixth octaves from 20 to 2000 Hz there are 40. **Raises:** `ValueError` unless 0 < low < high.
+    """
+    low, high = number(positive, "low", low, "Hz"), number(positive, "high", high, "Hz")
+    require(low < high, "low", f"be below {high:g} Hz", shown=f"{low:g} Hz")
+    octaves = math.log2(high / low)
+    bands = math.ceil(octaves * number(positive, "per_octave", per_octave) - _ROUNDING)
+    return np.geomspace(low, high, bands + 1)
+
+
+def window_densities(
+    acceleration: Numbers,
+    rate: float,
+    edges: np.ndarray,
+    *,
+    window: float | None = None,
+    highest: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middle of each window [s] and its power spectral density in bands, (..., windows, bands).
+
+    Hann windows overlap by half, or by a little more so that the last one ends with the record; the mean of each is
+    subtracted. The mean over the windows is Welch's estimate (doi:10.1109/TAU.1967.1161901). Lines of a periodogram
+    count as constant over their width, so that the mean square of the windowed signal is conserved, and a band of
+    width B has about 2 B `window` / 1.94 degrees of freedom a window.
+
+    Bands narrower than the resolution 1 / `window`, or above half the sampling rate or `highest`, are NaN.
+
+    **Arguments:** `rate` [Hz]; `edges` of bands [Hz], shape (bands + 1,); `window` [s]: by default the shortest that
+    resolves every band, 0.41 s for those of `band_edges`, and at most the record; `highest`: frequency up to
+    which each sample is reliable [Hz], shape (samples,).
+
+    **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
+    """
+    x = _histories(acceleration)
+    edges = numbers("edges", edges, 1)
+    rate = number(positive, "rate", rate, "Hz")
+    widths = np.diff(edges)
+    require(edges.size > 1 and (widths > 0).all(), "edges", "be two frequencies or more that increase", edges)
+    duration = 1 / widths.min() if window is None else number(positive, "window", window, "s")
+    size = min(max(math.ceil(duration * rate * (1 - _ROUNDING)), 8), x.shape[-1])
+    hops = math.ceil((x.shape[-1] - size) / (size / 2))
+    starts = np.rint(np.linspace(0, x.shape[-1] - size, hops + 1)).astype(int)
+    resolved = (widths >= rate / size * (1 - _ROUNDING)) & (edges[1:] <= rate / 2 * (1 + _ROUNDING))
+    densities = []
+    for start in starts:
+        # one window at a time, because the spectra of all of them would take much memory
+        part = slice(start, start + size)
+        spectrum = power_spectral_density(x[..., part], rate)
+        good = resolved if highest is None else resolved & (edges[1:] <= highest[part].min())
+        densities.append(np.where(good, _band_means(*spectrum, edges, rate), np.nan))
+    return (starts + (size - 1) / 2) / rate, np.stack(densities, axis=-2)
+
+
+def _band_means(frequency: np.ndarray, density: np.ndarray, edges: np.ndarray, rate: float) -> np.ndarray:
+    """Return means over bands of a density that is constant over the width of each line."""
+    width = frequency[1]
+    # lines at zero and at half the sampling rate are half as wide, although their power is not doubled
+    bounds = np.append(0.0, np.minimum(frequency + width / 2, rate / 2))
+    powers = density * width
+    below = np.concatenate([np.zeros((*density.shape[:-1], 1)), np.cumsum(powers, axis=-1)], axis=-1)
+    line = np.clip(np.searchsorted(bounds, edges, side="right") - 1, 0, frequency.size - 1)
+    share = np.clip((edges - bounds[line]) / (bounds[line + 1] - bounds[line]), 0.0, 1.0)
+    return np.diff(below[..., line] + share * powers[..., line], axis=-1) / np.diff(edges)
+
+
+def band_rms(density: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN where none is."""
+    known = np.isfinite(density)
+    square = np.sum(np.where(known, density, 0.0) * np.diff(edges), axis=-1)
+    return np.where(known.any(axis=-1), np.sqrt(square), np.nan)
+
+
+def oscillator_response(
+    acceleration: Numbers, rate: float, natural_frequency: float, *, quality: float = 10.0
+) -> np.ndarray:
+    """Return the absolute acceleration of an oscillator on a base that has an acceleration, (..., samples).
+
+    The ramp-invariant recursive filter is exact for accelerations that are linear between samples: D. O. Smallwood,
+    *An improved recursive formula for calculating shock response spectra*, Shock and Vibration Bulletin 51(2), 1981,
+    and ISO 18431-4:2007. The oscillator begins in equilibrium with the first sample.
+
+    **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz]; `quality`:
+    1 / (2 damping ratio), above 1/2.
+    """
+    import scipy.signal  # here, because importing it takes longer than a small simulation
+
+    x = _histories(acceleration)
+    quality = number(positive, "quality", quality)
+    require(quality > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
+    rate = number(positive, "rate", rate, "Hz")
+    angle = 2 * np.pi * number(positive, "natural_frequency", natural_frequency, "Hz") / rate
+    decay = np.exp(-angle / (2 * quality))
+    turn = angle * np.sqrt(1 - 1 / (4 * quality**2))
+    cosine = decay * np.cos(turn)
+    ramp = decay * np.sin(turn) / turn
+    forward = [1 - ramp, 2 * (ramp - cosine), decay**2 - ramp]
+    first = x[..., :1]
+    return first + scipy.signal.lfilter(forward, [1.0, -2 * cosine, decay**2], x - first, axis=-1)
+
+
+def shock_response_spectrum(
+    acceleration: Numbers, rate: float, natural_frequency: Numbers, *, quality: float = 10.0
+) -> np.ndarray:
+    """Return the greatest absolute acceleration of oscillators on a base, of both signs, (..., natural frequencies).
+
+    A steady acceleration is no shock, see `oscillator_response`. Only responses at samples count: at ten samples a
+    period peaks are up to 5 % higher, and what is linear between samples lacks 3 % of a sine. Natural frequencies
+    above a tenth of the sampling rate are NaN. Slow oscillators have their peak after a pulse: let zeros follow it.
+
+    **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz], shape
+    (frequencies,); `quality`: 1 / (2 damping ratio), above 1/2.
+    """
+    x = _histories(acceleration)
+    frequencies = numbers("natural_frequency", natural_frequency, 1)
+    rate = number(positive, "rate", rate, "Hz")
+    peaks = np.full((*x.shape[:-1], frequencies.size), np.nan)
+    for k, frequency in enumerate(frequencies):
+        if frequency <= rate / 10 * (1 + _ROUNDING):
+            peaks[..., k] = abs(oscillator_response(x, rate, frequency, quality=quality)).max(axis=-1)
+    return peaks
+
+
+def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Return times [s] and the RMS about the mean in a window around each [m/s^2], shape (..., times).
+
+    Times are an eighth of a window apart or less, and each stands for an equal part of the record. Windows at the
+    ends are shorter by what lies outside of the record.
+
+    **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `window` [s].
+    """
+    x = _histories(acceleration)
+    rate = number(positive, "rate", rate, "Hz")
+    half = number(positive, "window", window, "s") * rate / 2
+    samples = x.shape[-1]
+    parts = min(math.ceil(4 * samples / half), samples)
+    middles = (np.arange(parts) + 0.5) * samples / parts
+    # at least the sample in which the middle lies
+    begin = np.minimum(np.rint(np.maximum(middles - half, 0)), np.floor(middles)).astype(int)
+    end = np.maximum(np.rint(np.minimum(middles + half, samples)), begin + 1).astype(int)
+    # a mean that is large beside the vibration would cost digits
+    x = x - x.mean(axis=-1, keepdims=True)
+    means = []
+    for power in (x, x**2):
+        below = np.concatenate([np.zeros((*x.shape[:-1], 1)), np.cumsum(power, axis=-1)], axis=-1)
+        means.append((below[..., end] - below[..., begin]) / (end - begin))
+    variance = means[1] - means[0] ** 2
+    return (middles - 0.5) / rate, np.sqrt(np.maximum(variance, 0.0))
+
+
+def tolerance_factor(samples: int, *, share: float = 0.95, confidence: float = 0.5) -> float:
+    """Return k such that mean + k times standard deviation of normal samples exceeds a share of all values.
+
+    It does so with a probability of `confidence`: k = t / sqrt(n), with t that quantile of the noncentral t
+    distribution of n - 1 degrees of freedom and noncentrality sqrt(n) z, where z is the normal quantile of `share`.
+    NaN for one sample.
+    """
+    import scipy.stats
+
+    if samples < 2:
+        return math.nan
+    shift = math.sqrt(samples) * scipy.stats.norm.ppf(share)
+    return float(scipy.stats.nct.ppf(confidence, samples - 1, shift)) / math.sqrt(samples)
+
+
+def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0.5) -> Envelope:
+    """Return maximum, mean and tolerance limit over the first axis of positive values, such as densities of rails.
+
+    The limit is 10^(m + k s), with m and s the mean and standard deviation of log10 of the values, and k by
+    `tolerance_factor`: P95/50 by default. What an estimate of a density scatters is part of s, and raises it.
+    """
+    values = numbers("ensemble", ensemble, 1)
+    samples = values.shape[0]
+    require(samples > 0, "ensemble", "have a sample or more along its first axis", shown="none")
+    limit = np.full(values.shape[1:], np.nan)
+    if samples > 1:
+        logarithms = np.log10(np.where(values > 0, values, np.nan))
+        factor = tolerance_factor(samples, share=share, confidence=confidence)
+        limit = 10 ** (logarithms.mean(axis=0) + factor * logarithms.std(axis=0, ddof=1))
+    return Envelope(values.max(axis=0), values.mean(axis=0), limit)
+
+
+def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
+    """Return samples at unequal times as samples at `rate` from the first time on, (..., new samples).
+
+    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate`; a linear-phase
+    low-pass filter then takes away what would be aliased. Frequencies above a quarter of the local sampling rate,
+    where a cubic spline lacks 3 % of the power of a sine, are not reliable.
+
+    **Arguments:** `time` [s], shape (samples,), increasing; `samples`: [unit], shape (..., samples); `rate` [Hz].
+    """
+    import scipy.interpolate
+    import scipy.signal
+
+    time, samples = numbers("time", time, 1), numbers("samples", samples, 1)
+    rate = number(positive, "rate", rate, "Hz")
+    require(time.shape == samples.shape[-1:], "time", f"have shape {samples.shape[-1:]}", shown=str(time.shape))
+    gaps = np.diff(time)
+    require(time.size > 1 and (gaps > 0).all(), "time", "be two times or more that increase", time)
+    count = math.floor((time[-1] - time[0]) * rate * (1 + _ROUNDING)) + 1
+    multiple = math.ceil(1 / (gaps.min() * rate) * (1 - _ROUNDING))
+    fine = time[0] + np.arange((count - 1) * multiple + 1) / (multiple * rate)
+    course = scipy.interpolate.CubicSpline(time, samples, axis=-1)(np.minimum(fine, time[-1]))
+    return course if multiple == 1 else scipy.signal.resample_poly(course, 1, multiple, axis=-1, padtype="line")
+
+
+def vibration_environment(
+    acceleration: Numbers,
+    rate: float,
+    *,
+    time: Numbers | None = None,
+    edges: np.ndarray | None = None,
+    window: float | None = None,
+    averaging: float = 0.1,
+    quality: float = 10.0,
+) -> VibrationEnvironment:
+    """Return the vibration environment of an ensemble of histories.
+
+    **Arguments:** `acceleration` [m/s^2], shape (rails, ..., samples); `rate` [Hz]: ten times the highest frequency
+    or more, better twenty; `time`: of samples that are not at `rate`, which are then resampled [s], shape (samples,),
+    such as those at equal distances of a sled whose speed changes; `edges` of bands [Hz], by default `band_edges()`;
+    `window` of densities [s], see `window_densities`; `averaging`: window of the level [s]; `quality` of the
+    oscillators of the shock response.
+
+    **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
+    """
+    x = _histories(acceleration, 2)
+    rate = number(positive, "rate", rate, "Hz")
+    require(np.isfinite(x).all(), "acceleration", "be finite", shown="infinite or not a number")
+    edges = band_edges() if edges is None else np.asarray(edges, float)
+    highest = None
+    if time is not None:
+        x = resample(time, x, rate)
+        old = np.asarray(time, float)
+        gaps = np.diff(old)
+        gap = np.searchsorted(old, old[0] + np.arange(x.shape[-1]) / rate, side="right") - 1
+        highest = 0.25 / gaps[np.minimum(gap, gaps.size - 1)]
+    middles, windows = window_densities(x, rate, edges, window=window, highest=highest)
+    known = np.isfinite(windows).sum(axis=-2)
+    total = np.where(np.isfinite(windows), windows, 0.0).sum(axis=-2)
+    density = np.where(known > 0, total / np.maximum(known, 1), np.nan)
+    maximax = np.fmax.reduce(windows, axis=-2)
+    shock = shock_response_spectrum(x, rate, edges, quality=quality)
+    level_time, level = running_level(x, rate, window=averaging)
+    near = level >= 10 ** (-6 / 20) * level.max(axis=-1, keepdims=True)
+    return VibrationEnvironment(
+        edges=edges,
+        time=middles,
+        windows=windows,
+        density=density,
+        maximax=maximax,
+        rms=x.std(axis=-1),
+        band_rms=band_rms(density, edges),
+        shock_response=shock,
+        level_time=level_time,
+        level=level,
+        duration=near.mean(axis=-1) * x.shape[-1] / rate,
+        density_envelope=envelope(density),
+        maximax_envelope=envelope(maximax),
+        shock_envelope=envelope(shock),
+    )
