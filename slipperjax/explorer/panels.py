@@ -207,6 +207,6 @@ def _words(shown: Shown) -> str:
     peak = shown.run.peak
     force = "no contact"
     if float(peak.force) > 0:
-        at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
+        at = scene.point_names[int(peak.point)]
         force = f"highest force {float(peak.force) / 1e3:.3g} kN at {html.escape(at)}"
     return f"<b>{', '.join(words)}</b><br>{said}; {force}"

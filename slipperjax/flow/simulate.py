@@ -167,6 +167,8 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
         return  # nothing is known, or the rail goes on
     # of a batch, the case that comes farthest
     wave = float(np.max(np.asarray(scene.wavelength)))
+    # the foremost slipper must not leave the rail
+    begin = begin + float(np.max(np.asarray(scene.ahead)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     why = f"because the rail ends at {track.extent:g} m"
     total = periods + after
@@ -231,16 +233,14 @@ class Peak(NamedTuple):
     """Normal force [N]."""
     period: Real
     """Its instant [forcing periods]; NaN without contact."""
-    end: Whole
-    """0 at the front, 1 at the rear."""
     point: Whole
-    """Index of the point in `Section.names`."""
+    """Index of the point in `Scene.point_names`."""
 
     def text(self, scene: Scene) -> str:
         """Say in words how high, where and when."""
         if not float(self.force) > 0:
             return "no contact"
-        where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
+        where = scene.point_names[int(self.point)]
         when = f"period {float(self.period):.3f}"
         # rails without waves are known by distance
         if travel_unit(scene) != "period":
@@ -317,10 +317,9 @@ def _reactions(scene, periods, states):
 @jit
 def _peak(loads: Loads) -> Peak:
     force, when = over_periods(loads)[:2]
-    # which point and end it is changes by whole numbers, and has no derivative
+    # which point it is changes by whole numbers, and has no derivative
     at = jnp.argmax(jax.lax.stop_gradient(force))
-    end, point = jnp.unravel_index(at, force.shape)
-    return Peak(jnp.max(force), when[end, point], end, point)
+    return Peak(jnp.max(force), when.ravel()[at], at)
 
 
 @functools.partial(jit, static_argnames=("saves",))

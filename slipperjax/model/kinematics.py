@@ -283,13 +283,17 @@ def contact_points(scene: Scene) -> Points:
         arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])
     arm_x, arm_y, arm_z = map(_side_by_side, zip(*arms, strict=True))
     lengths = _side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
-    length = slippers[0].length
+    first, *others = slippers
+    length = first.length
     ahead = None
-    if len(slippers) > 1 or slippers[0].ahead is not None:
+    if others or first.ahead is not None:
         length = jnp.repeat(lengths, normal.shape[1] // len(slippers))
         ahead = jnp.stack([jnp.zeros(()) if s.ahead is None else s.ahead for s in slippers])
     modes = scene.slipper.modes
-    shapes = None if modes is None else tuple(modes.shapes[..., k].T for k in range(3))
+    shapes = None
+    if modes is not None:
+        x, y, z = (modes.shapes[..., k].T for k in range(3))
+        shapes = (x, y, z)
     return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
 
 
@@ -363,7 +367,7 @@ def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Floa
     ends = jnp.array([0.0, 1.0])
     if points.ahead is None:
         lengths = points.length * ends
-        here, _ = scene.track.motion(distance - lengths)
+        here = scene.track.irregularity(distance - lengths)
         node = jnp.stack([points.length / 2 - lengths, here.lateral, here.vertical])
         return node.reshape(3, *scene.point_shape[:-1])
     behind = points.lengths[:, None] * ends

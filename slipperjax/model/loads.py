@@ -54,11 +54,15 @@ class AppliedLoad(AbstractLoad):
     """Force over the square of the speed [N s^2/m^2]: drag below zero along x, lift above zero along z."""
     moment_by_square: Vector = field("N s^2/m", finite, default=(0.0, 0.0, 0.0))
     """Moment over the square of the speed [N s^2/m]."""
+    arm: Vector | None = field("m", finite, default=None)
+    """Where the forces act: x, y and z from the centre of mass [m]; None for there."""
 
     def wrench(self, travel):
         # lift and drag grow with the dynamic pressure
         square = travel.speed**2
-        return self.force + square * self.force_by_square, self.moment + square * self.moment_by_square
+        force = self.force + square * self.force_by_square
+        moment = self.moment + square * self.moment_by_square
+        return force, moment if self.arm is None else moment + jnp.cross(self.arm, force)
 
 
 class AerodynamicLoad(AbstractLoad):

@@ -188,5 +188,14 @@ LOADS: dict[str, Quantity] = _named(
 )
 """Loads of contact points, over every integration step of a run."""
 
+POINT_DIMS = ("slipper", "end", "point")
+"""Dimensions of values of contact points in datasets; only those of a sled have that of slippers."""
+
+
+def point_dims(values: Any) -> list[str]:
+    """Return the dimensions of contact points that an `xarray.DataArray` has."""
+    return [name for name in POINT_DIMS if name in values.dims]
+
+
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
 """Poincare sections: the recorded velocity by name, and the coordinate whose upward zero crossing is the section."""

@@ -25,7 +25,7 @@ from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
 from .sled import Sled
 from .slipper import AbstractBody, Mounted
-from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
+from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, greatest, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
 
@@ -178,6 +178,29 @@ class Scene(ShapeChecked):
     def mounted(self) -> tuple[Mounted, ...]:
         """The slippers where they are on the body."""
         return self.slipper.mounted(self.section)
+
+    @property
+    def ahead(self) -> Real:
+        """How far the foremost end of a slipper is ahead of the distance that is counted [m]."""
+        ahead = [jnp.asarray(slipper.ahead) for slipper in self.mounted if slipper.ahead is not None]
+        # a slipper in the middle is at that distance
+        return greatest([0.0, *ahead])
+
+    @property
+    def play(self) -> Float[Array, "*slippers faces"]:
+        """Play of each face [m], of a sled that of each slipper."""
+        plays = [slipper.section.play for slipper in self.mounted]
+        return jnp.stack(plays, axis=-2) if self.slipper.names else plays[0]
+
+    def with_play(self, play: Float[Array, "*slippers faces"] | None) -> "Scene":
+        """Return a copy with another `play`, which is not checked; None takes it out."""
+        where = lambda scene: scene.section.play
+        value = play
+        if isinstance(self.slipper, Sled):
+            # of the mounts' own, because the scene's section may be that of several
+            where = lambda scene: [mount.play for mount in scene.slipper.mounts]
+            value = [None if play is None else play[..., k, :] for k in range(len(self.slipper.mounts))]
+        return eqx.tree_at(where, self, value, is_leaf=lambda leaf: leaf is None)
 
     @property
     def point_labels(self) -> dict[str, list[str]]:

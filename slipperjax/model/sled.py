@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, positive, require
+from ..tools.checks import finite, instance, not_negative, positive, require
 from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
 from .modes import Modes
@@ -30,6 +30,8 @@ class Mount(ShapeChecked):
     """Its section, with the slipper's middle as its origin; None for that of the scene."""
     length: Float[Array, ""] | None = field("m", positive, plausible=(0.005, 20.0), default=None)
     """Distance between its front and its rear section [m]; None for that of the sled."""
+    play: Float[Array, " faces"] | None = field("m", not_negative, default=None)
+    """Play of each face in place of that of the section [m]."""
     name: str = eqx.field(static=True, default="")
     """Name in results; empty for the rail's, with a number: "left1"."""
 
@@ -128,5 +130,7 @@ class Sled(AbstractBody):
                 ahead = longer if ahead is None else ahead + longer
             length = self.length if mount.length is None else mount.length
             own = section if mount.section is None else mount.section
+            if mount.play is not None:
+                own = eqx.tree_at(lambda section: section.play, own, mount.play)
             slippers.append(Mounted((mount.x, mount.y, mount.z), length, own, mount.rail, ahead))
         return tuple(slippers)

@@ -25,6 +25,7 @@ from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
+from ..model.quantities import point_dims
 from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
@@ -52,6 +53,7 @@ from .windows import (
     ThirdOctaves,
     Wearing,
     Worn,
+    play_added,
     run_record,
     stretch_ends,
 )
@@ -224,7 +226,8 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     """
     # rounding must not add a window, nor end the rail too early
     windows = int(np.ceil(length / window * (1 - 1e-12)))
-    travelled = begin + windows * window
+    # the foremost slipper must not leave the rail
+    travelled = begin + windows * window + float(np.max(np.asarray(scene.ahead)))
     far = scene.track.end + 1e-9 * abs(scene.track.end)
     shown = f"{travelled:g}; {longer_rails(scene.track, travelled)}"
     require(travelled <= far, "length", f"end before the rail does at {scene.track.end:g} m", shown=shown)
@@ -320,21 +323,20 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
         return None
     works = scene.friction is not None or not scene.wear.by_friction
     require(works, "scene", "have friction, by whose work slippers wear", shown="none")
-    nothing, section = np.zeros(len(scene.section.faces)), scene.section
+    nothing = np.zeros_like(np.asarray(scene.play))
     if not (isinstance(earlier, xr.Dataset) and "play" in earlier):
         return nothing
     # wear by distance follows from where the run is, so that only the rest is carried over
-    by_distance = scene.wear.added(section, scene.slipper.length, begin, jnp.asarray(nothing))
-    return earlier["play"].sel(stretch=begin).values - np.asarray(section.play) - np.asarray(by_distance)
+    by_distance = play_added(scene, jnp.asarray(nothing), begin)
+    return earlier["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
 @jit
 def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
-    """Return the same scenes with this play more at each face, (1 or cases, faces) [m]."""
-    plays = scenes.map(lambda scene: scene.section.play) + play
-    at = lambda scene: scene.section.play
-    opened = eqx.tree_at(at, scenes.varied, plays, is_leaf=lambda leaf: leaf is None)
-    return Batched(opened, eqx.tree_at(at, scenes.shared, None))
+    """Return the same scenes with this play more at each face, (1 or cases, *slippers, faces) [m]."""
+    plays = scenes.map(lambda scene: scene.play) + play
+    # what is shared keeps no play, which differs from case to case
+    return Batched(scenes.varied.with_play(plays), scenes.shared.with_play(None))
 
 
 def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[int]) -> _Results:
@@ -394,7 +396,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
             carry += (new if isinstance(one, Unlabelled) else old,)
             pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
         marks.append(StateLayout.pack(at.states))
-        plays += [np.asarray(scenes.varied.section.play + worn.play) for worn in _worn_in(carry)]
+        plays += [np.asarray(scenes.map(lambda scene: scene.play) + worn.play) for worn in _worn_in(carry)]
     status = records.judge(carry, at.status, scenes, plan.solver)
     probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
     record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
@@ -474,8 +476,9 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
         coords |= along
     if results.play is not None:
         text = "play of each face at the end of each stretch"
-        data["play"] = column((*along_stretch, "face"), of_grid(results.play), "m", text)
-        coords["face"] = ("face", ["".join(face) for face in cases.scene.section.faces])
+        labels = {name: of for name, of in cases.scene.point_labels.items() if name == "slipper"}
+        data["play"] = column((*along_stretch, *labels, "face"), of_grid(results.play), "m", text)
+        coords |= labels | {"face": ["".join(face) for face in cases.scene.section.faces]}
     if len(probed):
         text = "what half the step changes over a reference length, in scales"
         over_length = f"{_probed_length(cases.scene):g} m"
@@ -536,7 +539,7 @@ def _with_rates(ds: xr.Dataset) -> xr.Dataset:
         rate = ds["impacts"].groupby(stretch).sum(skipna=False) / seconds
         ds["impact_rate"] = rate.assign_attrs(units="1/s", long_name="rate of touchdowns")
     if "peak_force" in ds:
-        highest = ds["peak_force"].max(("end", "point"), skipna=False).groupby(stretch)
+        highest = ds["peak_force"].max(point_dims(ds["peak_force"]), skipna=False).groupby(stretch)
         values = highest.quantile(np.array(PERCENTILES) / 100, skipna=False)
         values = values.rename(quantile="percentile").assign_coords(percentile=list(PERCENTILES))
         values["percentile"].attrs["units"] = "%"

@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -118,7 +117,7 @@ class PerWindow(AbstractQuantityRecord):
 
 
 class Worn(NamedTuple):
-    """The work of friction at each face since the start, and the play that it opened."""
+    """The work of friction at each face since the start, and the play that it opened; of a sled of each slipper."""
 
     work: Float[AnyArray, "*cases faces"]  # [J]
     play: Float[AnyArray, "*cases faces"]  # that wear has added [m]
@@ -132,7 +131,7 @@ class Wearing(Unlabelled):
         return 10
 
     def begin(self, scene, state):
-        none = np.zeros(len(scene.section.faces))
+        none = np.zeros(np.shape(scene.play))
         return Worn(none, none)
 
     def add(self, carried, course):
@@ -140,18 +139,22 @@ class Wearing(Unlabelled):
         # without friction, wear depends on the distance alone
         if scene.friction is not None:
             faces = scene.section.face_of_point
-            work = work.at[faces].add(jnp.sum(course.friction_power.integral, axis=0))
-        return Worn(work, _added(scene, work, course.args.epoch + 1))
+            work = work.at[..., faces].add(jnp.sum(course.friction_power.integral, axis=-2))
+        return Worn(work, play_added(scene, work, (course.args.epoch + 1) * scene.wavelength))
 
     def feed_back(self, scene, carried, epoch):
-        play = scene.section.play + _added(scene, carried.work, epoch)
-        return eqx.tree_at(lambda s: s.section.play, scene, play)
+        return scene.with_play(scene.play + play_added(scene, carried.work, epoch * scene.wavelength))
 
 
-def _added(scene: Scene, work: Array, epoch: Real) -> Array:
-    """Return the play that wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
-    assert scene.wear is not None  # looked at before
-    return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.wavelength, work)
+def play_added(scene: Scene, work: Array, distance: Real) -> Array:
+    """Return the play that wear has added to each face [m], after a distance [m] and friction's `work` [J], as
+    `Scene.play`."""
+    wear = scene.wear
+    assert wear is not None  # looked at before
+    slippers = scene.mounted
+    if not scene.slipper.names:
+        return wear.added(slippers[0].section, slippers[0].length, distance, work)
+    return jnp.stack([wear.added(s.section, s.length, distance, work[k]) for k, s in enumerate(slippers)])
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:

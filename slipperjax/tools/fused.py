@@ -50,7 +50,7 @@ def store(tree):
 
 
 def _of_leaves(primitive: Primitive, tree):
-    """Call a primitive of the leaves of a pytree, those of one shape together; one that occurs twice is passed once."""
+    """Call a primitive of a pytree's leaves, those of one shape together; one that occurs twice is passed once."""
     leaves, structure = jax.tree.flatten(tree)
     once = {id(x): jnp.asarray(x, float) for x in leaves}
     of = {}

@@ -31,10 +31,10 @@ def two_masses(seconds):
 
 @pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4", IMPLICIT])
 def test_two_masses_swing_as_in_closed_form(solver):
-    run = sj.simulate(FREE, 2, start=sj.SledMotion(v_z=1.0), steps_per_period=400, solver=solver)
+    run = sj.simulate(FREE, 2, start=sj.Motion(v_z=1.0, sled=sj.SledMotion()), steps_per_period=400, solver=solver)
     slipper, sled = two_masses(float(run.time[-1]))
     # measured 3e-9 with RK4 of the 4 mm that they move
-    np.testing.assert_allclose([run.end.motion.z, run.end.motion.sled_z], [slipper, sled], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose([run.end.motion.z, run.end.motion.sled.z], [slipper, sled], rtol=1e-6, atol=1e-12)
     with pytest.raises(ValueError, match="Argument `solver` must be an explicit one for a scene with a sled"):
         sj.simulate(FREE, 1, solver="Rodas4", steps_per_period=10)
 
@@ -57,7 +57,7 @@ def test_a_sled_begins_at_rest_on_its_spring():
     state = sj.initial_state(scene, sj.Motion(y=1e-3, v_y=0.5))
     rates = sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene)).motion
     period = float(scene.period)
-    np.testing.assert_allclose([rates.sled_v_y / period, rates.sled_v_z / period], 0.0, atol=1e-9)
+    np.testing.assert_allclose([rates.sled.v_y / period, rates.sled.v_z / period], 0.0, atol=1e-9)
     assert float(rates.v_z) / period == pytest.approx(-9.81 * 114 / 14)  # the whole weight
     assert float(sj.reactions(0.0, state, sj.Args(scene)).drive_force) == 0.0
     fast = dataclasses.replace(scene, speed=sj.SpeedProgramme([0.0, 100.0], [100.0, np.sqrt(100.0**2 + 2000.0)]))
@@ -86,14 +86,14 @@ def test_derivatives_by_the_sled_agree_in_both_modes():
 
 
 def test_a_sled_goes_on_from_its_state(tmp_path):
-    state = sj.initial_state(FREE, sj.SledMotion(v_z=1.0, sled_z=1e-3))
+    state = sj.initial_state(FREE, sj.Motion(v_z=1.0, sled=sj.SledMotion(z=1e-3)))
     starts = Cases(FREE, {"clearance": [30e-3, 31e-3], "y": [1e-4]}, state).starts
-    np.testing.assert_array_equal(starts.motion.sled_z, [1e-3, 1e-3])
+    np.testing.assert_array_equal(starts.motion.sled.z, [1e-3, 1e-3])
     np.testing.assert_array_equal(starts.motion.y, [1e-4, 1e-4])
     ds = xr.Dataset(attrs=run_attributes(FREE, state, {"function": "run"}))
-    assert float(sj.load_start(ds).motion.sled_z) == 1e-3
+    assert float(sj.load_start(ds).motion.sled.z) == 1e-3
     # a scene without a sled leaves it aside
-    assert type(sj.initial_state(sj.paper_scene(), state.motion).motion) is sj.Motion
+    assert sj.initial_state(sj.paper_scene(), state.motion).motion.sled is None
 
 
 def test_runs_with_a_sled_record_its_springs_and_go_on():
