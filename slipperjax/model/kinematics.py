@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated, sums
-from ..tools.types import Real
+from ..tools.types import AnyArray, Real
 from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
 from .slipper import Mounted
@@ -49,9 +49,9 @@ class SledMotion(eqx.Module):
 class ModalMotion(eqx.Module):
     """Motion of a sled's elastic modes, see `slipperjax.Modes`."""
 
-    coordinate: Float[Array, " modes"]
+    coordinate: Float[Array, " modes"] = eqx.field(converter=jnp.asarray)
     """Coordinate of each mode [m kg^0.5]."""
-    rate: Float[Array, " modes"]
+    rate: Float[Array, " modes"] = eqx.field(converter=jnp.asarray)
     """Its rate [m kg^0.5/s]."""
 
 
@@ -297,7 +297,7 @@ def contact_points(scene: Scene) -> Points:
     return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
 
 
-def _side_by_side(parts: Sequence[Any]) -> Array:
+def _side_by_side(parts: Sequence[Any]) -> AnyArray:
     """Return arrays joined along their last axis; a single one as it is."""
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 

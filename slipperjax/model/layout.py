@@ -79,7 +79,7 @@ class StateLayout:
         count = len(self.motion)
         single = count - 2 * self.modes
         parts = [rows[..., k] for k in range(single)]
-        zeros = np.zeros(())  # stands for an array
+        zeros = jnp.asarray(np.zeros(1))  # stands for an array
         sled = SledMotion() if single > len(MOTION_NUMBERS) else None
         modes = None
         if self.modes:

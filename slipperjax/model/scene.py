@@ -1,6 +1,7 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
 import dataclasses
+import functools
 import json
 import math
 from pathlib import Path
@@ -25,7 +26,7 @@ from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
 from .sled import Sled
 from .slipper import AbstractBody, Mounted
-from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, greatest, least_common_count
+from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
 
@@ -180,11 +181,12 @@ class Scene(ShapeChecked):
         return self.slipper.mounted(self.section)
 
     @property
-    def ahead(self) -> Real:
+    def ahead(self) -> Array | np.ndarray | float:
         """How far the foremost end of a slipper is ahead of the distance that is counted [m]."""
         ahead = [jnp.asarray(slipper.ahead) for slipper in self.mounted if slipper.ahead is not None]
         # a slipper in the middle is at that distance
-        return greatest([0.0, *ahead])
+        most = jnp.maximum if is_traced(ahead) else np.maximum
+        return functools.reduce(most, ahead, 0.0)
 
     @property
     def play(self) -> Float[Array, "*slippers faces"]:

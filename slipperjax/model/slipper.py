@@ -70,7 +70,7 @@ def _farthest(slipper: Mounted) -> Array:
     _, y, z = slipper.place
     points = slipper.section.points
     if y is not None or z is not None:
-        points = points + jnp.stack([jnp.zeros(()) if v is None else v for v in (y, z)])
+        points = points + jnp.stack([jnp.zeros(()) if v is None else v for v in (y, z)])[None]
     return jnp.max(jnp.abs(points))
 
 

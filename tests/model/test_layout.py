@@ -29,6 +29,6 @@ def test_rows_are_states(name):
         assert rows.shape == (*np.shape(state.motion.y), size)
         for a, b in zip(jax.tree.leaves(layout.unpack(rows)), jax.tree.leaves(state), strict=True):
             np.testing.assert_array_equal(a, b)
-    assert [q.name for q in layout.numbers][:10] == list(vars(sj.Motion()))
+    assert [q.name for q in layout.numbers][:10] == list(vars(sj.Motion()))[:10]
     # as JAX flattens states
     np.testing.assert_array_equal(layout.pack(start), jax.flatten_util.ravel_pytree(start)[0])
