@@ -5,7 +5,7 @@ import contextlib
 import csv
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,6 +25,8 @@ STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
 behind."""
 MOST_SHOWN = 10
 """Faults that an error shows."""
+Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
+"""SI units of columns by name, or a function that returns them for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
 _FILE = -1  # in place of a row: the file as a whole
 
@@ -49,18 +51,21 @@ class Table:
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm]`, or with units in
     the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
     between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
-    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. Columns that are
-    not wanted are left out, and a warning names them.
+    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. Capitals do not
+    count in names, nor whether words are joined by spaces or underscores. Columns that are not wanted are left out,
+    and a warning names them.
     """
 
-    def __init__(self, path: Path, content: bytes, wanted: Mapping[str, str], aliases: Mapping[str, str]):
+    def __init__(self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str]):
         """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
-        numbers; `aliases`: names of columns by other names, in small letters.
+        numbers, or a function that returns them for the names that a file has; `aliases`: names of columns by other
+        names. Names here are in small letters, with underscores between words.
 
         **Raises:** `TableError` for a file that has no table. Other faults are raised by `si`.
         """
         self.path = path
-        self.wanted = wanted
+        self._wanted_of = wanted if callable(wanted) else lambda names: wanted
+        self.wanted = self._wanted_of(frozenset())
         self.aliases = aliases
         self.columns: dict[str, Column] = {}
         self.faults: list[tuple[int, str]] = []
@@ -133,9 +138,14 @@ class Table:
             lines.append(f"and {len(texts) - MOST_SHOWN} more.")
         return TableError("\n  ".join(lines))
 
+    def _plain(self, text: str) -> str:
+        """Return a name in small letters with underscores between words, or the one that it is an alias of."""
+        plain = "_".join(text.lower().replace("_", " ").split())
+        return self.aliases.get(plain, plain)
+
     def _name(self, text: str) -> str:
         """Return the name under which a column is wanted; empty for another."""
-        name = self.aliases.get(text.lower(), text.lower())
+        name = self._plain(text)
         return name if name in self.wanted else ""
 
     def _add(self, name: str, column: Column) -> None:
@@ -195,7 +205,9 @@ class Table:
             delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
             if delimiter is None or line.lstrip().startswith("#"):
                 continue
-            heads = [self._head(cell) for cell in _cells(line, delimiter)]
+            written = [_written(cell) for cell in _cells(line, delimiter)]
+            self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
+            heads = [_Head(self._name(name), name, unit) for name, unit in written]
             # other words above the table may name one column by chance
             if sum(head.name != "" for head in heads) < 2:
                 continue
@@ -213,12 +225,6 @@ class Table:
             return k + in_line_below, delimiter, heads
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
         raise TableError(f"{self.path} has no line of {need}.")
-
-    def _head(self, cell: str) -> "_Head":
-        """Return the head of a column from a cell of a name, and a unit if any."""
-        match = re.fullmatch(r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
-        name, unit = (cell.strip(), None) if match is None else match.groups()
-        return _Head(self._name(name), name, unit)
 
     def _names(self) -> str:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
@@ -263,10 +269,11 @@ class Table:
         self.row = "sample"
         engine = {"engine": "h5netcdf", "phony_dims": "sort"} if content.startswith(_HDF5) else {"engine": "scipy"}
         # the bytes, and not the file again, which may have changed
-        with (
-            readable(self.path, "netCDF file"),
-            xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds,
-        ):
+        opened = lambda: xr.open_dataset(io.BytesIO(content), decode_times=False, **engine)
+        with readable(self.path, "netCDF file"), opened() as ds:
+            names = {self._plain(str(key)) for key in ds.variables}
+        self.wanted = self._wanted_of(names)
+        with readable(self.path, "netCDF file"), opened() as ds:
             arrays = {str(key): ds[key].load() for key in ds.variables if self._name(str(key))}
             unread = [str(key) for key in ds.variables if str(key) not in arrays]
         for key, array in arrays.items():
@@ -327,6 +334,12 @@ class _Head(NamedTuple):
     name: str  # that under which it is wanted; empty for another
     written: str
     unit: str | None
+
+
+def _written(cell: str) -> tuple[str, str | None]:
+    """Return the name of a column, and its unit if any, from a cell such as left lateral [mm]."""
+    match = re.fullmatch(r"\s*([A-Za-z_]+(?: +[A-Za-z_]+)*)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
+    return (cell.strip(), None) if match is None else (match[1], match[2])
 
 
 _UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")

@@ -58,6 +58,26 @@ def test_units_below_and_pure_numbers(tmp_path):
     np.testing.assert_array_equal(alone["distance"], [1500.0, 2500.0])
 
 
+def test_names_are_of_one_word_or_several(tmp_path):
+    """Joined by spaces or underscores, in any letters; a function may choose by them what is wanted."""
+    of_two = {"distance": "m", "left_height": "m", "right_height": "m"}
+    seen = []
+
+    def wanted(names):
+        seen.append(set(names))
+        return of_two if "right_height" in names else WANTED
+
+    for head in ("left height [mm], Right  Height [mm]", "LEFT_HEIGHT [mm], right_height [mm]"):
+        content = f"written in spring, left height\nchainage [m], {head}\n1, 2, 3\n2, 4, 5".encode()
+        found = Table(tmp_path / "table.csv", content, wanted, ALIASES)
+        assert seen[-1] == set(of_two)
+        np.testing.assert_allclose(found.si()["right_height"], [3e-3, 5e-3], rtol=1e-15)
+        assert set(found.columns) == set(of_two)
+    assert found.columns["left_height"].name == "LEFT_HEIGHT"
+    alone = Table(tmp_path / "table.csv", b"distance [m], height [mm]\n1, 2\n2, 4", wanted, ALIASES)
+    assert set(alone.si()) == {"distance", "height"}
+
+
 FAULTS = {
     3: (lambda row: [row[0], "", *row[2:]], "`Height` has no number."),
     8: (lambda row: ["1006", *row[1:]], "Chainage 1006 ft does not exceed 1006 ft of line 8."),
