@@ -55,7 +55,7 @@ from .model.modes import Modes as Modes
 from .model.parameters import PARAMETERS as PARAMETERS
 from .model.payload import SledMass as SledMass
 from .model.rails import SampledTrack as SampledTrack, TrackSet as TrackSet
-from .model.random_rails import RandomTrack as RandomTrack
+from .model.random_rails import RandomRails as RandomRails, RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.section import Section as Section
 from .model.sled import Mount as Mount, Sled as Sled

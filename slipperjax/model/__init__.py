@@ -30,4 +30,4 @@ from .scene_files import (
     scene_from_toml as scene_from_toml,
     scene_to_json as scene_to_json,
 )
-from .surveys import SurveyedTrack as SurveyedTrack
+from .surveys import SurveyedRails as SurveyedRails, SurveyedTrack as SurveyedTrack

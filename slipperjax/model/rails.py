@@ -28,7 +28,7 @@ from ..tools.compile import at_once, is_traced
 from ..tools.fields import field
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
-from .tracks import AbstractTrack, Irregularity, chosen, greatest, on_host, smooth_step
+from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")
 """How a rail goes on beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, refused
@@ -399,27 +399,38 @@ def _closed(channels: Channels, away: np.ndarray, ramp: float, usual: float) -> 
 
 
 class TrackSet(AbstractRail):
-    """Several rails, such as surveys of one track, of which a number chooses one.
+    """Several rails, such as surveys of one track, or pairs of rails, of which a number chooses one.
 
     ```python
     ds = sj.sweep(dataclasses.replace(scene, track=sj.TrackSet(rails)), {"track.number": range(len(rails))})
     ```
     """
 
-    tracks: tuple[AbstractRail, ...] = eqx.field(
+    tracks: tuple[AbstractRail | AbstractTwoRails, ...] = eqx.field(
         converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
     )
-    """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement."""
+    """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such,
+    with one gauge."""
     chosen_by: ClassVar = "number"
     number: Float[Array, ""] = field("", finite, default=0)
     """Which of them is the track, from 0 [1]; a traced number of which there is none gives NaN."""
 
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
-        for track in self.tracks:
-            require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.SampledTrack", track)
-        alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
-        require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
+        pairs = {bool(getattr(track, "rails", None)) for track in self.tracks}
+        require(len(pairs) == 1, "tracks", "be single rails or pairs of rails", shown="some of each")
+        if pairs == {True}:
+            # each side is a set of its own, which checks the rest
+            _ = self.rails
+        else:
+            for track in self.tracks:
+                require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.SampledTrack", track)
+            alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
+            need = "have the same ends, and all roll or none"
+            require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")
+        gauges = [track.gauge for track in self.tracks]
+        if not is_traced(gauges):
+            require(len({g if g is None else float(g) for g in gauges}) == 1, "tracks", "have one gauge", gauges)
         if not is_traced(self.number):
             self._whole()(self.number)
 
@@ -430,15 +441,27 @@ class TrackSet(AbstractRail):
         return whole_number("number", most=len(self.tracks) - 1)
 
     @property
+    def rails(self):
+        names = self.tracks[0].rails
+        return {name: TrackSet([track.rails[name] for track in self.tracks], self.number) for name in names}
+
+    @property
+    def gauge(self):
+        return self.tracks[0].gauge
+
+    @property
     def ends(self):
-        return self.tracks[0].ends
+        first = self.tracks[0]
+        return first.left.ends if first.rails else first.ends
 
     @property
     def wavelength(self):
         return self._most("wavelength")
 
     def prepared(self):
-        """Return the chosen rail's spline, with coefficients for the longest."""
+        """Return the chosen rail's spline, with coefficients for the longest; of pairs both rails' ones."""
+        if self.rails:
+            return TwoRails(**{name: rail.prepared() for name, rail in self.rails.items()}, gauge=self.gauge)
         splines = [track.prepared() for track in self.tracks]
         index, known = chosen(self)
         at = lambda values: jnp.stack(values)[index]
@@ -452,9 +475,8 @@ class TrackSet(AbstractRail):
     @property
     def bounds(self):
         """Distances between which all of them are given [m]."""
-        begins, ends = zip(*(track.bounds for track in self.tracks), strict=True)
         # the least end is the greatest of them with changed signs
-        return greatest(begins), -greatest([-end for end in ends])
+        return greatest([track.begin for track in self.tracks]), -greatest([-track.extent for track in self.tracks])
 
     @property
     def recurrence(self):

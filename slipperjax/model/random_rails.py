@@ -27,16 +27,18 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
-from ..tools.compile import at_once, with_standard_promotion
+from ..tools.compile import at_once, is_traced, with_standard_promotion
 from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.types import Numbers, Real
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SampledTrack, SplineTrack, mean_wave, ramps
 from .survey_spectra import RailStatistics, statistics_of
-from .tracks import FourierTrack, Irregularity, chosen
+from .tracks import PLAUSIBLE_GAUGES, AbstractTwoRails, FourierTrack, Irregularity, chosen
 
 correlation = partial(Check, need="from -1 to 1", is_good=lambda x: abs(x) <= 1)
 """Check of a correlation [1]."""
+share = partial(Check, need="from 0 to 1", is_good=lambda x: (x >= 0) & (x <= 1))
+"""Check of a coherence, the square of a correlation [1]."""
 
 
 class AbstractSpectrum(ShapeChecked):
@@ -269,9 +271,14 @@ class RandomTrack(AbstractRail):
     def bounds(self):
         return self.first, self.first + self.length
 
-    @with_standard_promotion
     def prepared(self):
         """Return this seed's rail as a spline, by one Fourier transform for each direction."""
+        return self.spline()
+
+    @with_standard_promotion
+    def spline(self, correlation: Float[Array, ""] | None = None) -> SplineTrack:
+        """Return this seed's rail as a spline, or with a `correlation` [1] the one of a rail beside it: its deviates
+        are those of this rail times the correlation, and others of the same seed."""
         # eight samples in the shortest wave: the spline changes that wave by a thousandth
         count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
         wavenumbers = np.arange(count // 2 + 1) / self.length
@@ -294,7 +301,13 @@ class RandomTrack(AbstractRail):
 
         seed, is_rail = chosen(self)
         # a key for each direction, so that none depends on which others there are
-        vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3])
+        deviates = [normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3]]
+        if correlation is not None:
+            # further keys of the seed, which leave the first as they are
+            others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[3:]]
+            apart = jnp.sqrt(1 - correlation**2)
+            deviates = [correlation * one + apart * other for one, other in zip(deviates, others, strict=True)]
+        vertical, lateral, roll = deviates
         # the lateral deviates share a part with the vertical ones
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
@@ -358,6 +371,119 @@ class RandomTrack(AbstractRail):
         """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
         return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)
+
+
+class _Beside(AbstractRail):
+    """A rail beside a random rail of the same seed, whose displacements are correlated with it."""
+
+    rail: RandomTrack
+    """Its spectra and the seed."""
+    correlation: Float[Array, ""]
+    """Correlation of each wave with that of the other rail [1]."""
+
+    @property
+    def ends(self):
+        return self.rail.ends
+
+    @property
+    def roll(self):
+        return self.rail.roll
+
+    @property
+    def bounds(self):
+        return self.rail.bounds
+
+    def prepared(self):
+        return self.rail.spline(self.correlation)
+
+    @property
+    def steepest_slope(self):
+        return self.rail.steepest_slope
+
+    @property
+    def shortest_wavelength(self):
+        return self.rail.shortest_wavelength
+
+
+class RandomRails(AbstractTwoRails):
+    """Two random rails side by side with a coherence, one pair for each seed.
+
+    ```python
+    track = sj.RandomRails(sj.RandomTrack.sled(), coherence=0.5, gauge=1.2, seed=3)
+    ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred pairs of rails
+    ```
+
+    The left rail is the `RandomTrack` of the same seed. Within each rail lateral and vertical are correlated as
+    `RandomTrack.coherence` says. Left and right are in phase; lateral, vertical and roll have one coherence.
+    """
+
+    chosen_by: ClassVar = "seed"
+    rail: RandomTrack
+    """Spectra, length and ends of both rails, or of the left one; its own seed is 0."""
+    coherence: Float[Array, ""] = field("", share)
+    """Magnitude squared coherence of left and right at all wavelengths of the band, |S_LR|^2 / (S_L S_R) [1]: the
+    square of the correlation of their waves. 0 for independent rails, 1 for equal ones."""
+    gauge: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_GAUGES, default=None)
+    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+    seed: Float[Array, ""] = field("", whole_number, default=0)
+    """Number of the pair, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
+    right_rail: RandomTrack | None = None
+    """The same of the right rail where its spectra are others; None for those of the left."""
+
+    @classmethod
+    def like(cls, survey: AbstractTwoRails, *, seed: int = 0, **options: object) -> "RandomRails":
+        """Return rails of the spectra and lines of both rails of a survey, see `RandomTrack.like`, and their
+        coherence.
+
+        ```python
+        survey = sj.load_rail("both.csv")
+        scene = dataclasses.replace(scene, track=sj.RandomRails.like(survey))
+        ds = sj.sweep(scene, {"track.seed": range(200)})
+        ```
+
+        The coherence is one number: the square of the mean real coherence of lateral and of vertical over the waves
+        of the spectra, without their lines; zero where left and right are rather in opposite phase.
+
+        **Arguments:** `survey`: two rails of samples at the same distances; `seed`: number of the pair; `options`:
+        fields of `RandomTrack` for both rails.
+
+        **Raises:** `ValueError` as `RandomTrack.like`, and for rails with samples at other distances.
+        """
+        instance("survey", survey, AbstractTwoRails, "two rails such as slipperjax.load_rail returns")
+        left, right = (RandomTrack.like(rail, **options) for rail in survey.rails.values())
+        both = (survey.left, survey.right)
+        grids = {(*map(float, rail.bounds), len(rail.lateral)) for rail in both}
+        require(len(grids) == 1, "survey", "have samples at the same distances on both rails", shown="not")
+        ((begin, end, count),) = grids
+        # lateral and vertical of both rails
+        channels = np.stack([np.asarray(x) for rail in both for x in (rail.lateral, rail.vertical)])
+        found = statistics_of(channels, (end - begin) / (count - 1)).correlation
+        directions = [found[k, k + 2] for k in (0, 1) if channels[k].any() and channels[k + 2].any()]
+        correlation = max(0.0, float(np.mean(directions))) if directions else 0.0
+        return cls(left, correlation**2, survey.gauge, seed, right)
+
+    def __check_init__(self):
+        given = {"rail": self.rail, "right_rail": self.rail if self.right_rail is None else self.right_rail}
+        rails = {name: instance(name, rail, RandomTrack, "a slipperjax.RandomTrack") for name, rail in given.items()}
+        for name, rail in rails.items():
+            own = is_traced(rail.seed) or np.all(np.asarray(rail.seed) == 0)
+            require(own, name, "have the seed 0, because that of the pair counts", rail.seed)
+        alike = {(rail.band, rail.length, rail.first, rail.ends, rail.roll is None) for rail in rails.values()}
+        need = "have the band, length, beginning and ends of `rail`, and roll or not as that does"
+        require(len(alike) == 1, "right_rail", need, shown="another rail")
+
+    @property
+    def left(self):
+        return self._of_pair(self.rail)
+
+    @property
+    def right(self):
+        rail = self._of_pair(self.rail if self.right_rail is None else self.right_rail)
+        return _Beside(rail, jnp.sqrt(self.coherence))  # pyright: ignore[reportCallIssue] - `ends` is a property
+
+    def _of_pair(self, rail: RandomTrack) -> RandomTrack:
+        """Return a rail with the seed of the pair, which is NaN where the rail has another one of its own."""
+        return eqx.tree_at(lambda track: track.seed, rail, jnp.where(rail.seed == 0, self.seed, jnp.nan))
 
 
 def _lines(found: RailStatistics, channels: tuple[str, ...], length: float) -> FourierTrack:

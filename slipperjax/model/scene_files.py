@@ -40,7 +40,7 @@ from .section import Section
 from .slipper import Slipper
 from .starts import AtRest
 from .step_size import given_steps
-from .surveys import SurveyedTrack, load_speed
+from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
@@ -190,10 +190,13 @@ class _Reader:
         # what the table leaves out is that of the base
         described = {} if inherited is None else describe(inherited)
         kind, _ = PARTS[name]
+        # a track with a file is a survey, of one rail or of two
+        if name == "track" and "file" in table and TYPE not in table:
+            check_known(table, arguments_of(SurveyedRails))
+            survey = self.described(SurveyedRails, table)
+            return load_rail(**{field: v for field, v in survey.items() if field != TYPE})
         if kind not in SINGLE:
-            # a track with a file is a survey
-            of_file = SurveyedTrack.__name__ if name == "track" and "file" in table else described.get(TYPE)
-            named = table.pop(TYPE, of_file)
+            named = table.pop(TYPE, described.get(TYPE))
             if named is None:
                 raise ValueError(f"`{TYPE}` is missing.")
             kind = known_type(str(named), (kind,), name)
@@ -265,7 +268,7 @@ class _Reader:
                 values[name] = inner if rows is value else inner[0]
             else:
                 values[name] = quantity(name, value, unit_of(kind, name))
-        if issubclass(kind, SurveyedTrack) and "file" in values:
+        if issubclass(kind, SurveyedTrack | SurveyedRails) and "file" in values:
             values["file"] = self.beside(values["file"])
         if issubclass(kind, TabulatedLoad) and "file" in values:
             values = describe(kind.from_file(self.beside(values.pop("file")))) | values

@@ -1,23 +1,41 @@
 """What was measured on a track: surveys of rails, as tracks that know their files, and histories of speeds."""
 
+import contextlib
+import functools
 import hashlib
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 import equinox as eqx
 import numpy as np
 
-from ..tools.checks import finite, number, positive, require, warn
+from ..tools.checks import finite, number, positive, require, shown_number, warn
 from ..tools.fields import unit_of
 from ..tools.files import content_of, user_path
-from ..tools.tables import Table, read_rows
+from ..tools.tables import Table, TableError, read_rows
 from ..tools.types import Real
 from .rails import EQUAL_SPACING, SampledTrack
+from .tracks import PLAUSIBLE_GAUGES, AbstractTwoRails
 from .travel import SpeedProgramme
 
 COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
 """Columns of a survey, and their SI units."""
 ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
 """Other names of columns."""
+SIDES = ("left", "right")
+"""First words of the columns of two rails."""
+OF_SIDES = {f"{side}_{name}": unit for side in SIDES for name, unit in COLUMNS.items() if name != "distance"}
+"""Columns of two rails, and their SI units."""
+COLUMNS_OF_TWO = {"distance": "m", **OF_SIDES, "gauge": "m"}
+"""Columns of a survey of two rails, and their SI units."""
+ALIASES_OF_TWO = ALIASES | {f"{side}_{y}": f"{side}_{ALIASES[y]}" for side in SIDES for y in ("y", "z")}
+"""Other names of columns of two rails."""
+
+_GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
+
+
+class _TwoRailsFound(ValueError):
+    """A file of two rails in place of one."""
 
 
 class SurveyedTrack(SampledTrack):
@@ -48,32 +66,84 @@ class SurveyedTrack(SampledTrack):
 
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
         """
-        path = user_path(file, "file")
-        content = content_of(path)
+        path, content, self.sha256 = _content(file, sha256)
         self.file = str(file)
-        self.sha256 = hashlib.sha256(content).hexdigest()[:16]
-        require(
-            sha256 in (None, self.sha256),
-            "sha256",
-            "be the content with which the scene was made",
-            shown=f"another one of {file} now",
-        )
         columns, self.distance_unit = _read(path, content)
         self.chord = None if chord is None else number(positive, "chord", chord, "m")
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)
         super().__init__(**columns, ends=ends, ramp=ramp)
-        spacing = float(self.spacing)
-        wave = float(self.shortest_wavelength)
-        if wave < 4 * spacing:
-            warn(
-                f"Argument `file`, {self.file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} "
-                "m: what lies between the samples is made up."
-            )
+        _warn_if_coarse(self.file, self)
 
 
-def load_rail(file: str | Path, *, chord: float | None = None, **options: object) -> SurveyedTrack:
-    """Read a survey of a rail.
+class SurveyedRails(AbstractTwoRails):
+    """A track of two rails whose samples are in one file, see `slipperjax.load_rail`.
+
+    Descriptions of scenes hold the file's name and digest, and not the samples.
+    """
+
+    left: SampledTrack
+    """The rail on the side of positive y."""
+    right: SampledTrack
+    """The rail on the side of negative y."""
+    file: str = eqx.field(static=True)
+    """The file's path."""
+    sha256: str = eqx.field(static=True)
+    """Digest of the file's content, its first 16 digits."""
+    chord: float | None = eqx.field(static=True, metadata={"unit": "m"})
+    """Length of the chord by whose middle the rails were measured [m]; None for displacements from a line."""
+    ends: str = eqx.field(static=True)
+    """How both rails go on beyond their ends, see `SampledTrack`."""
+    ramp: float = eqx.field(static=True, metadata={"unit": "m"})
+    """Length of the ramps of both rails [m], see `SampledTrack`."""
+    distance_unit: str = eqx.field(static=True)
+    """Unit in which the file has its distances, such as ft."""
+    # the default stands in place of the property that all tracks have
+    gauge: float | None = eqx.field(static=True, metadata={"unit": "m"}, default=None)
+    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+
+    def __init__(
+        self,
+        file: str | Path,
+        sha256: str | None = None,
+        *,
+        chord: float | None = None,
+        gauge: float | None = None,
+        ends: str = "straight",
+        ramp: Real | None = None,
+    ):
+        """**Arguments:** as for `load_rail` and `SampledTrack`; `sha256`: digest that the file must have.
+
+        **Raises:** `ValueError` for a file that is no survey of two rails, or has another digest; `OSError` for none.
+        """
+        path, content, self.sha256 = _content(file, sha256)
+        self.file = str(file)
+        self.chord = None if chord is None else number(positive, "chord", chord, "m")
+        self.gauge = None if gauge is None else number(_GAUGE, "gauge", gauge, "m")
+        rails, of_gauge, self.distance_unit = _read_two(path, content, self.gauge)
+        if self.chord is not None:
+            rails = {side: _from_chords(columns, self.chord) for side, columns in rails.items()}
+        # the gauge is left less right
+        if of_gauge is not None and self.gauge is not None:
+            wider = of_gauge - self.gauge
+            if "lateral" in rails["left"]:
+                rails["right"]["lateral"] = rails["left"]["lateral"] - wider
+            else:
+                rails["left"]["lateral"] = rails["right"]["lateral"] + wider
+        self.left, self.right = (SampledTrack(**_filled(rails, side), ends=ends, ramp=ramp) for side in SIDES)
+        self.ends = self.left.ends
+        self.ramp = float(self.left.ramp)
+        _warn_if_coarse(self.file, self.left, self.right)
+
+    def __repr__(self) -> str:
+        gauge = "" if self.gauge is None else f", gauge={shown_number(self.gauge)} m"
+        return f"SurveyedRails({self.file!r}, left={self.left!r}, right={self.right!r}{gauge})"
+
+
+def load_rail(
+    file: str | Path, *, chord: float | None = None, gauge: float | None = None, **options: object
+) -> SurveyedTrack | SurveyedRails:
+    """Read a survey of a rail, or of two.
 
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, or
     with units in the line below, and a line for each sample; `roll` is optional. Lines above the names are left out,
@@ -82,26 +152,68 @@ def load_rail(file: str | Path, *, chord: float | None = None, **options: object
     names with an attribute `units`, packed or not. Lateral counts positive to the left, vertical upwards, roll about
     x.
 
+    A file of two rails has columns `left lateral`, `left vertical`, `right lateral`, `right vertical`, optionally
+    `left roll` and `right roll`, each rail's displacements from its own line; in netCDF files `left_lateral`. In
+    place of one rail's lateral it may have `gauge`, the distance between both rails: right lateral is left lateral
+    less what the gauge is more than its nominal value.
+
     **Arguments:**
 
     - `file`: its path. Scenes and results hold the path and a digest, by which they find the samples again.
     - `chord`: length of a chord [m] where lateral and vertical are the distances of the rail from the middle of that
         chord (versines), and not displacements from a line. Waves that the chord shows by less than a tenth, such as
-        those of half its length, are left out.
-    - `options`: `ends` and `ramp` of `SampledTrack`.
+        those of half its length, are left out. A column of the gauge is none of them.
+    - `gauge`: nominal distance between the axes of two rails [m], which a column of the gauge needs; None: each rail
+        is where its mounts are.
+    - `options`: `ends` and `ramp` of `SampledTrack`, of both rails.
 
-    **Returns:** a `SurveyedTrack`, which is a `SampledTrack`.
+    **Returns:** a `SurveyedTrack`, which is a `SampledTrack`; of a file with columns of both a left and a right rail
+    a `SurveyedRails`, whose `left` and `right` are.
 
     **Raises:** `ValueError` with all faults of the file by their lines: names, units or numbers that are wrong, two
     columns of one meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError`
     for a file that cannot be read. A warning tells displacements that are implausible, such as a level above the sea.
     """
-    return SurveyedTrack(file, chord=chord, **options)
+    with contextlib.suppress(_TwoRailsFound):
+        track = SurveyedTrack(file, chord=chord, **options)
+        require(gauge is None, "gauge", "be None for a file of one rail", gauge)
+        return track
+    return SurveyedRails(file, chord=chord, gauge=gauge, **options)
+
+
+def _content(file: str | Path, sha256: str | None) -> tuple[Path, bytes, str]:
+    """Return the path of a file, its content, and the first digits of the digest, which must be a given one."""
+    path = user_path(file, "file")
+    content = content_of(path)
+    found = hashlib.sha256(content).hexdigest()[:16]
+    need = "be the content with which the scene was made"
+    require(sha256 in (None, found), "sha256", need, shown=f"another one of {file} now")
+    return path, content, found
+
+
+def _warn_if_coarse(file: str, *rails: SampledTrack) -> None:
+    """Warn where waves of rails are hardly longer than the distance between their samples."""
+    spacing = float(rails[0].spacing)
+    wave = min(float(rail.shortest_wavelength) for rail in rails)
+    if wave < 4 * spacing:
+        warn(
+            f"Argument `file`, {file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} "
+            "m: what lies between the samples is made up."
+        )
+
+
+def _columns_of_one(names: Set[str]) -> Mapping[str, str]:
+    """Return the columns of a survey; raise `_TwoRailsFound` for names of columns of both a left and a right rail."""
+    if all(any(name.startswith(f"{side}_") for name in names & set(OF_SIDES)) for side in SIDES):
+        raise _TwoRailsFound(
+            "Argument `file` must be a survey of one rail, but is one of two: slipperjax.load_rail reads both."
+        )
+    return COLUMNS
 
 
 def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
     """Return the columns of a survey by name, in SI units, and the unit in which its distances are written."""
-    table = Table(path, content, COLUMNS, ALIASES)
+    table = Table(path, content, _columns_of_one, ALIASES_OF_TWO)
     found = table.columns
     if "distance" not in found or not {"lateral", "vertical"} & set(found):
         table.fault(f"must have distance, and lateral or vertical, but has {', '.join(found) or 'neither'}")
@@ -111,6 +223,49 @@ def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
     columns = table.si()
     zero = np.zeros_like(columns["distance"])
     return {"lateral": zero, "vertical": zero} | columns, found["distance"].unit or "m"
+
+
+def _read_two(
+    path: Path, content: bytes, gauge: float | None
+) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None, str]:
+    """Return the columns of two rails by side and name, and of the gauge if any, in SI units; and the unit in which
+    distances are written.
+
+    **Arguments:** `gauge`: the nominal one [m]; None where it is not known.
+    """
+    table = Table(path, content, COLUMNS_OF_TWO, ALIASES_OF_TWO)
+    found = table.columns
+    each = all({f"{side}_lateral", f"{side}_vertical"} & set(found) for side in SIDES)
+    if "distance" not in found or not each:
+        need = "must have distance, and lateral or vertical of the left and of the right rail"
+        table.fault(f"{need}, but has {', '.join(found) or 'neither'}")
+    else:
+        signs = ", and change sides, and the signs of lateral and roll, if left was left along the falling distance"
+        table.check_rising("distance", gaps=True, also=signs)
+    laterals = [column.name for name, column in found.items() if name.endswith("_lateral")]
+    if "gauge" in found and len(laterals) != 1:
+        have = f"`{found['gauge'].name}` stands in place of one rail's lateral"
+        table.fault(f"{have}, but the file has {' and '.join(laterals) or 'neither of them'}")
+    if "gauge" in found and gauge is None:
+        table.fault(f'`{found["gauge"].name}` needs the nominal gauge, such as gauge=1.435, or gauge = "1.435 m"')
+    columns = table.si()
+    of_gauge = columns.pop("gauge", None)
+    if of_gauge is not None and gauge is not None and abs(np.mean(of_gauge) / gauge - 1) > 0.1:
+        shown = f"{np.mean(of_gauge):g} m on average, far from the nominal {gauge:g} m"
+        raise TableError(f"{path}: `{found['gauge'].name}` must be the distance between both rails, but is {shown}.")
+    rails = {
+        side: {"distance": columns["distance"]}
+        | {name.removeprefix(f"{side}_"): array for name, array in columns.items() if name.startswith(f"{side}_")}
+        for side in SIDES
+    }
+    return rails, of_gauge, found["distance"].unit or "m"
+
+
+def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.ndarray]:
+    """Return the columns of one of two rails; what it lacks is zero, and it rolls if either does."""
+    columns = rails[side]
+    names = ["lateral", "vertical", *(["roll"] if any("roll" in of for of in rails.values()) else [])]
+    return {name: np.zeros_like(columns["distance"]) for name in names} | columns
 
 
 def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
@@ -148,7 +303,7 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
     seen = gain > 0.1  # waves that the chord hardly shows would be noise
     inverse = np.where(seen, 1 / np.where(seen, gain, 1.0), 0.0)
     out = dict(columns)
-    for name in ("lateral", "vertical"):
+    for name in {"lateral", "vertical"} & set(columns):
         # less the line through both ends, which no chord shows, and continued oddly, so that both ends meet
         odd = columns[name] - np.linspace(columns[name][0], columns[name][-1], len(distance))
         waves = np.fft.rfft(np.append(odd[:-1], -odd[:0:-1]))

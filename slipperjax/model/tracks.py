@@ -145,6 +145,8 @@ def greatest(values: Sequence[Real]) -> Real:
 
 PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
+PLAUSIBLE_GAUGES = 0.1, 10.0
+"""Distances between two rails beyond these [m] are allowed with a warning."""
 
 
 def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
@@ -388,6 +390,16 @@ class SumTrack(AbstractTrack):
         return f"SumTrack({self.one!r}, {self.other!r})"
 
     @property
+    def rails(self):
+        one, other = self.one.rails, self.other.rails
+        # a single track is added to both rails of the other one
+        return {name: SumTrack(one.get(name, self.one), other.get(name, self.other)) for name in one or other}
+
+    @property
+    def gauge(self):
+        return self.other.gauge if self.one.gauge is None else self.one.gauge
+
+    @property
     def wavelength(self):
         return self.one.wavelength
 
@@ -430,26 +442,15 @@ class SumTrack(AbstractTrack):
         return jnp.minimum(self.one.shortest_wavelength, self.other.shortest_wavelength)
 
 
-class TwoRails(AbstractTrack):
-    """The left and the right rail of a track, for a `slipperjax.Sled` whose mounts are on them.
+class AbstractTwoRails(AbstractTrack):
+    """A track of a left and a right rail, for a `slipperjax.Sled` whose mounts are on them.
 
-    Distances along both are the same. Taken as one, the track is the line in the middle between its rails.
+    The left rail is on the side of positive y. Distances along both are the same. Taken as one, the track is the line
+    in the middle between its rails.
     """
 
-    left: AbstractTrack
-    """The rail on the side of positive y; the first that defines the forcing period."""
-    right: AbstractTrack
-    gauge: Float[Array, ""] | None = field("m", positive, plausible=(0.1, 10.0), default=None)
-    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
-
-    def __check_init__(self):
-        for name, rail in self.rails.items():
-            instance(name, rail, AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
-            require(not rail.rails, name, "be one rail", rail)
-
-    def __repr__(self) -> str:
-        gauge = "" if self.gauge is None else f", gauge={shown_number(self.gauge)} m"
-        return f"TwoRails({self.left!r}, {self.right!r}{gauge})"
+    left: eqx.AbstractVar[AbstractTrack]
+    right: eqx.AbstractVar[AbstractTrack]
 
     @property
     def rails(self):
@@ -486,7 +487,7 @@ class TwoRails(AbstractTrack):
 
     @property
     def end(self):
-        return min(self.left.end, self.right.end)
+        return -greatest((-self.left.end, -self.right.end))
 
     @property
     def steepest_slope(self):
@@ -495,6 +496,36 @@ class TwoRails(AbstractTrack):
     @property
     def shortest_wavelength(self):
         return jnp.minimum(self.left.shortest_wavelength, self.right.shortest_wavelength)
+
+
+class TwoRails(AbstractTwoRails):
+    """Any two rails side by side.
+
+    ```python
+    track = sj.TwoRails(sj.load_rail("left.csv"), sj.load_rail("right.csv"), gauge=1.435)
+    ```
+    """
+
+    left: AbstractTrack
+    """The rail on the side of positive y, which defines the forcing period."""
+    right: AbstractTrack
+    """The rail on the side of negative y."""
+    gauge: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_GAUGES, default=None)
+    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+
+    def __check_init__(self):
+        for name, rail in self.rails.items():
+            instance(name, rail, AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+            require(not rail.rails, name, "be one rail", rail)
+
+    def __repr__(self) -> str:
+        gauge = "" if self.gauge is None else f", gauge={shown_number(self.gauge)} m"
+        return f"TwoRails({self.left!r}, {self.right!r}{gauge})"
+
+    @property
+    def distance_unit(self) -> str:
+        """Unit in which the survey of the left rail has its distances, if it is one; otherwise m."""
+        return getattr(self.left, "distance_unit", "m")
 
 
 def _scaled(factor: Real, rail: Irregularity) -> Irregularity:

@@ -1,0 +1,468 @@
+"""Pairs of rails: any two, random ones with a coherence, surveys of both in one file, and sets of pairs."""
+
+import dataclasses
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.flow.simulate import check_rail
+from slipperjax.model import SurveyedRails, SurveyedTrack
+from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
+
+LEFT = sj.HarmonicTrack((8.0,), 1e-3)
+RIGHT = sj.HarmonicTrack((12.0, 6.0), 2e-4, 1e-3)
+PLACES = jnp.asarray(np.linspace(10.0, 50.0, 401))
+SLED = sj.RandomTrack.sled(length=300.0)
+PAIR = sj.RandomRails(SLED, coherence=0.5, gauge=1.2, seed=3)
+
+
+def on(track):
+    return dataclasses.replace(sj.paper_scene(900.0), track=track)
+
+
+def largest(one, other):
+    """The greatest difference of displacements."""
+    return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True) if a is not None)
+
+
+def test_taken_as_one_two_rails_are_the_line_in_their_middle():
+    track = sj.TwoRails(LEFT, RIGHT, gauge=1.4)
+    one, other = (rail.motion(PLACES) for rail in (LEFT, RIGHT))
+    for here, left, right in zip(track.motion(PLACES), one, other, strict=True):
+        np.testing.assert_allclose(here.lateral, (left.lateral + right.lateral) / 2, atol=1e-18)
+        np.testing.assert_allclose(here.roll, right.roll / 2, atol=1e-18)
+    assert largest(track.irregularity(PLACES), track.motion(PLACES)[0]) == 0.0
+    assert (float(track.wavelength), float(track.recurrence)) == (8.0, 24.0)
+    assert float(track.shortest_wavelength) == 6.0
+    # a sine of 1 mm and 8 m is steeper than those of 0.2 mm
+    np.testing.assert_allclose(track.steepest_slope, 2 * np.pi * 1e-3 / 8, rtol=1e-12)
+    assert repr(track).endswith(", gauge=1.4 m)")
+    for wrong in (1e-3, track):
+        with pytest.raises(ValueError, match=r"`right` must be (a track such as|one rail, but is TwoRails)"):
+            sj.TwoRails(LEFT, wrong)
+
+
+def sampled(begin, end, ends="straight"):
+    distance = np.linspace(begin, end, 101)
+    return sj.SampledTrack(distance, 1e-3 * np.sin(distance), 1e-3 * np.cos(distance), ends=ends)
+
+
+def test_two_rails_are_known_where_both_are():
+    track = sj.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0))
+    assert (track.begin, track.origin, track.extent, track.end) == (10.0, 10.0, 70.0, 90.0)
+    assert sj.TwoRails(LEFT, sampled(0.0, 70.0)).extent == 70.0
+    assert sj.TwoRails(LEFT, RIGHT).end == np.inf
+    with pytest.warns(sj.ImplausibleWarning, match="leads to 74 m, but the rail is known up to 70 m only"):
+        check_rail(on(sj.TwoRails(sampled(10.0, 90.0), sampled(0.0, 70.0))), 8, 10.0)
+    ending = sj.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0, "error"))
+    with pytest.raises(ValueError, match=r"`periods` must be at most 7 here.* because the rail ends at 70 m"):
+        check_rail(on(ending), 8, 10.0)
+
+
+def test_a_sum_adds_to_each_rail():
+    joints = sj.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0)
+    pair = sj.TwoRails(LEFT, RIGHT, gauge=1.4)
+    for track in (sj.SumTrack(pair, joints), sj.SumTrack(joints, pair), sj.SumTrack(pair, joints).prepared()):
+        assert float(track.gauge) == 1.4
+        for name, rail in pair.rails.items():
+            apart = [part.irregularity(PLACES).vertical for part in (rail, joints)]
+            # of one addition in two orders
+            np.testing.assert_allclose(track.rails[name].irregularity(PLACES).vertical, sum(apart), atol=1e-18)
+    twice = sj.SumTrack(pair, pair)
+    assert largest(twice.rails["right"].irregularity(PLACES), sj.SumTrack(RIGHT, RIGHT).irregularity(PLACES)) == 0.0
+    assert sj.SumTrack(LEFT, joints).rails == {}
+
+
+PAIRS = {
+    "harmonic": sj.TwoRails(LEFT, RIGHT, gauge=1.4),
+    "of kinds": sj.TwoRails(sampled(0.0, 70.0), SLED),
+    "random": PAIR,
+    "of two spectra": sj.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=jnp.asarray(2.0))),
+    "set": sj.TrackSet([PAIR, sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0), gauge=1.2)], 1),
+    "sum": sj.SumTrack(sj.TwoRails(LEFT, RIGHT), RIGHT),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_pairs_survive_files(name):
+    scene = on(PAIRS[name])
+    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+    assert type(PAIRS[name]).__name__ in repr(scene)
+
+
+def test_the_left_rail_of_a_seed_is_that_of_a_random_track():
+    one = dataclasses.replace(SLED, seed=jnp.asarray(3.0))
+    for track in (PAIR, PAIR.prepared()):
+        for ours, theirs in zip(track.left.motion(PLACES), one.motion(PLACES), strict=True):
+            assert largest(ours, theirs) == 0.0
+    # stored samples of the right rail [m], which hold for every later version
+    right = PAIR.right.irregularity(jnp.asarray([30.0, 40.5]))
+    stored = [-0.00015239054112009857, -6.766973752468459e-05, 0.00031058670931971875, 0.00028209276163798386]
+    # other orders of summing change the last digits
+    np.testing.assert_allclose([*right.lateral, *right.vertical], stored, rtol=0, atol=1e-15)
+    equal = dataclasses.replace(PAIR, coherence=jnp.asarray(1.0))
+    assert largest(equal.right.irregularity(PLACES), one.irregularity(PLACES)) == 0.0
+    assert PAIR.extent == 300.0
+    for number in ("steepest_slope", "shortest_wavelength"):
+        assert float(getattr(PAIR, number)) == float(getattr(SLED, number))
+
+
+COUNT = 400
+"""Pairs of an ensemble."""
+
+
+def waves_of(coherence, correlation, roughness=1.0):
+    """Complex waves of pairs that repeat, (direction, rail, pair, wavenumber), and their wavenumbers."""
+    rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(1.0, 50.0), length=200.0, ends="repeat", coherence=correlation)
+    right = dataclasses.replace(rail, roughness=jnp.asarray(roughness))
+    pair = sj.RandomRails(rail, coherence, right_rail=right)
+    x = jnp.arange(1600) / 8.0
+
+    @jax.jit
+    @jax.vmap
+    def heights(seed):
+        rails = eqx.tree_at(lambda track: track.seed, pair, seed).prepared().rails.values()
+        return jnp.stack([jnp.stack(rail.irregularity(x)[:2]) for rail in rails], axis=1)
+
+    waves = np.moveaxis(np.fft.rfft(np.asarray(heights(jnp.arange(float(COUNT))))), 0, 2) / 1600
+    # wavenumbers of the band
+    return waves[..., 4:201], np.arange(4, 201) / 200.0
+
+
+def coherence_of(one, other):
+    """The complex coherence of an ensemble in all wavenumbers together."""
+    power = lambda waves: np.sum(np.abs(waves) ** 2, axis=0)
+    # each wavenumber counts as much
+    cross = np.sum(np.conj(one) * other, axis=0) / np.sqrt(power(one) * power(other))
+    return np.mean(cross)
+
+
+@pytest.mark.parametrize(("coherence", "correlation"), [(0.0, None), (0.5, 0.6), (0.8, -0.3)])
+def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
+    (lateral, vertical), k = waves_of(coherence, correlation, roughness=1.5)
+    share = 0.0 if correlation is None else correlation
+    # the standard error of a mean of 400 pairs and 197 wavenumbers is 1 / sqrt(78800) = 0.0036, real and imaginary
+    within = dict(abs=0.0125)
+    root = np.sqrt(coherence)
+    for one, other, exact in (
+        (lateral[0], lateral[1], root),
+        (vertical[0], vertical[1], root),
+        # within both rails, and across both
+        (lateral[0], vertical[0], share),
+        (lateral[1], vertical[1], share),
+        (lateral[0], vertical[1], share * root),
+    ):
+        found = coherence_of(one, other)
+        print(coherence, correlation, exact, found - exact)
+        assert found.real == pytest.approx(exact, **within)  # measured 2.8e-3 and less
+        assert found.imag == pytest.approx(0.0, **within)  # measured 6.7e-3 and less
+    # magnitude squared at each wavenumber, less its bias for independent waves, of 400 pairs
+    cross = np.mean(np.conj(vertical[0]) * vertical[1], axis=0)
+    powers = [np.mean(np.abs(waves) ** 2, axis=0) for waves in vertical]
+    squared = np.mean(np.abs(cross) ** 2 / (powers[0] * powers[1]))
+    print(coherence, "squared", squared - (1 - coherence) ** 2 / COUNT)
+    assert squared - (1 - coherence) ** 2 / COUNT == pytest.approx(coherence, abs=0.006)  # measured 3e-4
+    # each rail alone has its spectrum: 2 * 400 degrees of freedom, standard deviation 0.05 at each wavenumber
+    for direction in (lateral, vertical):
+        for waves, roughness in zip(direction, (1.0, 1.5), strict=True):
+            ratio = 2 * 200.0 * np.mean(np.abs(waves) ** 2, axis=0) / (6e-10 * roughness**2 * k**-2.0)
+            # the spline changes waves of 1 m by a thousandth; ends of the band have half their share
+            inside = ratio[1:-1]
+            print("spectrum", np.mean(inside) - 1, np.mean(np.abs(inside - 1) < 1.96 * 0.05))
+            assert np.mean(inside) == pytest.approx(1.0, abs=0.013)  # measured 4.7e-3 and less
+            assert np.mean(np.abs(inside - 1) < 1.96 * 0.05) > 0.9  # measured 0.933 and more
+
+
+def test_seeds_choose_pairs_in_programs_and_others_are_lost():
+    at = eqx.filter_jit(lambda track: track.prepared().rails["right"].irregularity(PLACES).vertical)
+    seeds = jax.vmap(lambda seed: at(eqx.tree_at(lambda track: track.seed, PAIR, seed)))(jnp.asarray([0.0, 3.0, 3.5]))
+    # programs of one case and of many sum in other orders: measured 5e-19 m
+    np.testing.assert_allclose(seeds[1], PAIR.right.irregularity(PLACES).vertical, atol=1e-16)
+    assert float(np.max(np.abs(seeds[0] - seeds[1]))) > 1e-4
+    assert np.all(np.isnan(seeds[2]))
+    # the rail's own seed has no meaning
+    other = eqx.tree_at(lambda track: track.rail.seed, PAIR, jnp.asarray(1.0))
+    assert np.all(np.isnan(at(other)))
+
+
+def test_seeds_are_swept_and_a_set_of_pairs_gives_the_same_forces():
+    options = dict(periods=1, transient=1, record="peak_force")
+    forces = sj.sweep(on(PAIR), {"track.seed": range(1, 3)}, **options)["peak_force"]
+    pairs = [dataclasses.replace(PAIR, seed=jnp.asarray(seed)) for seed in (1.0, 2.0)]
+    again = sj.sweep(on(sj.TrackSet(pairs)), {"track.number": range(2)}, **options)["peak_force"]
+    np.testing.assert_allclose(again, forces, rtol=1e-9)  # measured 5e-14
+    highest = forces.max(("end", "point")).values
+    assert highest[0] != highest[1] > 0
+
+
+def test_a_number_chooses_one_of_several_pairs():
+    pairs = (PAIR, dataclasses.replace(PAIR, seed=jnp.asarray(8.0)))
+    for number, pair in enumerate(pairs):
+        chosen = sj.TrackSet(pairs, number)
+        assert float(chosen.gauge) == 1.2
+        assert (chosen.begin, chosen.extent) == (0.0, 300.0)
+        for track in (chosen, chosen.prepared()):
+            for name, rail in pair.rails.items():
+                assert largest(track.rails[name].irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
+        assert largest(chosen.irregularity(PLACES), pair.irregularity(PLACES)) < 1e-18
+    again = sj.TrackSet([sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.TwoRails(sampled(5.0, 70.0), SLED)])
+    assert (again.begin, again.extent) == (5.0, 60.0)
+    for tracks, words in (
+        ((PAIR, SLED), "be single rails or pairs of rails"),
+        ((PAIR, dataclasses.replace(PAIR, gauge=None)), "have one gauge"),
+        ((PAIR, sj.TwoRails(LEFT, RIGHT, gauge=1.2)), "be rails such as"),
+        ((PAIR, sj.TwoRails(sampled(0.0, 70.0, "error"), SLED, gauge=1.2)), "have the same ends"),
+    ):
+        with pytest.raises(ValueError, match=f"`tracks` must {words}"):
+            sj.TrackSet(tracks)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (dict(coherence=1.1), "`coherence` must be from 0 to 1, but is 1.1"),
+        (dict(rail=LEFT), r"`rail` must be a slipperjax\.RandomTrack"),
+        (
+            dict(rail=dataclasses.replace(SLED, seed=4)),
+            "`rail` must have the seed 0, because that of the pair counts",
+        ),
+        (dict(right_rail=sj.RandomTrack.sled(length=400.0)), "`right_rail` must have the band, length, beginning"),
+        (dict(seed=0.5), "`seed` must be a whole number"),
+        (dict(gauge=-1.0), "`gauge` must be positive, but is -1 m"),
+    ],
+)
+def test_wrong_pairs_are_named(options, words):
+    with pytest.raises(ValueError, match=words):
+        sj.RandomRails(**(dict(rail=SLED, coherence=0.5) | options))
+
+
+SPACING = 0.1
+SAMPLES = np.arange(0.0, 400.0 + SPACING / 2, SPACING)
+
+
+@functools.cache
+def surveyed(seed, coherence=0.64):
+    """A survey of a pair of rails, which begins within much longer ones; the right one has joints."""
+    rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(0.2, 400.0), length=1600.0, coherence=-0.6)
+    pair = sj.RandomRails(rail, coherence, seed=seed)
+    joints = sj.FourierTrack((1.32,), (0.0,), (8e-5,))
+    of = lambda track: track.irregularity(jnp.asarray(400.0 + SAMPLES))[:2]
+    left = sj.SampledTrack(SAMPLES, *of(pair.left), ends="error")
+    right = sj.SampledTrack(SAMPLES, *of(sj.SumTrack(pair.right, joints)), ends="error")
+    return sj.TwoRails(left, right, gauge=1.4)
+
+
+def test_rails_like_a_survey_have_the_coherence_of_its_rails():
+    found = [float(sj.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
+    print("coherence", np.mean(found), np.std(found))
+    # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
+    assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
+    opposite = surveyed(0)
+    opposite = sj.TwoRails(opposite.left, sj.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error"))
+    assert float(sj.RandomRails.like(opposite).coherence) == 0.0
+
+
+def test_rails_like_a_survey_are_each_like_its_own():
+    survey = surveyed(0)
+    like = sj.RandomRails.like(survey, length=500.0, seed=7)
+    for rail, own in ((like.rail, survey.left), (like.right_rail, survey.right)):
+        assert eqx.tree_equal(rail, sj.RandomTrack.like(own, length=500.0))
+    assert like.rail.lines is None
+    np.testing.assert_allclose(like.right_rail.lines.wavelengths, [1.32], rtol=1e-3)  # measured 9e-5
+    assert (float(like.gauge), float(like.seed), like.extent, like.end) == (1.4, 7.0, 500.0, 500.0)
+    for wrong, words in ((survey.left, "be two rails such as"), (sj.TwoRails(LEFT, RIGHT), "be a rail of samples")):
+        with pytest.raises(ValueError, match=f"`survey` must {words}"):
+            sj.RandomRails.like(wrong)
+    shifted = sj.SampledTrack(SAMPLES + 1.0, survey.right.lateral, 0.0, ends="error")
+    with pytest.raises(ValueError, match="`survey` must have samples at the same distances on both rails"):
+        sj.RandomRails.like(sj.TwoRails(survey.left, shifted))
+
+
+DISTANCE = np.arange(0.0, 60.01, 0.25)
+WAVES = {
+    "left lateral": 1e-3 * np.sin(2 * np.pi * DISTANCE / 8),
+    "left vertical": 5e-4 * np.cos(2 * np.pi * DISTANCE / 12),
+    "right lateral": 8e-4 * np.sin(2 * np.pi * DISTANCE / 10),
+    "right vertical": 4e-4 * np.cos(2 * np.pi * DISTANCE / 6),
+}
+GAUGE = 1.2 + WAVES["left lateral"] - WAVES["right lateral"]
+"""The left rail is at + gauge / 2 and the displacements are positive to the left."""
+HEADER = "distance [m], left lateral [mm], left vertical [mm], right lateral [mm], right vertical [mm]"
+
+
+def written(folder, header=HEADER, columns=None, name="both.csv", change=None):
+    """A file with distances [m] and, in millimetres, the columns that its header names."""
+    named = WAVES | {"gauge": GAUGE}
+    names = [cell.partition(" [")[0].strip().lower().replace("_", " ") for cell in header.split(",")]
+    table = [1e3 * named[cell] if cell in named else DISTANCE for cell in names] if columns is None else columns
+    rows = np.column_stack(table).astype(object)
+    for place, value in (change or {}).items():
+        rows[place] = value
+    path = folder / name
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows.tolist())]))
+    return path
+
+
+def same(track, within=1e-15):
+    assert isinstance(track, SurveyedRails)
+    for side, rail in track.rails.items():
+        exact = sj.SampledTrack(DISTANCE, WAVES[f"{side} lateral"], WAVES[f"{side} vertical"])
+        assert largest(rail.irregularity(PLACES)[:2], exact.irregularity(PLACES)[:2]) < within
+    return True
+
+
+def test_both_rails_are_read_from_one_file(tmp_path):
+    track = sj.load_rail(written(tmp_path), gauge=1.2)
+    assert same(track)
+    assert (track.gauge, track.distance_unit, track.ramp, track.extent) == (1.2, "m", 8.0, 60.0)
+    assert repr(track).startswith("SurveyedRails('")
+    assert repr(track).endswith(", gauge=1.2 m)")
+    for header in (
+        "Chainage [m], LEFT_LATERAL [mm], left z [mm], Right y [mm], right_vertical [mm]",
+        "distance [m], right vertical [mm], right lateral [mm], left vertical [mm], left lateral [mm]",
+    ):
+        words = header.lower().replace(" z", " vertical").replace(" y", " lateral")
+        path = written(tmp_path, words)
+        path.write_text(path.read_text().replace(words, header))
+        assert same(sj.load_rail(path))
+    below = written(tmp_path)
+    names = "distance, left lateral, left vertical, right lateral, right vertical"
+    below.write_text(below.read_text().replace(HEADER, f"{names}\nm, mm, mm, mm, mm"))
+    assert same(sj.load_rail(below))
+    one = written(
+        tmp_path,
+        "distance [m], left vertical [mm], right lateral [mm], right roll [mrad]".replace(
+            "right roll [mrad]", "roll"
+        ),
+        [DISTANCE, *(1e3 * WAVES[n] for n in ("left vertical", "right lateral")), DISTANCE],
+    )
+    one.write_text(one.read_text().replace("roll", "right roll [mrad]"))
+    track = sj.load_rail(one)
+    assert float(np.max(np.abs(track.left.lateral))) == float(np.max(np.abs(track.right.vertical))) == 0.0
+    # a rail without roll beside one that rolls does not roll
+    assert float(np.max(np.abs(track.left.roll))) == 0.0
+    np.testing.assert_allclose(track.right.roll, 1e-3 * DISTANCE, rtol=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_both_rails_are_read_from_netcdf_files(tmp_path, engine):
+    variables = {name.replace(" ", "_"): ("sample", values, {"units": "m"}) for name, values in WAVES.items()}
+    ds = xr.Dataset({"distance": ("sample", DISTANCE / 0.3048, {"units": "ft"}), **variables})
+    ds.to_netcdf(tmp_path / "both.nc", engine=engine)
+    track = sj.load_rail(tmp_path / "both.nc")
+    assert same(track)
+    assert track.distance_unit == "ft"
+
+
+@pytest.mark.parametrize("known", ["left", "right"])
+def test_a_gauge_stands_in_place_of_one_lateral(tmp_path, known):
+    other = {"left": "right", "right": "left"}[known]
+    path = written(tmp_path, HEADER.replace(f"{other} lateral", "gauge"))
+    assert same(sj.load_rail(path, gauge=1.2))  # measured 3e-16 m, of the digits of 1.2 m
+    # the deviation counts from the nominal gauge
+    wider = sj.load_rail(path, gauge=1.199).rails[other].lateral - WAVES[f"{other} lateral"]
+    np.testing.assert_allclose(wider, -1e-3 if known == "left" else 1e-3, atol=1e-15)
+    with pytest.raises(ValueError, match=r"both\.csv: `gauge` needs the nominal gauge, such as gauge=1\.435"):
+        sj.load_rail(path)
+    with pytest.raises(
+        ValueError, match=r"`gauge` must be the distance .* 1.2\S* m on average, far from the nominal"
+    ):
+        sj.load_rail(path, gauge=1.435)
+
+
+def test_chords_are_of_both_rails_and_not_of_the_gauge(tmp_path):
+    """Of a sine, the middle of a chord shows the share 1 - cos(pi chord / wavelength)."""
+    distance = np.arange(0.0, 400.01, 0.25)
+    wave, chord = np.sin(2 * np.pi * distance / 8), 5.0
+    seen = (1 - np.cos(np.pi * chord / 8)) * wave
+    header = "distance [m], left lateral [mm], left vertical [mm], gauge [mm], right vertical [mm]"
+    path = written(tmp_path, header, [distance, seen, 2 * seen, 1200 + 3 * wave, 0 * wave])
+    track = sj.load_rail(path, chord=chord, gauge=1.2)
+    middle = jnp.linspace(150.0, 250.0, 300)
+    exact = 1e-3 * np.sin(2 * np.pi * np.asarray(middle) / 8)
+    left, right = (rail.irregularity(middle) for rail in track.rails.values())
+    for found, share in ((left.lateral, 1), (left.vertical, 2), (right.lateral, -2), (right.vertical, 0)):
+        # measured 8e-9, that of the spline
+        np.testing.assert_allclose(found, share * exact, atol=1e-8)
+    assert eqx.tree_equal(scene_from_toml(on(track).to_toml()).scene, on(track))
+
+
+def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path):
+    path = written(tmp_path, HEADER.replace("right lateral", "gauge"))
+    scene = on(sj.load_rail(path, gauge=1.2, ends="error", ramp=0.0))
+    text = scene_to_json(scene)
+    assert len(text) < 1500
+    assert eqx.tree_equal(scene_from_json(text), scene)
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+    lines = 'base = "paper"\nspeed = "900 m/s"\n[track]\nfile = "both.csv"\nends = "error"\ngauge = "1200 mm"\n'
+    (tmp_path / "scene.toml").write_text(lines)
+    again = sj.load_scene(tmp_path / "scene.toml").track
+    # that of the test has ramps, of which a spline knows little 2 m from them
+    assert same(again, within=1e-12)  # measured 7e-14 m
+    assert (again.gauge, again.ends) == (1.2, "error")
+    (tmp_path / "scene.toml").write_text(lines + "speed = 3\n")
+    with pytest.raises(ValueError, match=r"scene\.toml, line 7: `speed` is none of file, sha256, chord, gauge"):
+        sj.load_scene(tmp_path / "scene.toml")
+    path.write_text(path.read_text().replace("gauge [mm]", "gauge  [mm]"))
+    with pytest.raises(ValueError, match="`sha256` must be the content with which the scene was made"):
+        scene_from_json(text)
+
+
+def test_all_faults_of_both_rails_are_told_at_once(tmp_path):
+    bad = {(5, 3): "", (9, 4): "loose", (20, 0): 1.0}
+    path = written(tmp_path, HEADER.replace("left vertical [mm]", "left vertical"), change=bad)
+    with pytest.raises(ValueError, match=r"both\.csv has 4 faults:") as told:
+        sj.load_rail(path)
+    for words in (
+        "line 1: 'left vertical' is no name with a unit, such as distance [m], left_lateral [m]",
+        "line 7: `right lateral` has no number",
+        "line 11: `right vertical` must be a number, but is 'loose'",
+        "line 22: distance 1 m does not exceed 4.75 m of line 21",
+    ):
+        assert words in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        (f"{HEADER}, gauge [mm]", "`gauge` stands in place of one rail's lateral, but the file has left lateral and"),
+        (
+            "distance [m], left vertical [mm], gauge [mm], right vertical [mm]",
+            "`gauge` stands in place of one rail's lateral, but the file has neither of them",
+        ),
+        (f"{HEADER}, left lateral [mm]", "left lateral and left lateral are both left_lateral: leave one out"),
+        (
+            HEADER.replace("distance [m], ", ""),
+            "must have distance, and lateral or vertical of the left and of the right rail, but has left_lateral, ",
+        ),
+    ],
+)
+def test_wrong_files_of_both_rails_are_named(tmp_path, header, words):
+    with pytest.raises(ValueError, match=words):
+        sj.load_rail(written(tmp_path, header), gauge=1.2)
+
+
+def test_files_of_one_rail_stay_what_they_are(tmp_path):
+    """Also those with columns that pairs would have."""
+    header = "distance [m], lateral [mm], vertical [mm], gauge [mm], left vertical [mm]"
+    values = [1e3 * values for values in (WAVES["left lateral"], WAVES["left vertical"], GAUGE, GAUGE)]
+    path = written(tmp_path, header, [DISTANCE, *values], change={(5, 3): "", (6, 4): "loose"})
+    with pytest.warns(sj.ImplausibleWarning, match=r"columns that are not read: gauge and left vertical\."):
+        track = sj.load_rail(path)
+    assert isinstance(track, SurveyedTrack)
+    np.testing.assert_allclose(track.lateral, WAVES["left lateral"], rtol=1e-12)
+    with pytest.raises(ValueError, match=r"`gauge` must be None for a file of one rail, but is 1\.2"), pytest.warns():
+        sj.load_rail(path, gauge=1.2)
+    with pytest.raises(
+        ValueError, match=r"`file` must be a survey of one rail, .*: slipperjax\.load_rail reads both"
+    ):
+        SurveyedTrack(written(tmp_path, name="two.csv"))
+    with pytest.raises(ValueError, match="must have distance, and lateral or vertical of the left"), pytest.warns():
+        SurveyedRails(path)
