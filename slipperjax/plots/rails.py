@@ -15,7 +15,7 @@ from .trajectories import TRAJECTORY_SOURCE, most_loaded
 def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
 
-    Distances are in the unit of the survey, if it is one.
+    Both rails are drawn of a track that has two. Distances are in the unit of the survey, if it is one.
 
     The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
     those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
@@ -48,15 +48,16 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
         top = 0.0
         draw_irregularity(axes[:2], scene, distance, units)
         # spectra in the colours of the displacements
-        for name, width, ax in zip(("lateral", "vertical"), (1.6, 0.6), axes, strict=False):
-            (line,) = ax.lines
-            spectrum = power_spectral_density(line.get_ydata(), places / extent)
-            seen = slice(1, places // 4)  # finer waves are the drawing's
-            # zeros, which a logarithmic axis lacks, are lifted
-            density = spectrum.density[seen] + 1e-300
-            # the one below is wider, so that equal ones do not hide each other
-            lower.loglog(spectrum.frequency[seen], density, lw=width, color=line.get_color(), label=name)
-            top = max(top, float(density.max()))
+        for width, ax in zip((1.6, 0.6), axes, strict=False):
+            for line in ax.lines:
+                spectrum = power_spectral_density(line.get_ydata(), places / extent)
+                seen = slice(1, places // 4)  # finer waves are the drawing's
+                # zeros, which a logarithmic axis lacks, are lifted
+                density = spectrum.density[seen] + 1e-300
+                # the one below is wider, so that equal ones do not hide each other
+                drawn = {"color": line.get_color(), "label": line.get_label()}
+                lower.loglog(spectrum.frequency[seen], density, lw=width, **drawn)
+                top = max(top, float(density.max()))
         slope = float(scene.track.steepest_slope)
         # the wavenumbers to which the slipper responds, unless the rail is straight
         if slope > 0:

@@ -233,15 +233,18 @@ def speed_name(ds: xr.Dataset) -> str:
 
 
 def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units: ShownUnits) -> None:
-    """Draw the displacements of the rail at `places` [m] in two panels: lateral and vertical, on one scale."""
-    here = scene.track.irregularity(places + 0 * scene.wavelength)
+    """Draw the displacements of the rail, or of both rails, at `places` [m] in two panels: lateral and vertical, on
+    one scale."""
     along = units.of(DISTANCE)
     # heights can be compared
     axes[1].sharey(axes[0])
-    for ax, name, color in zip(axes, ("lateral", "vertical"), ("blue", "red"), strict=True):
+    rails = scene.track.rails or {"": scene.track}
+    displacements = {side: rail.irregularity(places + 0 * scene.wavelength) for side, rail in rails.items()}
+    for ax, name, colors in zip(axes, ("lateral", "vertical"), (("blue", "green"), ("red", "orange")), strict=True):
         height = units.of(Quantity(f"rail_{name}", "m", f"{name} displacement of the rail", shown_unit="mm"))
-        values = height.shown(np.broadcast_to(np.asarray(getattr(here, name)), places.shape))
-        ax.plot(along.shown(places), values, lw=0.5, color=COLORS[color])
+        for (side, here), color in zip(displacements.items(), colors, strict=False):
+            values = height.shown(np.broadcast_to(np.asarray(getattr(here, name)), places.shape))
+            ax.plot(along.shown(places), values, lw=0.5, color=COLORS[color], label=f"{side} {name}".strip())
         ax.set_ylabel(f"{name}\n[{typeset(height.display_unit)}]")
 
 

@@ -335,6 +335,20 @@ def test_rails_are_drawn_from_where_they_begin():
     np.testing.assert_allclose(y, np.sin(x - 129_773.0), atol=5e-3)  # the spline is natural at the ends
 
 
+def test_both_rails_of_a_track_are_drawn():
+    left, right = sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((8.0,), 2e-3)
+    upper, below, spectrum = plots.rail(dataclasses.replace(sj.paper_scene(), track=sj.TwoRails(left, right)))
+    for ax, name in ((upper, "lateral"), (below, "vertical")):
+        # 25 wavelengths in 4096 places come close to the crests
+        np.testing.assert_allclose([line.get_ydata().max() for line in ax.lines], [1.0, 2.0], rtol=1e-3)
+        assert [line.get_label() for line in ax.lines] == [f"left {name}", f"right {name}"]
+        assert len({line.get_color() for line in ax.lines}) == 2
+    assert legend(spectrum) == ["left lateral", "right lateral", "left vertical", "right vertical"]
+    # densities go by the square of the amplitude
+    densities = [line.get_ydata().max() for line in spectrum.lines]
+    np.testing.assert_allclose(np.divide(densities[1::2], densities[::2]), 4.0, rtol=1e-9)
+
+
 class InFeet(sj.SampledTrack):
     """A rail whose survey has its distances in feet."""
 
