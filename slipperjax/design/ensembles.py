@@ -99,9 +99,9 @@ class EnsembleSettings:
 class RailEnsemble(EnsembleSettings):
     """Ensembles of runs along rails that do not recur, of whose values a quantile is taken.
 
-    Each run has a rail of its own where the scene's track is one of many: the seeds of a `RandomTrack`, the numbers
-    of a `TrackSet`. All designs run on the same rails. Periods are reference lengths of travel. Runs that leave the
-    rail count as greater than all others.
+    Each run has a rail of its own where the scene's track is one of many: the seeds of a `RandomTrack` or of
+    `RandomRails`, the numbers of a `TrackSet`. All designs run on the same rails. Periods are reference lengths of
+    travel. Runs that leave the rail count as greater than all others.
     """
 
     box_reach: ClassVar[float] = 0.05
@@ -155,8 +155,11 @@ class RailEnsemble(EnsembleSettings):
 
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
     """Return the parts of a track that are one of many rails, by the paths of the numbers that choose them."""
-    found = {f"{path}.{track.chosen_by}": track} if track.chosen_by else {}
-    # sums and windows hold other tracks
+    # what is within such a track, it chooses itself
+    if track.chosen_by:
+        return {f"{path}.{track.chosen_by}": track}
+    found = {}
+    # sums, windows and pairs hold other tracks
     for name, part in vars(track).items():
         if isinstance(part, AbstractTrack):
             found |= _of_many(part, f"{path}.{name}")

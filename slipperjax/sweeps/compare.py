@@ -15,8 +15,9 @@ from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.rails import SampledTrack, TrackSet
-from ..model.random_rails import RandomTrack
+from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
+from ..model.tracks import AbstractTwoRails
 from ..tools.checks import brief, instance, one_of, require, whole
 from ..tools.columns import column
 from .grid import Grid, sample_box
@@ -55,8 +56,9 @@ def compare(
 
     - `designs`: values by parameter, as the grid of `sweep`.
     - `length`: how far each run goes [m]; `options`: others of `run`, such as `speed`, `begin`, `store`.
-    - `rails`: number of rails. Those of a `RandomTrack` have its seed and the next ones; of a survey the first is the
-        survey itself, and the others are like it, see `RandomTrack.like`.
+    - `rails`: number of rails, or of pairs of rails. Those of a `RandomTrack` or of `RandomRails` have its seed and
+        the next ones; of a survey the first is the survey itself, and the others are like it, see `RandomTrack.like`
+        and `RandomRails.like`.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
     - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum.
@@ -129,15 +131,16 @@ def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
     count = np.arange(float(rails))
     if rails == 1:
         return scene, {}
-    if isinstance(track, SampledTrack):
+    if all(isinstance(rail, SampledTrack) for rail in track.rails.values() or (track,)):
         # the survey itself, and rails like it
-        both = TrackSet((track, RandomTrack.like(track)))  # pyright: ignore[reportCallIssue] - `ends` is a property
+        like = RandomRails.like(track) if isinstance(track, AbstractTwoRails) else RandomTrack.like(track)
+        both = TrackSet((track, like))  # pyright: ignore[reportCallIssue] - `ends` is a property
         return replace(scene, track=both), {"track.number": np.minimum(count, 1.0), "track.tracks.1.seed": count}
     need = "be 1 on a track that is neither random nor a survey"
     require(track.chosen_by, "rails", need, rails)
     if isinstance(track, TrackSet):
         require(rails <= len(track.tracks), "rails", f"be {len(track.tracks)} at most, as the track has", rails)
-    first = float(getattr(track, track.chosen_by)) if isinstance(track, RandomTrack) else 0.0
+    first = float(getattr(track, track.chosen_by)) if isinstance(track, RandomTrack | RandomRails) else 0.0
     return scene, {f"track.{track.chosen_by}": first + count}
 
 

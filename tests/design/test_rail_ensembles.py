@@ -36,6 +36,8 @@ def test_each_run_of_a_case_has_its_rail_and_corners_have_the_same():
     both = RailEnsemble().rails(sj.SumTrack(sj.SumTrack(SCENE.track, joints), rails), 3)
     np.testing.assert_array_equal(both["track.one.one.seed"], [0, 1, 2])
     np.testing.assert_array_equal(both["track.other.number"], [0, 1, 0])
+    # one number chooses both rails
+    assert list(RailEnsemble().rails(sj.RandomRails(SCENE.track, 0.5), 3)) == ["track.seed"]
 
 
 def test_values_are_quantiles_of_runs_on_the_rails():

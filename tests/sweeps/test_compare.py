@@ -47,11 +47,14 @@ def test_quantiles_are_of_all_runs_and_differences_from_the_best(compared):
     assert np.all(compared["difference_stderr"][1 - best] > 0)
 
 
-def test_the_first_rail_of_a_survey_is_the_survey():
+@pytest.mark.parametrize("two_rails", [False, True])
+def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     distance = np.linspace(0.0, 60.0, 601)
     rng = np.random.default_rng(0)
     wave = lambda: 3e-4 * np.sin(2 * np.pi * distance / 5.0 + rng.uniform(0, 6)) + 2e-5 * rng.normal(size=601)
     survey = sj.SampledTrack(distance, wave(), wave())
+    if two_rails:
+        survey = sj.TwoRails(survey, sj.SampledTrack(distance, wave(), wave()))
     scene = dataclasses.replace(SCENE, track=survey)
     options = dict(length=16.0, window=8.0, steps_per_period=400)
     with pytest.warns(sj.ImplausibleWarning, match="leaves 0.1 of 2 rails"):
