@@ -407,6 +407,21 @@ tests/flow/test_rails.py -k "traced_number"
 -    return jnp.where(known, number, 0).astype(int), known
 +    return jnp.asarray(number).astype(int), jnp.asarray(True)
 
+a correlation of two rails is taken for their coherence
+tests/model/test_two_rails.py -k "their_coherence"
+-        return _Beside(rail, jnp.sqrt(self.coherence))
++        return _Beside(rail, self.coherence)
+
+the other rail has deviates of its own that are those of the first
+tests/model/test_two_rails.py -k "their_coherence"
+-            others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[3:]]
++            others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[:3]]
+
+a wider gauge moves the right rail to the left
+tests/model/test_two_rails.py -k "gauge_stands"
+-                rails["right"]["lateral"] = rails["left"]["lateral"] - wider
++                rails["right"]["lateral"] = rails["left"]["lateral"] + wider
+
 a fractional seed passes where it is given
 tests/flow/test_rails.py -k "whole_and_in_range"
 -    return Check(name, unit, need, lambda x: (x >= 0) & (x <= most) & (x == x.round()), whole=True)
