@@ -31,12 +31,14 @@ from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .loads import AbstractLoad, SumLoad, TabulatedLoad
+from .modes import Modes
 from .parameters import PARAMETERS, half_play
 from .payload import SledMass
 from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
+from .sled import Mount
 from .slipper import Slipper
 from .starts import AtRest
 from .step_size import given_steps
@@ -47,7 +49,7 @@ from .travel import SpeedProgramme, Stage
 
 SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
-INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad)
+INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
 """Bases of classes within parts of a scene."""
 SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""

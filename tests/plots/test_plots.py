@@ -337,7 +337,10 @@ def test_rails_are_drawn_from_where_they_begin():
 
 def test_both_rails_of_a_track_are_drawn():
     left, right = sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((8.0,), 2e-3)
-    upper, below, spectrum = plots.rail(dataclasses.replace(sj.paper_scene(), track=sj.TwoRails(left, right)))
+    mounts = [sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))]
+    sled = sj.Sled(mass=28.0, inertia=(10.0, 5.0, 15.0), mounts=mounts)
+    track = sj.TwoRails(left, right)
+    upper, below, spectrum = plots.rail(dataclasses.replace(sj.paper_scene(), slipper=sled, track=track))
     for ax, name in ((upper, "lateral"), (below, "vertical")):
         # 25 wavelengths in 4096 places come close to the crests
         np.testing.assert_allclose([line.get_ydata().max() for line in ax.lines], [1.0, 2.0], rtol=1e-3)

@@ -16,6 +16,11 @@ from slipperjax.sweeps.grid import Grid
 
 SCENE = dataclasses.replace(sj.paper_scene(900.0), track=sj.RandomTrack.sled(length=400.0), gravity=9.81)
 DESIGNS = {"clearance": [0.8e-3, 1.6e-3]}
+ON_TWO = sj.Sled(
+    mass=28.0,
+    inertia=(10.0, 5.0, 15.0),
+    mounts=[sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))],
+)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +60,7 @@ def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     survey = sj.SampledTrack(distance, wave(), wave())
     if two_rails:
         survey = sj.TwoRails(survey, sj.SampledTrack(distance, wave(), wave()))
-    scene = dataclasses.replace(SCENE, track=survey)
+    scene = dataclasses.replace(SCENE, track=survey, slipper=ON_TWO if two_rails else SCENE.slipper)
     options = dict(length=16.0, window=8.0, steps_per_period=400)
     with pytest.warns(sj.ImplausibleWarning, match="leaves 0.1 of 2 rails"):
         ds = sj.compare(scene, DESIGNS, rails=2, **options)
