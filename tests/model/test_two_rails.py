@@ -64,7 +64,7 @@ def test_two_rails_are_known_where_both_are():
     assert (track.begin, track.origin, track.extent, track.end) == (10.0, 10.0, 70.0, 90.0)
     assert sj.TwoRails(LEFT, sampled(0.0, 70.0)).extent == 70.0
     assert sj.TwoRails(LEFT, RIGHT).end == np.inf
-    with pytest.warns(sj.ImplausibleWarning, match="leads to 74 m, but the rail is known up to 70 m only"):
+    with pytest.warns(sj.ImplausibleWarning, match=r"leads to 74\.5 m, but the rail is known up to 70 m only"):
         check_rail(on(sj.TwoRails(sampled(10.0, 90.0), sampled(0.0, 70.0))), 8, 10.0)
     ending = sj.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0, "error"))
     with pytest.raises(ValueError, match=r"`periods` must be at most 7 here.* because the rail ends at 70 m"):
@@ -203,7 +203,7 @@ def test_seeds_are_swept_and_a_set_of_pairs_gives_the_same_forces():
     forces = sj.sweep(on(PAIR), {"track.seed": range(1, 3)}, **options)["peak_force"]
     pairs = [dataclasses.replace(PAIR, seed=jnp.asarray(seed)) for seed in (1.0, 2.0)]
     again = sj.sweep(on(sj.TrackSet(pairs)), {"track.number": range(2)}, **options)["peak_force"]
-    np.testing.assert_allclose(again, forces, rtol=1e-9)  # measured 5e-14
+    np.testing.assert_allclose(again, forces, rtol=1e-9)  # measured 2e-13
     highest = forces.max(("end", "point")).values
     assert highest[0] != highest[1] > 0
 
@@ -404,7 +404,7 @@ def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path)
     path = written(tmp_path, HEADER.replace("right lateral", "gauge"))
     scene = on(sj.load_rail(path, gauge=1.2, ends="error", ramp=0.0))
     text = scene_to_json(scene)
-    assert len(text) < 1500
+    assert len(text) < 2000
     assert eqx.tree_equal(scene_from_json(text), scene)
     assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
     table = '[track]\nfile = "both.csv"\nends = "error"\ngauge = "1200 mm"\n'
