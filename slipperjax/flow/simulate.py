@@ -192,9 +192,10 @@ def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
 def longer_rails(track: AbstractTrack, travelled: float) -> str:
     """Return in words which rails reach a distance [m] beyond the end of one."""
     length = np.ceil(travelled - track.origin)
+    alike = "RandomRails" if track.rails else "RandomTrack"
     return (
         'a rail that repeats (ends="repeat", ramp=8) goes on, and random ones are as long as one likes '
-        f"(RandomTrack.like(survey, length={length:.0f}))"
+        f"({alike}.like(survey, length={length:.0f}))"
     )
 
 

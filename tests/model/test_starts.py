@@ -10,6 +10,7 @@ import scipy.optimize
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_base
+from slipperjax.model.quantities import MOTION_NUMBERS
 from slipperjax.model.starts import state_and_penetration
 
 SCENE = dataclasses.replace(sj.paper_scene(stiffness=1e9, restitution=0.6), gravity=9.81)
