@@ -136,7 +136,7 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
     wrenches = []
     for k in range(0, len(flat), 6):
         push = zip(of_slippers[k : k + 3], frame.shapes, strict=True)
-        (modal,) = sums(sum(shape.T * force for force, shape in push))
+        (modal,) = sums(sum(shape.T * force[None] for force, shape in push))
         wrenches.append([*total[k + 1 : k + 6], modal])
     return [*wrenches, total[len(flat) :]]
 

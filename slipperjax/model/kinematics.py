@@ -510,7 +510,7 @@ def along_normals(frame: RailFrame, *coordinates: Float[Array, " modes"]) -> lis
     """Return how far modes with these coordinates move the points along their normals, each of shape (points,)."""
     assert frame.shapes is not None  # of each elastic sled
     # of each slipper, for all its points alike
-    of_slippers = sums(*(shape * q for q in coordinates for shape in frame.shapes))
+    of_slippers = sums(*(shape * q[None] for q in coordinates for shape in frame.shapes))
     each = frame.normal[0].shape[-1] // len(frame.shapes[0])
     x_y_z = [value.ravel() for value in spread(each, *of_slippers)]
     return [dot(frame.normal, x_y_z[k : k + 3]) for k in range(0, len(x_y_z), 3)]

@@ -23,7 +23,7 @@ STRETCH = 100
 """Windows in a stretch: spectra and rates are taken over one, and states are kept at its end."""
 
 
-def touchdowns(course: Course) -> Float[Array, "2 points"]:
+def touchdowns(course: Course) -> Float[Array, "*slippers 2 points"]:
     """Return how often the gap of each contact point closed [1], by its sign at the ends of steps."""
     closed = course.gap.values < 0
     return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
