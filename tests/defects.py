@@ -88,6 +88,16 @@ tests/sweeps/test_compare.py -k lost_runs_are_told
 +    grouped = np.moveaxis(np.nan_to_num(numbers), 0, -1)
 
 # model
+the front of a longer slipper is its middle
+tests/sweeps/test_independent_sled.py -k elastic
+-                longer = (mount.length - self.length) / 2
++                longer = 0.0 * mount.length
+
+modes are not damped
+tests/sweeps/test_independent_sled.py -k elastic
+-force - circular * (circular * now.coordinate + 2 * modes.damping * now.rate)
++force - circular * (circular * now.coordinate)
+
 degrees are inverted
 tests/model/test_paths.py
 -"degrees": np.pi / 180

@@ -59,7 +59,7 @@ class Slipper:
 
 @dataclass
 class Modes:
-    """Elastic modes of the free body, of unit modal mass; shapes are displacements of slippers, (modes, slippers, 3)."""
+    """Elastic modes of the free body, of unit modal mass; shapes: of the slippers, (modes, slippers, 3)."""
 
     frequency: np.ndarray = field(default_factory=lambda: np.zeros(0))  # [Hz]
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))  # ratios
