@@ -89,6 +89,7 @@ from .solvers.latching import Latching as Latching
 from .solvers.rosenbrock import ROS34PW2 as ROS34PW2, Rodas4 as Rodas4
 from .solvers.twostep import TwoStep as TwoStep
 from .sweeps.compare import compare as compare
+from .sweeps.environment import environment as environment
 from .sweeps.explain import explain as explain
 from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box

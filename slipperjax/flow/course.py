@@ -462,9 +462,27 @@ class Course:
         return self._curve(store(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property
+    def modal_acceleration(self) -> StepCubics:
+        """Accelerations of the elastic modes [m kg^0.5/s^2], (ends, modes); none of a rigid body."""
+        modes = self.rates.modes
+        if modes is None:
+            return self._curve(jnp.zeros((self.capacity + 1, 0)))
+        period = jnp.broadcast_to(self.args.travel(self._instants).period, self._instants.shape)
+        return self._curve(store(modes.rate / period[:, None]))
+
+    @functools.cached_property
     def force(self) -> StepCubics:
         """Normal contact forces at the front and the rear points [N], (ends, *slippers, 2, points)."""
         return self._where_closed(self._curve(self._of_points(self._forces)))
+
+    @functools.cached_property
+    def slipper_load(self) -> StepCubics:
+        """Force along y and z [N] and moment about the body's x axis [N m] of each slipper's normal forces,
+        (ends, *slippers, 3)."""
+        frame, now = self._contacts
+        directions = (*frame.normal[1:], now.lever[0])
+        parts = [self._of_points(self._forces * along).sum((-2, -1)) for along in directions]
+        return self._curve(store(jnp.stack(parts, axis=-1)))
 
     @functools.cached_property
     def gap(self) -> StepCubics:

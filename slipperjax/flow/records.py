@@ -90,10 +90,14 @@ class AbstractQuantityRecord(AbstractRecord):
         of_points = scene.point_labels
         found = {}
         for d in self.dims:
-            if isinstance(d, str) and "slipper" in of_points:
-                found["slipper"] = of_points["slipper"]
-            name, own = (d, of_points[d]) if isinstance(d, str) else d
-            found[name] = list(own)
+            if not isinstance(d, str):
+                name, own = d
+                found[name] = list(own)
+                continue
+            # a single slipper has no axis of slippers
+            for name in ("slipper", d):
+                if name in of_points:
+                    found[name] = of_points[name]
         return found
 
     def shape(self, scene: Scene) -> tuple[int, ...]:

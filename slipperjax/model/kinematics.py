@@ -370,8 +370,8 @@ def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Floa
         here = scene.track.irregularity(distance - lengths)
         node = jnp.stack([points.length / 2 - lengths, here.lateral, here.vertical])
         return node.reshape(3, *scene.point_shape[:-1])
-    behind = points.lengths[:, None] * ends
-    here, _, _ = _rails_at(scene, (distance + points.ahead - behind.T))
+    behind = points.lengths[:, None] * ends[None]
+    here, _, _ = _rails_at(scene, (distance + points.ahead)[None] - behind.T)
     # the body's centre is half of its slippers' length behind the distance
     x = (points.ahead + scene.slipper.length / 2)[:, None] - behind
     each = scene.points // len(points.lengths)

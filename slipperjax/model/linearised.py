@@ -193,7 +193,7 @@ def eliminated(a: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array
     def without(system: Array, k: Array) -> tuple[Array, None]:
         """Return a system in which the k-th unknown is left in the k-th equation alone."""
         row = system[k] / system[k, k]
-        others = system - system[:, k, None] * row
+        others = system - system[:, k, None] * row[None]
         return others.at[k].set(row), None
 
     system = jnp.concatenate([a, right[:, None]], axis=1)

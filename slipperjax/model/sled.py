@@ -121,6 +121,18 @@ class Sled(AbstractBody):
             names.append(mount.name or f"{mount.rail}{counts[mount.rail]}")
         return tuple(names)
 
+    @property
+    def static_shares(self) -> Float[np.ndarray, " slippers"]:
+        """Shares of the slippers in the sled's weight [1], on level rails whose contacts are alike.
+
+        Of the forces in balance, those of the least squares, which equal springs have; of two in line or three they
+        are the only ones.
+        """
+        places = np.array([[0.0 if v is None else float(v) for v in (m.x, m.y)] for m in self.mounts])
+        balance = np.vstack([np.ones(len(places)), places.T])
+        # no moment about the centre of mass
+        return np.linalg.lstsq(balance, np.array([1.0, 0.0, 0.0]), rcond=None)[0]
+
     def mounted(self, section):
         slippers = []
         for mount in self.mounts:

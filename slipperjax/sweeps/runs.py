@@ -242,6 +242,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
         chosen = [*DEFAULT, *PEAKS]
         chosen += ["friction_work"] * (scene.friction is not None)
         chosen += ["spring_force"] * (scene.sled is not None)
+        chosen += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = [run_record(one) for one in chosen]
     run_names = (*WINDOW_RECORDS, *RECORDS)

@@ -14,8 +14,9 @@ from jaxtyping import Array, Float, Int
 from ..flow.course import Course
 from ..flow.record import AbstractRecord, Unlabelled
 from ..flow.records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
-from ..model.quantities import ACCELERATIONS, Quantity
+from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
+from ..tools.checks import whole
 from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
@@ -56,6 +57,38 @@ class PeakDistance(AbstractAtPeak, AbstractNumber):
         return np.asarray(carried[1])
 
 
+@dataclass(frozen=True)
+class AccelerationHistory(AbstractNumber):
+    """Accelerations of the body at equal distances, from which `slipperjax.environment` makes those of any place."""
+
+    samples: int = 64
+    """Samples in each window of distance."""
+
+    quantity = Quantity(
+        "body_acceleration", "", "accelerations, angular velocities and modal accelerations, SI units"
+    )
+    join = Join(np.nan, _only)
+
+    def __post_init__(self):
+        whole("samples", self.samples, 1, 100_000)
+
+    def labels(self, scene):
+        modes = 0 if scene.slipper.modes is None else scene.slipper.modes.count
+        of_modes = [f"mode_{k}" for k in range(1, modes + 1)]
+        return {"sample": list(range(self.samples)), "component": [*ACCELERATIONS, *SPINS, *of_modes]}
+
+    def of(self, course):
+        places = np.arange(self.samples) / self.samples
+        spins = [list(COORDINATES).index(name) for name in SPINS]
+        parts = course.acceleration.at(places), course.coordinates.at(places)[:, spins]
+        return jnp.concatenate([*parts, course.modal_acceleration.at(places)], axis=-1)
+
+    def finish(self, carried, samples, span):
+        return np.asarray(carried)
+
+
+SPINS = ("w_x", "w_y", "w_z")
+"""The angular velocities."""
 PEAK_DISTANCE = PeakDistance()
 WINDOW_RECORDS: dict[str, AbstractNumber] = {
     record.name: record
@@ -74,12 +107,26 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
             "max",
             (("direction", ("lateral", "vertical")),),
         ),
+        Record(
+            Quantity("slipper_force", "N", "mean force of a slipper's contacts", r"\bar F", shown_unit="kN"),
+            lambda c: c.slipper_load.mean[..., :2],
+            "mean",
+            ("slipper", ("direction", ("lateral", "vertical"))),
+        ),
+        Record(
+            Quantity("slipper_roll", "N m", "mean moment of a slipper's contacts about the x axis", r"\bar M_X"),
+            lambda c: c.slipper_load.mean[..., 2],
+            "mean",
+            ("slipper",),
+        ),
+        AccelerationHistory(),
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }
 """Records of numbers for runs, besides those of `RECORDS`."""
 DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
-"""Records of each window by default; with friction `friction_work`, with a sled `spring_force`, too."""
+"""Records of each window by default; with friction `friction_work`, with a mass on it `spring_force`, and of a sled
+`slipper_force` and `slipper_roll`, too."""
 PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
 """Greatest accelerations, kept of each window by default."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
@@ -102,9 +149,8 @@ class PerWindow(AbstractQuantityRecord):
     def quantity(self):
         return self.record.quantity
 
-    @property
-    def dims(self):
-        return self.record.dims
+    def labels(self, scene):
+        return self.record.labels(scene)
 
     def values(self, scene, periods):
         return math.prod(self.shape(scene)) * periods

@@ -1,0 +1,195 @@
+"""The vibration environment of places on a sled, from its runs: what a report on a test states of a payload."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from ..analysis.environment import VibrationEnvironment, band_edges, vibration_environment
+from ..flow.datasets import load_base, varied_names
+from ..flow.status import is_lost
+from ..model.modes import Modes
+from ..model.quantities import ACCELERATIONS
+from ..model.scene import Scene
+from ..tools.checks import finite, number, positive, require, warn
+from ..tools.columns import column
+from ..tools.types import Numbers, Real
+from .windows import SPINS, AccelerationHistory
+
+DIRECTIONS = ("x", "y", "z")
+LEAST_RATE = 20.0
+"""Least sampling rate over the highest frequency [1], by which the shock response is within 2 %."""
+SUMMARIES = {
+    "maximum": "greatest of all rails",
+    "mean": "mean of all rails",
+    "limit": "95/50 tolerance limit of rails",
+}
+
+
+def environment(
+    runs: xr.Dataset | Sequence[xr.Dataset],
+    places: Numbers,
+    *,
+    low: Real = 20.0,
+    high: Real = 2000.0,
+    quality: Real = 10.0,
+    window: Real | None = None,
+) -> xr.Dataset:
+    """Return the vibration environment of places on a slipper or a sled, over the rails of some runs.
+
+    ```python
+    runs = sj.run(scene, {"track.seed": range(200)}, length=400.0, record=["peak_force", "body_acceleration"])
+    report = sj.environment(runs, places=[(0.5, 0.0, 0.4)])
+    ```
+
+    **Arguments:**
+
+    - `runs`: of `slipperjax.run` with the record "body_acceleration", over one parameter such as the rail's seed, or
+        one run, or several of one speed. Lost runs are left out, with a warning.
+    - `places`: x, y and z from the centre of mass, (places, 3) [m]; of an elastic sled, places of its modes.
+    - `low`, `high`: least and highest frequency [Hz], in sixth octaves; `quality`: Q of the oscillators of the shock
+        response [1]; `window`: length of the windows of time over which a density is taken [s], by default the least
+        by which the lowest band is resolved.
+
+    **Returns:** an `xarray.Dataset` over `rail`, `place` and `direction` (x, y, z of the body) with
+
+    - over `frequency`, the middles of bands: `density`, the power spectral density by Welch's method, and
+      `maximax_density`, the greatest of all windows [(m/s^2)^2/Hz];
+    - over `natural_frequency`: `shock_response`, the greatest acceleration of oscillators [m/s^2];
+    - `rms` of all frequencies, `band_rms` of the bands [m/s^2], and `duration` for which the running `level` [m/s^2]
+      over `seconds` is within 6 dB of its greatest [s];
+    - of densities and shock response over `summary`, their `maximum`, mean and 95/50 tolerance `limit`, without
+      `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`.
+
+    The attitude's angle, some milliradians, is left out of the directions.
+
+    **Raises:** `ValueError` for runs without the record, places that the modes do not know, runs of different
+    speeds, and runs that are all lost.
+    """
+    given = [runs] if isinstance(runs, xr.Dataset) else list(runs)
+    require(given, "runs", "be one run or more", runs)
+    name = AccelerationHistory.quantity.name
+    for one in given:
+        has = isinstance(one, xr.Dataset) and name in one
+        require(has, "runs", f'be datasets of slipperjax.run with the record "{name}"', shown="others")
+    scene, _ = load_base(given[0])
+    at = np.asarray(finite("places", "m")(places)).reshape(-1, 3)
+    histories, seconds = _histories(given, name)
+    intervals = np.diff(seconds)
+    wanted = LEAST_RATE * number(positive, "high", high, "Hz")
+    rate = max(1 / float(np.median(intervals)), wanted)
+    # samples of a constant speed are at equal times, and taken as they are where they are dense enough
+    equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > wanted
+    found = vibration_environment(
+        _accelerations(scene, histories, at),
+        rate,
+        time=None if equal else seconds,
+        edges=band_edges(low, high),
+        quality=number(positive, "quality", quality),
+        window=None if window is None else number(positive, "window", window, "s"),
+    )
+    return _dataset(found, at)
+
+
+def _histories(runs: list[xr.Dataset], name: str) -> tuple[Float[np.ndarray, "rails samples components"], np.ndarray]:
+    """Return the histories of all runs that are not lost, and the times of their samples [s]."""
+    rows = []
+    for ds in runs:
+        over = varied_names(ds)
+        require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
+        values = ds[name].transpose(..., "distance", "sample", "component").values
+        good = ~is_lost(np.atleast_1d(ds["status"].values))
+        rows += list(values.reshape(-1, *values.shape[-3:])[good])
+        if not np.all(good):
+            warn(f"{np.sum(~good)} of {len(good)} runs are lost, and left out.")
+    require(rows, "runs", "have one that is not lost", shown="none")
+    first = runs[0]
+    seconds = first["seconds"].values
+    alike = seconds.ndim == 1 and all(np.array_equal(ds["seconds"].values, seconds) for ds in runs)
+    require(alike, "runs", "have the same speeds", shown="different ones")
+    joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
+    return joined, _sample_times(seconds, joined.shape[1] // len(seconds))
+
+
+def _sample_times(seconds: np.ndarray, samples: int) -> np.ndarray:
+    """Return the times of samples at equal distances within windows [s], from those at the ends of windows."""
+    from scipy.interpolate import PchipInterpolator
+
+    # times count from where the run begins
+    ends = np.append(0.0, seconds)
+    return PchipInterpolator(np.arange(len(ends)), ends)(np.arange(len(seconds) * samples) / samples)
+
+
+def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return accelerations of places on the body along its axes [m/s^2], (rails, places, directions, samples)."""
+    a_y, a_z, *rest = np.moveaxis(histories, -1, 0)
+    angular = np.stack(rest[: len(ACCELERATIONS) - 2], axis=-1)
+    spin = np.stack(rest[len(ACCELERATIONS) - 2 :][: len(SPINS)], axis=-1)
+    of_centre = np.stack([np.zeros_like(a_y), a_y, a_z], axis=-1)
+    found = []
+    modes = scene.slipper.modes
+    for place in places:
+        by_turning = np.cross(angular, place) + np.cross(spin, np.cross(spin, place))
+        total = of_centre + by_turning
+        if modes is not None:
+            modal = histories[..., len(ACCELERATIONS) + len(SPINS) :]
+            total = total + modal @ _shape_at(modes, place)
+        found.append(total)
+    return np.moveaxis(np.stack(found, axis=1), -1, 2)
+
+
+def _shape_at(modes: Modes, place: np.ndarray) -> Float[np.ndarray, "modes 3"]:
+    """Return the shapes of modes at a place [kg^-0.5]."""
+    need = "be places of the modes, see slipperjax.Modes"
+    require(modes.places is not None and modes.place_shapes is not None, "places", need, place)
+    apart = np.linalg.norm(np.asarray(modes.places) - place, axis=1)
+    nearest = int(np.argmin(apart))
+    # a millimetre is no other place
+    require(apart[nearest] < 1e-3, "places", f"{need}, the nearest is {apart[nearest]:.3g} m away", place)
+    return np.asarray(modes.place_shapes)[:, nearest]
+
+
+def _dataset(found: VibrationEnvironment, places: np.ndarray) -> xr.Dataset:
+    """Label what `vibration_environment` found."""
+    cases = ("rail", "place", "direction")
+    density, acceleration = "m^2/s^4/Hz", "m/s^2"
+    middles = np.sqrt(found.edges[1:] * found.edges[:-1])
+    natural = "natural_frequency"
+    data = {
+        "density": column(
+            (*cases, "frequency"), found.density, density, "power spectral density of the acceleration"
+        ),
+        "maximax_density": column(
+            (*cases, "frequency"), found.maximax, density, "greatest power spectral density of all windows of time"
+        ),
+        "shock_response": column(
+            (*cases, natural), found.shock_response, acceleration, "greatest acceleration of an oscillator"
+        ),
+        "rms": column(cases, found.rms, acceleration, "root mean square of the acceleration"),
+        "band_rms": column(cases, found.band_rms, acceleration, "root mean square in the bands"),
+        "level": column((*cases, "seconds"), found.level, acceleration, "running root mean square"),
+        "duration": column(cases, found.duration, "s", "time within 6 dB of the greatest level"),
+    }
+    envelopes = {
+        "density_envelope": ("frequency", found.density_envelope, density, "power spectral density over rails"),
+        "maximax_envelope": (
+            "frequency",
+            found.maximax_envelope,
+            density,
+            "greatest power spectral density of rails",
+        ),
+        "shock_envelope": (natural, found.shock_envelope, acceleration, "shock response over rails"),
+    }
+    for name, (along, envelope, unit, text) in envelopes.items():
+        data[name] = column(("summary", *cases[1:], along), np.stack(envelope), unit, text)
+    coords = {
+        "frequency": column("frequency", middles, "Hz", "middle of a band"),
+        natural: column(natural, found.edges, "Hz", "natural frequency"),
+        "seconds": column("seconds", found.level_time, "s", "time"),
+        "direction": list(DIRECTIONS),
+        "summary": list(SUMMARIES),
+        **{axis: column("place", places[:, k], "m", f"{axis} of the place") for k, axis in enumerate(DIRECTIONS)},
+    }
+    edges = {"low": ("frequency", found.edges[:-1]), "high": ("frequency", found.edges[1:])}
+    return xr.Dataset(data, coords | edges)
