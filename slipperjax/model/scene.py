@@ -17,7 +17,7 @@ from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path, write_whole
-from ..tools.types import Numbers, Real
+from ..tools.types import AnyArray, Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
 from .parameters import PARAMETERS, check_no_overlap, parameter
@@ -189,12 +189,12 @@ class Scene(ShapeChecked):
         return functools.reduce(most, ahead, 0.0)
 
     @property
-    def play(self) -> Float[Array, "*slippers faces"]:
+    def play(self) -> Float[AnyArray, "*slippers faces"]:
         """Play of each face [m], of a sled that of each slipper."""
         plays = [slipper.section.play for slipper in self.mounted]
         return jnp.stack(plays, axis=-2) if self.slipper.names else plays[0]
 
-    def with_play(self, play: Float[Array, "*slippers faces"] | None) -> "Scene":
+    def with_play(self, play: Float[AnyArray, "... faces"] | None) -> "Scene":
         """Return a copy with another `play`, which is not checked; None takes it out."""
         where = lambda scene: scene.section.play
         value = play

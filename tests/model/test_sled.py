@@ -178,7 +178,7 @@ def test_a_beam_sags_between_its_slippers():
         mass=400.0,
         length=length,
         stiffness=(1e12, stiffness),
-        count=20,
+        count=60,
         places=[[0.0, 0.0, 0.0], [1.2, 0.0, 0.0]],
     )
     scene = dataclasses.replace(SPRINGS, slipper=dataclasses.replace(SLED, modes=modes))
@@ -187,7 +187,7 @@ def test_a_beam_sags_between_its_slippers():
     x = np.linspace(0.0, a, 20001)
     moment = WEIGHT / 2 * (a - x) - WEIGHT / length / 2 * (length / 2 - x) ** 2
     exact = np.trapezoid((a - x) * moment / stiffness, x)
-    # measured 2.9e-6 with ten symmetric modes
+    # measured 8e-6 with thirty symmetric modes, 2.5e-4 with ten
     np.testing.assert_allclose(support - middle, exact, rtol=2e-5)
 
 
