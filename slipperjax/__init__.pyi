@@ -51,7 +51,7 @@ from .model.loads import (
     SumLoad as SumLoad,
     TabulatedLoad as TabulatedLoad,
 )
-from .model.modes import Modes as Modes
+from .model.modes import Modes as Modes, load_modes as load_modes
 from .model.parameters import PARAMETERS as PARAMETERS
 from .model.payload import SledMass as SledMass
 from .model.rails import SampledTrack as SampledTrack, TrackSet as TrackSet

@@ -5,6 +5,7 @@ import json
 import os
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -18,7 +19,7 @@ from ..tools.units import STANDARD_GRAVITY
 from .options import FILE, Adds, Measure, app, flag, option
 
 SCENE = Template("""\
-# A slipper on a rail. Run it by
+# $what. Run it by
 #     slipperjax run $name
 # Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark.
 
@@ -26,17 +27,17 @@ gravity = "$gravity m/s^2"  # downwards
 $speed
 
 [slipper]
-mass = "$mass kg"  # of the slipper alone; a sled on springs is a table [sled]
-length = "$length m"  # from the front to the rear section
+mass = "$mass kg"  # $whole
+length = "$length m"  # of a slipper, from its front to its rear section
 # moments of inertia about x (forwards), y (to the left) and z (upwards), $source
 inertia = { values = [$inertia], unit = "kg m^2" }
-
+$mounts
 [section]  # of the slipper, the same at its front and its rear
 clearance = "$clearance mm"  # total play of slipper and rail; half of it at each face
 names = [$names]  # of the points
 # two points for each face, clockwise with y to the right and z up
 faces = [$faces]
-points = { unit = "mm", values = [  # y (to the left) and z (upwards) of each, from the slipper's centre of mass
+points = { unit = "mm", values = [  # y (to the left) and z (upwards) of each, from the slipper's $middle
 $points
 ] }
 
@@ -57,9 +58,38 @@ window = "$window m"  # of the rail for which each number of the result stands
 # begin = "$begin m"  # place of the rail; without this line where the rail begins
 # steps_per_period = 400  # steps of integration in a window; without this line as many as impacts need
 
-# [start]  # of the motion; without this table the slipper is at rest on the rail
+# [start]  # of the motion; without this table the $body is at rest on the rail
 # z = "0 mm"  # also y; roll, pitch, yaw; v_y, v_z; w_x, w_y, w_z
 """)
+
+MOUNT = Template("""
+[[mounts]]  # $name
+x = "$x m"  # of the slipper's middle from the sled's centre of mass, forwards
+y = "$y m"  # to the left
+z = "$z m"  # upwards$rail
+""")
+MODES = """
+# [modes]  # elastic modes; without this table the sled is rigid
+# beam = { mass = "400 kg", length = "3 m", stiffness = "5e6 N m^2" }  # or file = "modes.csv", from finite elements
+"""
+OF_SLIPPER = {
+    "what": "A slipper on a rail",
+    "body": "slipper",
+    "whole": "of the slipper alone; a sled on springs is a table [sled]",
+    "middle": "centre of mass",
+    "box": "section",
+}
+"""Words of a file of one slipper."""
+OF_SLED = {
+    "what": "A sled on slippers",
+    "body": "sled",
+    "whole": "of the sled with its slippers",
+    "middle": "middle",
+    "box": "slippers",
+}
+"""Words of a file of a sled."""
+SLED = ((1.2, 0.9, -0.2), (-1.2, 0.9, -0.2), (1.2, -0.9, -0.2), (-1.2, -0.9, -0.2))
+"""Places of the slippers of --sled [m]."""
 
 CONSTANT = Template("""\
 speed = "$speed m/s"  # constant""")
@@ -72,12 +102,20 @@ HISTORY = Template("""
 file = $file  # columns time or distance, and speed, with their units
 begin = "$begin m"  # where along the rail the sled is at the first time, or at distance zero of the file""")
 
-SURVEY = Template("""\
+TWO_RAILS = Template("""\
 [track]
-file = $file  # columns distance, lateral and vertical, with their units
+type = "TwoRails"
+$gauge
+
+$left
+
+$right""")
+SURVEY = Template("""\
+[$table]
+${first}file = $file  # columns distance, lateral and vertical, with their units
 ends = "straight"  # how the rail goes on beyond its survey; or "repeat", or "error" for none""")
 RANDOM = Template("""\
-[track]  # a random rail, $words
+[$table]  # a random rail, $words
 $entries""")
 REMARKS = {
     "lateral": "density of the displacement to the left by the wavenumber",
@@ -105,12 +143,12 @@ DRAG = Template("""\
 type = "AerodynamicLoad"
 area = "$drag_area m^2"  # that the coefficients refer to
 drag_coefficient = 1.0  # of that area; also lift_coefficient, side_coefficient, and tables of them by mach
-arm = { values = [0, 0, 0], unit = "mm" }  # where it acts, from the slipper's centre of mass""")
+arm = { values = [0, 0, 0], unit = "mm" }  # where it acts, from the $body's centre of mass""")
 TABLE = Template("""\
 [[load]]
 type = "TabulatedLoad"
 file = $file  # columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ...
-arm = { values = [0, 0, 0], unit = "mm" }  # where the force acts, from the slipper's centre of mass""")
+arm = { values = [0, 0, 0], unit = "mm" }  # where the force acts, from the $body's centre of mass""")
 
 RAILS = {
     "sled": "of a sled track's published spectrum",
@@ -124,7 +162,7 @@ TRAVEL = 500.0
 """Length of the run where no file says how far [m]."""
 
 
-def _number(name: str, default: float, text: str) -> Adds:
+def _number(name: str, default: float | None, text: str) -> Adds:
     """Return an option for a number of the scene, by the name of its parameter."""
     q = PARAMETERS[name]
     return option(f"--{name}", Measure(q), f"{text} [{q.display_unit}].", default=default)
@@ -136,6 +174,7 @@ def _measure(name: str, unit: str, text: str, **more: object) -> Adds:
 
 
 _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_unit="mm"))
+METRES = Measure(Quantity("mount", "m", "place on the sled"))
 
 
 @app.command()
@@ -156,7 +195,16 @@ _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_uni
     metavar="Y Z",
 )
 @_number("clearance", 1.0, "Total play of slipper and rail")
-@_number("mass", 14.0, "Mass of the slipper")
+@flag("--sled", "A sled on four slippers and two rails, instead of one slipper.")
+@option(
+    "--mount",
+    (METRES, METRES, METRES),
+    "Place of a sled's slipper from the sled's centre of mass [m]: x forwards, y to the left, z upwards; repeat for "
+    "each. Slippers at y above 0 are on the left rail, below 0 on the right one; with 0 for all there is one rail.",
+    multiple=True,
+    metavar="X Y Z",
+)
+@_number("mass", None, "Mass of the slipper (default: 14), or of the sled with its slippers (default: 400)")
 @option(
     "--inertia", (float, float, float), "Moments of inertia about x, y and z [kg m^2].", show_default="that of a box"
 )
@@ -181,6 +229,7 @@ _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_uni
     default="sled",
     metavar="RAIL",
 )
+@option("--right-rail", str, "The right rail, as --rail; default: a random one with another seed.", metavar="RAIL")
 @_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
@@ -196,6 +245,9 @@ def new(
     speed: str,
     end_speed: float | None,
     rail: str,
+    right_rail: str | None,
+    sled: bool,
+    mount: tuple[tuple[float, float, float], ...],
     down: float | None,
     drag_area: float | None,
     load: Path | None,
@@ -203,7 +255,7 @@ def new(
     force: bool,
     **numbers: float,
 ) -> None:
-    """Write a scene to begin with: FILE, in TOML, with all numbers of the slipper, its rail and its run.
+    """Write a scene to begin with: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
 
     What is not given is that of the paper's slipper on a random sled track. Look through the file, change it, and run
     it by `slipperjax run FILE`.
@@ -216,24 +268,38 @@ def new(
         raise ValueError(f"{file} is there already: name another one, or replace it by --force.")
     points, names = _points(section, corner)
     points = points - np.array(centre)
+    places = np.array(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
+    is_sled = sled or bool(mount)
+    words = OF_SLED if is_sled else OF_SLIPPER
+    if numbers["mass"] is None:
+        numbers["mass"] = 400.0 if is_sled else 14.0
     values = {name: f"{number:.9g}" for name, number in numbers.items()}
-    box = np.array([numbers["length"], *1e-3 * np.ptp(points, axis=0)]) ** 2
+    # around all slippers and the centre of mass
+    spans = np.ptp(np.append(places, [[0.0, 0.0, 0.0]], axis=0), axis=0)
+    box = (spans + np.append(numbers["length"], 1e-3 * np.ptp(points, axis=0))) ** 2
     moments = numbers["mass"] / 12 * (np.sum(box) - box) if inertia is None else inertia
     quoted = [f'"{name}"' for name in names]
     values |= {
         "name": file.name,
         "inertia": ", ".join(f"{moment:.6g}" for moment in moments),
-        "source": "ESTIMATED: those of a box around the section" if inertia is None else "as given",
+        **words,
+        "source": f"ESTIMATED: those of a box around the {words['box']}" if inertia is None else "as given",
+        "mounts": _mounts(places) if is_sled else "",
         "names": ", ".join(quoted),
         "faces": ", ".join(f"[{a}, {b}]" for a, b in zip(quoted[::2], quoted[1::2], strict=True)),
         "points": "\n".join(f"    [{y:.9g}, {z:.9g}]," for y, z in points),
         "window": f"{WINDOW:g}",
-        **_way(file, speed, end_speed, rail, travel),
+        **_way(file, speed, end_speed, _rails(places, rail, right_rail), travel),
     }
     loads = [
         _part(DOWN, down is not None, down=f"{down or 800:.9g}"),
-        _part(DRAG, drag_area is not None, drag_area=f"{drag_area or 0.01:.9g}"),
-        _part(TABLE, load is not None, file=_beside(file, Path("thrust.csv") if load is None else load)),
+        _part(DRAG, drag_area is not None, drag_area=f"{drag_area or 0.01:.9g}", body=words["body"]),
+        _part(
+            TABLE,
+            load is not None,
+            file=_beside(file, Path("thrust.csv") if load is None else load),
+            body=words["body"],
+        ),
     ]
     values["loads"] = "\n\n".join(loads)
     values["friction"] = _part(FRICTION, friction is not None, friction=f"{0.2 if friction is None else friction:g}")
@@ -267,11 +333,51 @@ def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> t
     return points, names
 
 
-def _way(file: Path, speed: str, end_speed: float | None, rail: str, travel: float | None) -> dict[str, str]:
-    """Return what the template says of rail, speed and length of the run, from options."""
-    from ..model.surveys import load_rail, load_speed
+class _Rails(NamedTuple):
+    """Rails of a scene, as options tell them."""
 
-    survey = None if rail in RAILS else load_rail(_existing("--rail", rail, f"one of {', '.join(RAILS)}"))
+    names: list[str]
+    """Values of --rail and --right-rail: one for a single rail, or for a survey of two."""
+    are_two: bool
+    gauge: float | None
+    """Distance between two rails [m]; None where the slippers say none."""
+
+
+def _rails(places: np.ndarray, rail: str, right: str | None) -> _Rails:
+    """Return the rails on which slippers at places are [m]."""
+    y = places[:, 1]
+    if not y.any():
+        require(right is None, "--right-rail", "come with --sled, or a --mount on it", right)
+        return _Rails([rail], False, None)
+    require(y.all(), "--mount", "have a y above or below 0 for each, or 0 for all", shown="0 for some")
+    gauge = 2 * abs(y[0]) if np.ptp(np.abs(y)) == 0 else None
+    return _Rails([rail] if right is None and rail not in RAILS else [rail, right or rail], True, gauge)
+
+
+def _mounts(places: np.ndarray) -> str:
+    """Return the tables of slippers at places [m]."""
+    two = places[:, 1].any()
+    tables = []
+    counts = {"left": 0, "right": 0}
+    for x, y, z in places:
+        side = "left" if y >= 0 else "right"
+        counts[side] += 1
+        name = f"{side}{counts[side]}" if two else f"slipper {counts[side]}"
+        rail = f'\nrail = "{side}"  # on which it is' if two else ""
+        tables.append(MOUNT.substitute(name=name, x=f"{x:.9g}", y=f"{y:.9g}", z=f"{z:.9g}", rail=rail))
+    return "".join([*tables, MODES])
+
+
+def _way(file: Path, speed: str, end_speed: float | None, of: _Rails, travel: float | None) -> dict[str, str]:
+    """Return what the template says of rails, speed and length of the run, from options."""
+    from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
+
+    surveys = []
+    both = of.are_two and len(of.names) == 1
+    for name, rail in zip(("--rail", "--right-rail"), of.names, strict=False):
+        if rail not in RAILS:
+            path = _existing(name, rail, f"one of {', '.join(RAILS)}")
+            surveys.append(SurveyedRails(path, gauge=of.gauge) if both else SurveyedTrack(path))
     history = None
     try:
         first = float(Measure(PARAMETERS["speed"]).convert(speed, None, None))
@@ -281,9 +387,9 @@ def _way(file: Path, speed: str, end_speed: float | None, rail: str, travel: flo
             raise ValueError(f"Option --end-speed must not be given with the history {speed}.") from None
     begin = 0.0
     spans = []
-    if survey is not None:
-        begin = float(survey.begin)
-        spans.append(float(survey.extent) - begin)
+    if surveys:
+        begin = max(float(survey.begin) for survey in surveys)
+        spans.append(min(float(survey.extent) for survey in surveys) - begin)
     if history is not None:
         spans.append(float(history.distance[-1] - history.distance[0]))
     length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
@@ -291,7 +397,7 @@ def _way(file: Path, speed: str, end_speed: float | None, rail: str, travel: flo
     if history is not None:
         # distances of the rail stay as they are, others begin where it does
         start = float(history.distance[0])
-        on_rail = begin <= start < (begin + length if survey is None else float(survey.extent))
+        on_rail = begin <= start < begin + (spans[0] if surveys else length)
         shift = f"{0.0 if on_rail else begin - start:.9g}"
         way["speed"] = HISTORY.substitute(file=_beside(file, user_path(speed)), begin=shift)
     elif end_speed is None:
@@ -299,14 +405,20 @@ def _way(file: Path, speed: str, end_speed: float | None, rail: str, travel: flo
     else:
         ends = {"end": f"{begin + length:.9g}", "end_speed": f"{end_speed:.9g}"}
         way["speed"] = FROM_TO.substitute(begin=way["begin"], speed=f"{first:.9g}", **ends)
-    if survey is None:
-        way["track"] = _random(rail, length)
-    else:
-        way["track"] = SURVEY.substitute(file=_beside(file, user_path(rail)))
+    gauge = f'gauge = "{of.gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
+    gauge = gauge if of.gauge else f"# {gauge}"
+    tables = ["track"] if len(of.names) == 1 else ["track.left", "track.right"]
+    rails = []
+    for k, (rail, table) in enumerate(zip(of.names, tables, strict=True)):
+        # a survey is known by its file, but not in a table within the track's
+        first = f"{gauge}\n" if both else 'type = "SurveyedTrack"\n' if of.are_two else ""
+        surveyed = SURVEY.substitute(table=table, first=first, file=_beside(file, user_path(rail)))
+        rails.append(_random(rail, length, table, k) if rail in RAILS else surveyed)
+    way["track"] = rails[0] if len(rails) == 1 else TWO_RAILS.substitute(gauge=gauge, left=rails[0], right=rails[1])
     return way
 
 
-def _random(rail: str, length: float) -> str:
+def _random(rail: str, length: float, table: str, seed: int) -> str:
     """Return the table of a random rail of at least some length [m]."""
     from ..model.random_rails import RandomTrack
 
@@ -314,18 +426,18 @@ def _random(rail: str, length: float) -> str:
     make = {"sled": RandomTrack.sled, "german": RandomTrack.german, "fra": RandomTrack.fra}[kind]
     of = [int(which) if which.isdecimal() else which] if which else []
     # rails are at least twice as long as their longest wave
-    track = make(*of, length=max(length, 200.0))
+    track = make(*of, length=max(length, 200.0), seed=seed)
     text = dataclasses.replace(paper_scene(), track=track).to_toml()
     entries = text.partition("[track]\n")[2].partition("\n\n")[0].splitlines()
     remarks = [REMARKS.get(line.partition(" ")[0], "") for line in entries]
     lines = [f"{line}  # {remark}" if remark else line for line, remark in zip(entries, remarks, strict=True)]
-    return RANDOM.substitute(words=RAILS[rail], entries="\n".join(lines))
+    return RANDOM.substitute(table=table, words=RAILS[rail], entries="\n".join(lines))
 
 
 def _existing(option: str, text: str, otherwise: str) -> Path:
     """Return the path of a file that an option names; raise `ValueError` where there is none."""
     path = user_path(text)
-    require(path.is_file(), option, f"be a file, or {otherwise}", text, names=RAILS if option == "--rail" else ())
+    require(path.is_file(), option, f"be a file, or {otherwise}", text, names=RAILS if "rail" in option else ())
     return path
 
 

@@ -264,12 +264,13 @@ class Case(NamedTuple):
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
     def text(self, varied: Iterable[str] = (), start: str = "") -> str:
-        """Return the case in words: speed, clearance and length, unless varied, and where it starts."""
+        """Return the case in words: a sled's slippers, speed, clearance and length, unless varied, and its start."""
         from ..flow.datasets import scene_attributes
 
         # values that depend on a varied parameter are absent there
         known = scene_attributes(self.scene, list(varied))
-        words = []
+        slippers = self.scene.slipper.names
+        words = [f"{len(slippers)} slippers"] if slippers else []
         for name in ("speed", "clearance", "length"):
             q = PARAMETERS[name]
             value = known.get(f"{name} [{q.unit}]")

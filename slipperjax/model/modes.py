@@ -1,11 +1,17 @@
 """Elastic modes of a free sled: from finite elements, or of a beam in closed form."""
 
+import io
+from collections.abc import Sequence, Set
+from pathlib import Path
+
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, not_negative, number, positive, require, whole
 from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
+from ..tools.files import content_of, listed, readable, user_path
+from ..tools.tables import Table, TableError
 from ..tools.types import Numbers, Real
 
 
@@ -96,6 +102,85 @@ class Modes(ShapeChecked):
         if not is_traced(self.frequency):
             rises = np.all(np.diff(np.asarray(self.frequency)) >= 0)
             require(rises, "frequency", "rise from mode to mode", np.asarray(self.frequency))
+
+
+def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
+    """Read the elastic modes of a free sled, as finite elements give them.
+
+    A CSV file has a line of names, `frequency [Hz], damping, left1 x, left1 y, left1 z, right1 x, ...`, with the
+    names of the mounts, and a line for each mode. An npz file of NumPy has arrays `frequency` [Hz], `damping` and
+    `shapes` (modes, mounts, 3), and may have `mounts`, their names, and `places` [m] with `place_shapes`, as `Modes`.
+    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`.
+
+    **Arguments:** `file`: its path; `mounts`: names of the sled's mounts in their order, as `sled.names`; None for
+    those of the file in its order.
+
+    **Raises:** `ValueError` with all faults of the file: names, numbers or shapes that are missing, frequencies that
+    fall; `OSError` for a file that cannot be read.
+    """
+    path = user_path(file, "file")
+    content = content_of(path)
+    names = [] if mounts is None else mounts
+    named = not isinstance(names, str) and all(isinstance(name, str) for name in names)
+    require(named, "mounts", "be a list of names", mounts)
+    read = _of_arrays if content.startswith(b"PK\x03\x04") else _of_table
+    try:
+        return Modes(**read(path, content, mounts))
+    except TableError:
+        raise
+    except ValueError as error:
+        # what is no npz file is told with its name
+        where = "" if str(error).startswith(str(path)) else f"{path}: "
+        raise TableError(f"{where}{error}") from None
+
+
+def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, np.ndarray]:
+    """Return the arrays of an npz file that modes have, with the shapes at `mounts` in their order."""
+    with readable(path, "npz file"), np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        names = ("frequency", "damping", "shapes", "mounts", "places", "place_shapes")
+        found = {name: arrays[name] for name in names if name in arrays}
+    absent = [name for name in ("frequency", "damping", "shapes") if name not in found]
+    require(not absent, "file", "have arrays frequency, damping and shapes", shown=f"no {listed(absent)}")
+    of_file = found.pop("mounts", None)
+    if mounts is None:
+        return found
+    order = list(mounts) if of_file is None else [str(name) for name in of_file]
+    absent = [name for name in mounts if name not in order]
+    require(not absent, "shapes", f"have those at {listed(absent)}", shown=f"those at {listed(order)}")
+    shown = found["shapes"].shape
+    fits = len(shown) == 3 and shown[1] == len(order)
+    require(fits, "shapes", f"be of shape (modes, {len(order)}, 3)", shown=f"of shape {shown}")
+    return found | {"shapes": found["shapes"][:, [order.index(name) for name in mounts]]}
+
+
+def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, np.ndarray]:
+    """Return the columns of a table of modes as the fields of `Modes`."""
+    own = {"frequency": "Hz", "damping": ""}
+
+    def wanted(names: Set[str]) -> dict[str, str]:
+        found = [name[:-2] for name in names if name[-2:] in ("_x", "_y", "_z")]
+        shapes = [f"{name}_{axis}".lower() for name in (mounts or found) for axis in "xyz"]
+        return own | dict.fromkeys(shapes, "")
+
+    table = Table(path, content, wanted, {})
+    # modal masses are one kilogram where no unit is given
+    table.wanted = {name: own.get(name, "kg^-0.5") for name in table.wanted}
+    # without names of mounts those of the file, in its order
+    mounts = mounts or list(dict.fromkeys(name[:-2] for name in table.columns if name not in own))
+    columns = {name: [f"{name}_{axis}".lower() for axis in "xyz"] for name in mounts}
+    for name in own:
+        if name not in table.columns:
+            table.fault(f"must have a column {name}")
+    absent = [name for name, of_mount in columns.items() if not table.columns.keys() >= set(of_mount)]
+    if absent or not columns:
+        table.fault(f"must have the shapes x, y and z of {listed(absent) or 'mounts'}, as in left1 x")
+    if "frequency" in table.columns:
+        values = table.columns["frequency"].values
+        for k in np.flatnonzero(np.diff(values) < 0):
+            table.fault(f"frequency {values[k + 1]:g} is below that of the mode before", table.numbers[k + 1])
+    found = table.si()
+    of_mounts = [np.stack([found[column] for column in of_mount], axis=-1) for of_mount in columns.values()]
+    return {"frequency": found["frequency"], "damping": found["damping"], "shapes": np.stack(of_mounts, axis=1)}
 
 
 def _free_root(k: int) -> float:

@@ -1,8 +1,8 @@
 """Every number of a scene as a named parameter: by its name in the registry, or by its path in the scene.
 
 A path names fields, and places in arrays: slipper.inertia.1 is the moment of inertia about y, section.play.2 the play
-of the third face, section.points.D.1 the height z of point D. Unit, check and plausible range are declared by the
-field, see `slipperjax.tools.fields`.
+of the third face, section.points.D.1 the height z of point D, slipper.mounts.left1.x the place of a sled's slipper.
+Unit, check and plausible range are declared by the field, see `slipperjax.tools.fields`.
 """
 
 import dataclasses
@@ -255,9 +255,9 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
         part = getattr(owner, fields[-1])
     shape = () if part is None else np.shape(part)
     rank = axes_of(type(owner), fields[-1], len(shape))
-    if dataclasses.is_dataclass(part) or len(words) != rank:
+    if dataclasses.is_dataclass(part) or len(words) != rank or (part is None and words):
         leaf = "absent from the scene" if part is None else type(part).__name__
-        if shape:
+        if shape and not isinstance(part, tuple):
             leaf = f"an array of shape {shape}"
         raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
     sizes = shape[len(shape) - rank :]  # without axes of cases
@@ -268,14 +268,16 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
 
 
 def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:
-    """Return an index into an array, as a number or, for points of a section, as a name."""
+    """Return an index into an array or a tuple, as a number or, for points of a section and mounts, as a name."""
     names = getattr(owner, "names", ())
-    # points of a section have names
-    if word in names:
-        return names.index(word)
+    # points of a section and mounts of a sled have names
+    names = names if len(names) == size else ()
+    # a number is a place, also where a mount is named by one
     if word.isdecimal() and int(word) < size:
         return int(word)
-    choices = f"a number of 0 to {size - 1}" + (f" or one of {', '.join(names)}" if len(names) == size else "")
+    if word in names:
+        return names.index(word)
+    choices = f"a number of 0 to {size - 1}" + (f" or one of {', '.join(names)}" if names else "")
     raise ValueError(f"Argument `{path}` must have {choices} in place of {word!r}.")
 
 

@@ -25,7 +25,7 @@ from .payload import SledMass
 from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
 from .sled import Sled
-from .slipper import AbstractBody, Mounted
+from .slipper import AbstractBody, Mounted, Slipper
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
@@ -252,7 +252,8 @@ class Scene(ShapeChecked):
     def to_toml(self, file: str | Path | None = None, *, start: eqx.Module | None = None) -> str:
         """Return the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
 
-        **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
+        **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add, of the slipper or
+        a rigid sled.
 
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
@@ -268,16 +269,24 @@ class Scene(ShapeChecked):
             lines += ["", "[speed]", *_entries(self.speed)[1:]]
         for name, own in self.parts.items():
             part = _entries(own)
-            single = PARTS[name][0] is type(own)  # there is one kind of it
-            lines += ["", f"[{name}]", *(part[1:] if single else part)]
+            usual = type(own) in (PARTS[name][0], Slipper)  # the kind where none is given
+            lines += ["", f"[{name}]", *(part[1:] if usual else part)]
+        if isinstance(self.slipper, Sled):
+            for mount in self.slipper.mounts:
+                lines += ["", "[[mounts]]", *_entries(mount)[1:]]
+            if self.slipper.modes is not None:
+                lines += ["", "[modes]", *_entries(self.slipper.modes)[1:]]
         if start is not None:
             # by its name, because its module needs this one
             need = "be a slipperjax.Motion in TOML, such as run.end.motion"
             kind = type(start).__name__
             require(kind in ("Motion", "AtRest"), "start", need, start)
+            for name in ("sled", "modes"):
+                part = getattr(start, name)
+                require(part is None, "start", f"have no motion of the {name} in TOML", part)
             lines += ["", "[start]", *([f'{TYPE} = "{kind}"'] if kind == "AtRest" else [])]
             for name, value in describe(start).items():
-                if name != TYPE and value != 0:
+                if name != TYPE and value is not None and value != 0:
                     lines += _line(name, value, START[name].unit)
         text = "\n".join(lines) + "\n"
         if file is not None:
@@ -366,10 +375,13 @@ START = COORDINATES | MOTION_NUMBERS
 
 
 def _entries(part: eqx.Module) -> list[str]:
-    """Return the lines of TOML of a module: its type, and each value that is not None."""
+    """Return the lines of TOML of a module: its type, and each value that is neither None nor an empty text; those of
+    a sled without its mounts and modes, which have tables of their own."""
     lines = []
     for name, value in describe(part).items():
         inner = getattr(part, name, None)
+        if isinstance(part, Sled) and name in ("mounts", "modes"):
+            continue
         if isinstance(inner, eqx.Module):
             lines.append(f"{name} = {_table(inner)}")
         elif isinstance(inner, tuple) and inner and isinstance(inner[0], eqx.Module):
@@ -388,7 +400,7 @@ def _table(module: eqx.Module) -> str:
 
 def _line(name: str, value: object, unit: str) -> list[str]:
     """Return a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
-    if value is None:
+    if value is None or value == "":
         return []
     require(not isinstance(value, dict), "scene", "have no functions in TOML", value)
     # numbers are written so that they come back to the last bit

@@ -10,6 +10,7 @@
 With `base = "paper"` everything that a file leaves out is that of `slipperjax.paper_scene()`.
 """
 
+import dataclasses
 import json
 import re
 import tomllib
@@ -22,7 +23,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, finite, hint, instance, positive
+from ..tools.checks import brief, finite, hint, instance, positive, require
 from ..tools.description import TYPE, arguments_of, build, describe, known_type, type_name
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path
@@ -31,15 +32,14 @@ from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .loads import AbstractLoad, SumLoad, TabulatedLoad
-from .modes import Modes
+from .modes import Modes, load_modes
 from .parameters import PARAMETERS, half_play
-from .payload import SledMass
 from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
-from .sled import Mount
-from .slipper import Slipper
+from .sled import Mount, Sled
+from .slipper import AbstractBody, Slipper
 from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
@@ -47,10 +47,12 @@ from .thrust import RocketSled, WaterBrake, read_thrust
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
 
-SINGLE = (Slipper, Section, SledMass)
-"""Classes without alternatives, whose tables need no type."""
 INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
 """Bases of classes within parts of a scene."""
+BODY = ("slipper", "mounts", "modes")
+"""Tables of the body: a sled has its mounts and its modes in tables of their own."""
+BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping": "", "places": "m"}
+"""Arguments of `Modes.beam` with their units."""
 SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
 Table = dict[str, Any]
@@ -75,6 +77,21 @@ class RunTable(ShapeChecked):
             given_steps(self.steps_per_period)
 
 
+class EnvironmentTable(ShapeChecked):
+    """The table `environment` of a scene's file: where and how the vibration environment of runs is told."""
+
+    places: Float[Array, "places 3"] = field("m", finite)
+    rate: Float[Array, ""] | None = field("Hz", positive, default=None)
+    window: Float[Array, ""] | None = field("s", positive, default=None)
+    low: Float[Array, ""] | None = field("Hz", positive, default=None)
+    high: Float[Array, ""] | None = field("Hz", positive, default=None)
+    quality: Float[Array, ""] | None = field("", positive, default=None)
+
+    def __check_init__(self):
+        if self.low is not None and self.high is not None:
+            require(self.low < self.high, "low", f"be below {self.high:g} Hz", shown=f"{self.low:g} Hz")
+
+
 class SceneFile(NamedTuple):
     """Contents of a scene's file."""
 
@@ -83,6 +100,8 @@ class SceneFile(NamedTuple):
     """The motion at time zero; None where the file has none."""
     run: dict[str, Any] | None
     """Arguments of `slipperjax.run` [SI unit], and the `units` of its report; None where the file has none."""
+    environment: dict[str, Any] | None
+    """Places [m] of a vibration environment, and its rate, window, low, high and quality [SI unit]; None for none."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -111,6 +130,9 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` that of a
     history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
     `run` takes length, begin, window, steps_per_period, solver and units.
+    A sled's slippers are tables `[[mounts]]`, each of which may have a `clearance` and a `section`, which is that of
+    the scene but for what it gives; `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
+    `environment` takes places, rate, window, low, high and quality.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -139,13 +161,18 @@ class _Reader:
         self.tables = tables
 
     def read(self) -> SceneFile:
-        """Return the scene, its start and its run."""
+        """Return the scene, its start, its run and its environment."""
         with self.placed(""):
             self.check_names()
         # what the file leaves out is that of its base
         values = dict(vars(paper_scene())) if "base" in self.tables else {}
-        start = run = None
+        for name in ("speed", "slipper", "section", "track", "contact"):
+            if name not in values and name not in self.tables:
+                raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
+        start = run = environment = None
         for name, value in self.tables.items():
+            if name in BODY:
+                continue
             if isinstance(value, list):
                 values[name] = SumLoad([self.load(row, k) for k, row in enumerate(value)])
                 continue
@@ -155,26 +182,28 @@ class _Reader:
                 elif name == "start":
                     start = self.start(dict(value))
                 elif name == "run":
-                    run = self.run(value)
+                    run = self.arguments(RunTable, value, name)
+                elif name == "environment":
+                    environment = self.arguments(EnvironmentTable, value, name)
                 elif name == "speed" and isinstance(value, dict):
                     values[name] = self.programme(dict(value))
                 elif name in NUMBERS:
                     values[name] = quantity(name, value, unit_of(Scene, name))
-        for name in ("speed", "slipper", "section", "track", "contact"):
-            if name not in values:
-                raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
+        # after the section, which is that of its slippers
+        if not self.tables.keys().isdisjoint(BODY):
+            values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
-            return SceneFile(Scene(**values), start, run)
+            return SceneFile(Scene(**values), start, run, environment)
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
-        tables = (*PARTS, "start", "run")
+        tables = (*PARTS, "mounts", "modes", "start", "run", "environment")
         check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
-            several = (
-                name == "load" and isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
-            )
-            if name in tables and not isinstance(value, dict) and not several:
+            several = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
+            if name == "mounts" and not several:
+                raise ValueError(f"`{name}` must be a table, [[{name}]], for each slipper, but is {brief(value)}.")
+            if name in tables and not isinstance(value, dict) and not (several and name in ("load", "mounts")):
                 raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
             if name == "gravity" and isinstance(value, dict):
                 raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
@@ -187,6 +216,57 @@ class _Reader:
         with self.placed("load", number):
             return self.part("load", dict(table), None)
 
+    def body(self, inherited: eqx.Module | None, section: Section) -> eqx.Module:
+        """Return the slipper, or the sled on mounts, from their tables and the body and the section of the scene."""
+        table = dict(self.tables.get("slipper", {}))
+        if "mounts" in self.tables:
+            table["mounts"] = [self.mount(row, k, section) for k, row in enumerate(self.tables["mounts"])]
+        with self.placed("slipper"):
+            body = self.part("slipper", table, inherited)
+        if "modes" not in self.tables:
+            return body
+        with self.placed("modes"):
+            return dataclasses.replace(body, modes=self.modes(dict(self.tables["modes"]), body))
+
+    def mount(self, table: Table, number: int, section: Section) -> Mount:
+        """Return a slipper's place on the sled; what its section leaves out is that of the scene's."""
+        with self.placed("mounts", number):
+            check_known(table, ("clearance", *arguments_of(Mount)))
+            own = table.get("section", {})
+            if not isinstance(own, dict):
+                raise ValueError(f"`section` must be a table, but is {brief(own)}.")
+            values = {"section": self.part("section", dict(own), section)} if own else {}
+            rest = {name: value for name, value in table.items() if name != "section"}
+            return self.made(Mount, self.with_play(rest, len(section.faces)), "mounts", **values)
+
+    def modes(self, table: Table, body: eqx.Module) -> Modes:
+        """Return the elastic modes of a sled: those in a file, of a beam, or as given."""
+        sled = instance("slipper", body, Sled, "a sled with tables [[mounts]] to have modes")
+        source = next((name for name in ("file", "beam") if name in table), None)
+        if source is None:
+            return self.made(Modes, table, "modes")
+        check_known(table, (source,))
+        given = table[source]
+        if source == "file":
+            return load_modes(self.beside(given), sled.names)
+        instance("beam", given, dict, "a table")
+        check_known(given, BEAM)
+        # the first three are needed
+        names = [name for name in BEAM if name in given or name in ("mass", "length", "stiffness")]
+        values = {name: quantity(name, given.get(name), BEAM[name]) for name in names}
+        return Modes.beam([0.0 if mount.x is None else mount.x for mount in sled.mounts], **values)
+
+    def with_play(self, table: Table, faces: int) -> Table:
+        """Return a table whose `clearance` is the play of each face, of which each has half."""
+        if "clearance" not in table:
+            return table
+        if "play" in table:
+            raise ValueError("`clearance` and `play` must not both be given.")
+        unit = PARAMETERS["clearance"].unit
+        play = half_play(np.asarray(quantity("clearance", table["clearance"], unit)), faces)
+        rest = {name: value for name, value in table.items() if name != "clearance"}
+        return rest | {"play": {"values": play.tolist(), "unit": unit}}
+
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
         # what the table leaves out is that of the base
@@ -197,24 +277,20 @@ class _Reader:
             check_known(table, arguments_of(SurveyedRails))
             survey = self.described(SurveyedRails, table)
             return load_rail(**{field: v for field, v in survey.items() if field != TYPE})
-        if kind not in SINGLE:
-            named = table.pop(TYPE, described.get(TYPE))
-            if named is None:
-                raise ValueError(f"`{TYPE}` is missing.")
-            kind = known_type(str(named), (kind,), name)
-        elif TYPE in table:
-            raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
+        usual = described.get(TYPE)
+        if kind is AbstractBody:
+            usual = (Sled if "mounts" in table else Slipper).__name__
+        elif not kind.__name__.startswith("Abstract"):
+            usual = kind.__name__
+        named = table.pop(TYPE, usual)
+        if named is None:
+            raise ValueError(f"`{TYPE}` is missing.")
+        kind = known_type(str(named), (kind,), name)
         values = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
         # `clearance` is the only name in a file that is no field of its part
         if kind is Section:
             check_known(table, ("clearance", *arguments_of(kind)))
-        if kind is Section and "clearance" in table:
-            if "play" in table:
-                raise ValueError("`clearance` and `play` must not both be given.")
-            clearance = quantity("clearance", table.pop("clearance"), PARAMETERS["clearance"].unit)
-            # each face has half of the clearance
-            faces = len(table.get("faces", values.get("faces", Section.faces)))
-            values["play"] = half_play(np.asarray(clearance), faces)
+            table = self.with_play(table, len(table.get("faces", values.get("faces", Section.faces))))
         return self.made(kind, table, name, **values)
 
     def programme(self, table: Table) -> SpeedProgramme:
@@ -296,11 +372,11 @@ class _Reader:
         motion = Motion.from_euler(**values) if angles else Motion(**values)
         return check_motion("start", kind(**vars(motion)))
 
-    def run(self, table: Table) -> dict[str, Any]:
-        """Return the arguments of a run that the table gives, in SI units."""
+    def arguments(self, kind: type, table: Table, name: str) -> dict[str, Any]:
+        """Return the arguments that a table of that name gives, in SI units."""
         # checked as fields, which make numbers arrays
-        given = {name: value for name, value in vars(self.made(RunTable, table, "run")).items() if value is not None}
-        return {name: float(value) if isinstance(value, Array) else value for name, value in given.items()}
+        given = {name: value for name, value in vars(self.made(kind, table, name)).items() if value is not None}
+        return {name: value.tolist() if isinstance(value, Array) else value for name, value in given.items()}
 
     @contextmanager
     def placed(self, table: str, number: int = 0) -> Iterator[None]:

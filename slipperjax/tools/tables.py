@@ -338,7 +338,7 @@ class _Head(NamedTuple):
 
 def _written(cell: str) -> tuple[str, str | None]:
     """Return the name of a column, and its unit if any, from a cell such as left lateral [mm]."""
-    match = re.fullmatch(r"\s*([A-Za-z_]+(?: +[A-Za-z_]+)*)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
+    match = re.fullmatch(r"\s*([A-Za-z_]\w*(?: +\w+)*)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
     return (cell.strip(), None) if match is None else (match[1], match[2])
 
 

@@ -9,7 +9,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli.new import RAILS
-from slipperjax.model.surveys import SurveyedTrack
+from slipperjax.cli.options import make_case
+from slipperjax.cli.sweep import make_grid
+from slipperjax.model.surveys import SurveyedRails, SurveyedTrack
 
 from .commands import call, dataset, error_of, names
 
@@ -41,8 +43,9 @@ def test_what_is_not_given_is_the_paper_s(tmp_path, capsys):
     np.testing.assert_allclose(scene.slipper.inertia, box, rtol=1e-5)
 
 
-def test_every_line_has_its_unit_and_a_remark(tmp_path, capsys):
-    written(tmp_path, capsys, "--friction", 0.2, "--down", 800, "--drag-area", 0.02, "--end-speed", 900)
+@pytest.mark.parametrize("body", [[], ["--sled"]])
+def test_every_line_has_its_unit_and_a_remark(body, tmp_path, capsys):
+    written(tmp_path, capsys, "--friction", 0.2, "--down", 800, "--drag-area", 0.02, "--end-speed", 900, *body)
     text = (tmp_path / "sled.toml").read_text()
     lines = text.splitlines()
     values = [(above, line) for above, line in pairwise(lines) if re.match(r"\w+ = ", line)]
@@ -55,11 +58,61 @@ def test_every_line_has_its_unit_and_a_remark(tmp_path, capsys):
 
 
 PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness")
+"""Names of pure numbers."""
 
 
 SLIPPER = ["--mass", 9, "--length", "8in", "--stiffness", 1e9, "--restitution", 0.6, "--friction", 0.2]
 OTHERS = ["--clearance", 0.8, "--gravity", 9.81, "--speed", 50, "--end-speed", 900, "--down", "180lbf"]
 MORE = ["--drag-area", 0.02, "--travel", 400, "--inertia", 0.01, 0.03, 0.04]
+
+
+def test_a_sled_on_two_rails(tmp_path, capsys):
+    scene = written(tmp_path, capsys, "--sled", "--mass", "900 lb")
+    assert scene.slipper.names == ("left1", "left2", "right1", "right2")
+    places = [[float(mount.x), float(mount.y), float(mount.z)] for mount in scene.slipper.mounts]
+    assert places == [[1.2, 0.9, -0.2], [-1.2, 0.9, -0.2], [1.2, -0.9, -0.2], [-1.2, -0.9, -0.2]]
+    assert float(scene.track.gauge) == 1.8
+    # two rails of one kind
+    assert [float(rail.seed) for rail in scene.track.rails.values()] == [0.0, 1.0]
+    # a box 2.6 m long, 1.896 m wide and 0.242 m high
+    mass = 900 * 0.45359237
+    box = mass / 12 * np.array([1.896**2 + 0.242**2, 2.6**2 + 0.242**2, 2.6**2 + 1.896**2])
+    np.testing.assert_allclose(scene.slipper.inertia, box, rtol=1e-5)
+    case = make_case(scene=tmp_path / "sled.toml")
+    assert case.text().startswith("4 slippers, speed 1250 m/s, clearance 1 mm, length 0.2 m, ")
+    grid = make_grid(case.scene, ("slipper.mounts.left2.x", "-120 cm", -1.1, 3))
+    np.testing.assert_allclose(grid["slipper.mounts.left2.x"], [-1.2, -1.15, -1.1], rtol=1e-15)
+
+
+@pytest.mark.filterwarnings("ignore:Argument `band` has no waves below")
+def test_places_of_slippers_on_one_rail_or_at_no_gauge(tmp_path, capsys):
+    scene = written(tmp_path, capsys, "--mount", "4ft", 0, 0, "--mount", -1, 0, 0)
+    assert [float(mount.x) for mount in scene.slipper.mounts] == pytest.approx([1.2192, -1.0])
+    assert (float(scene.slipper.mass), scene.track.rails) == (400.0, {})
+    mounts = ["--mount", 1, 0.9, 0, "--mount", -1, -0.8, 0]
+    call(["new", tmp_path / "sled.toml", "--force", *mounts, "--right-rail", "german-low"], capsys)
+    scene = sj.load_scene(tmp_path / "sled.toml")
+    assert scene.track.gauge is None
+    rails = [type(rail.vertical).__name__ for rail in scene.track.rails.values()]
+    assert rails == ["PowerLawSpectrum", "CornerSpectrum"]
+
+
+@pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
+def test_surveys_of_two_rails(tables, tmp_path, capsys):
+    file = tmp_path / "sled.toml"
+    call(["new", file, "--sled", "--rail", tables / "rail.csv", "--right-rail", tables / "rail.csv"], capsys)
+    rails = sj.load_scene(file).track.rails.values()
+    assert [type(rail) for rail in rails] == [SurveyedTrack] * 2
+    assert sj.load_run(file)["length"] == 61.0
+    rows = "\n".join(f"{k}, 0, {np.sin(k):.4f}, 0, {np.cos(k):.4f}" for k in range(40))
+    head = "distance [m], left lateral [mm], left vertical [mm], right lateral [mm], right vertical [mm]"
+    (tables / "both.csv").write_text(f"{head}\n{rows}\n")
+    call(["new", file, "--sled", "--rail", tables / "both.csv", "--force"], capsys)
+    track = sj.load_scene(file).track
+    assert (type(track), float(track.gauge)) == (SurveyedRails, 1.8)
+    assert sj.load_run(file)["length"] == 39.0
+    words = "rail.csv has no line of names with units, such as distance [m], left_lateral [m]"
+    assert words in error_of(["new", file, "--sled", "--rail", tables / "rail.csv", "--force"], capsys)
 
 
 def test_choices_are_written(tmp_path, capsys):
@@ -148,6 +201,10 @@ def test_corners_of_a_drawing(tmp_path, capsys):
     [
         (["--rail", "sledd"], "Option --rail must be a file, or one of sled, german-low"),
         (["--rail", "sledd"], "Did you mean sled?"),
+        (["--right-rail", "sled"], "Option --right-rail must come with --sled, or a --mount on it"),
+        (["--sled", "--right-rail", "sledd"], "Option --right-rail must be a file, or one of sled"),
+        (["--mount", 1, 0, 0, "--mount", -1, 1, 0], "Option --mount must have a y above or below 0 for each"),
+        (["--mount", "1 kg", 0, 0], "`mount` must be in a unit like m, but is in 'kg'"),
         (["--speed", "none.csv"], "Option --speed must be a file, or a speed, but is 'none.csv'"),
         (["--corner", 1, 2], "Option --corner must have two points for each face, but has 1 points"),
         (["--friction", -1], "Argument `coefficient` must be zero or positive, but is -1"),

@@ -1,5 +1,7 @@
 """Every number of a scene is a parameter: by name or by path, checked, and with its unit."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -13,6 +15,10 @@ from slipperjax.model.quantities import ACCELERATIONS, COORDINATE_SCALES, COORDI
 from ..common import SCALES
 
 SCENE = sj.paper_scene()
+MOUNTS = [sj.Mount(x=0.5, rail="left", play=np.full(5, 5e-4)), sj.Mount(x=-0.5, rail="left"), sj.Mount(rail="right")]
+SLED = dataclasses.replace(
+    SCENE, slipper=sj.Sled(30.0, (0.2, 3.0, 3.0), MOUNTS, modes=sj.Modes([90.0], [0.01], np.ones((1, 3, 3)) / 10))
+)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +36,71 @@ def test_paths_lead_to_one_number(path, unit, leaf):
     changed = SCENE.replace(**{path: values[1]})
     assert float(leaf(changed)) == float(changed.value(path)) == values[1]
     np.testing.assert_allclose(SCENE.replace(**{path: values}).value(path), values, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("path", "leaf"),
+    [
+        ("slipper.mounts.left2.x", lambda s: s.slipper.mounts[1].x),
+        ("slipper.mounts.1.x", lambda s: s.slipper.mounts[1].x),
+        ("slipper.mounts.left1.play.2", lambda s: s.slipper.mounts[0].play[2]),
+        ("slipper.mounts.right1.x", lambda s: s.slipper.mounts[2].x),
+        ("slipper.modes.damping.0", lambda s: s.slipper.modes.damping[0]),
+        ("mass", lambda s: s.slipper.mass),
+        ("inertia_z", lambda s: s.slipper.inertia[2]),
+        ("length", lambda s: s.slipper.length),
+        ("clearance", lambda s: 2 * s.section.play[0]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Argument `clearance`")
+def test_paths_lead_to_a_sled_s_slippers_by_name_or_place(path, leaf):
+    changed = SLED.replace(**{path: 0.125})
+    assert float(leaf(changed)) == float(changed.value(path)) == 0.125
+
+
+def test_a_slipper_s_own_section_is_reached():
+    own = eqx.tree_at(lambda m: m[1].section, SLED.slipper.mounts, SCENE.section, is_leaf=lambda part: part is None)
+    scene = dataclasses.replace(SLED, slipper=dataclasses.replace(SLED.slipper, mounts=own))
+    changed = scene.replace(**{"slipper.mounts.left2.section.play.2": 1e-4})
+    assert float(changed.slipper.mounts[1].section.play[2]) == 1e-4
+    assert float(changed.section.play[2]) == 5e-4
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("slipper.mounts.left3.x", "a number of 0 to 2 or one of left1, left2, right1 in place of 'left3'"),
+        ("slipper.mounts.3.x", "a number of 0 to 2 or one of left1, left2, right1 in place of '3'"),
+        ("slipper.mounts.left2.play.2", "slipper.mounts.1.play is absent from the scene"),
+        ("slipper.mounts.left2.rail", "Mount has x, y, z, section, length, play, but not 'rail'"),
+        ("slipper.mounts.left2", "slipper.mounts.1 is Mount"),
+        ("section.play.D", "must have a number of 0 to 4 in place of 'D'"),
+    ],
+)
+def test_what_a_sled_has_is_told(path, words):
+    with pytest.raises(ValueError, match="Argument") as caught:
+        SLED.replace(**{path: 0.1})
+    assert words in str(caught.value)
+
+
+def test_places_of_slippers_are_varied_and_differentiated():
+    """In a sweep, also from no place at all; and by a tangent, against runs at places that differ by little."""
+    scene = dataclasses.replace(SLED, slipper=dataclasses.replace(SLED.slipper, modes=None))
+    how = dict(steps_per_period=100, periods=1, transient=0, record="rms")
+    name = "slipper.mounts.right1.x"
+    both = sj.sweep(scene, {name: [0.0, 0.2]}, **how)
+    one = sj.sweep(scene.replace(**{name: 0.2}), {"mass": [30.0]}, **how)
+    # equal bits; 3.5e-2 apart from that at no place
+    assert float(both.rms_a_z[1]) == pytest.approx(float(one.rms_a_z[0]), rel=1e-9)
+    assert abs(float(both.rms_a_z[0]) / float(one.rms_a_z[0]) - 1) > 1e-3
+
+    name = "slipper.mounts.left1.x"
+    end = jax.jit(lambda x: sj.simulate(scene.replace(**{name: x}), 1, steps_per_period=100, probe=0).end.motion.z)
+    slope = float(jax.jvp(end, (0.5,), (1.0,))[1])
+    step = 1e-5
+    # 9.0e-5 m per m, measured 2e-9 apart
+    assert slope == pytest.approx(float(end(0.5 + step) - end(0.5 - step)) / (2 * step), rel=1e-7)
+    assert slope > 1e-5
 
 
 def test_names_are_set_and_read():

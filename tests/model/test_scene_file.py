@@ -20,6 +20,8 @@ from slipperjax.tools.units import parsed
 
 from ..common import fine
 
+CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
+
 
 class Bump(sj.AbstractTrack):
     """A user's own track."""
@@ -46,7 +48,20 @@ def scenes():
     others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.SledMass(100.0, [2e6, 8e6]))]
     others += [dataclasses.replace(scene, speed=sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0]))]
     others += [dataclasses.replace(scene, window=7.7)]
+    others += [
+        dataclasses.replace(scene, slipper=sled(), track=sj.TwoRails(scene.track, sj.StraightTrack(), gauge=1.8))
+    ]
     return [scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}), *others]
+
+
+def sled():
+    """Four slippers, two of which have something of their own, and an elastic sled with a payload's place."""
+    mounts = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in CORNERS]
+    mounts[1] = dataclasses.replace(mounts[1], section=sj.paper_section(1e-3 / 3), length=0.3, name="rear")
+    mounts[2] = dataclasses.replace(mounts[2], x=None, play=np.arange(5) * 1e-4 / 3)
+    places = [1.2, -1.2, 0.0, -1.2]
+    modes = sj.Modes.beam(places, mass=400.0, length=3.0, stiffness=[5e6, 2e6], count=4, places=[[0.5, 0.0, 0.1]])
+    return sj.Sled(400.0, (150.0, 300.0, 350.0), mounts, modes=modes)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
@@ -60,10 +75,13 @@ def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
 def test_starts_come_back_too():
     start = sj.Motion.from_euler(y=1e-4 / 3, roll=1e-3, v_z=-0.7)
     found = scene_from_toml(sj.paper_scene().to_toml(start=start)).start
-    assert {name: float(value) for name, value in vars(found).items()} == vars(start)
+    assert vars(found) == vars(start)
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
     run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
+    moving = sj.Motion(y=1e-4, sled=sj.SledMotion(z=1e-3))
+    with pytest.raises(ValueError, match="`start` must have no motion of the sled in TOML, but has SledMotion"):
+        sj.paper_scene().to_toml(start=moving)
     for wrong in (run, run.end, {"y": 1e-4}):
         with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):
             sj.paper_scene().to_toml(start=wrong)
@@ -192,7 +210,12 @@ BASE = 'base = "paper"\n'
         (BASE + "load = [5]", "line 2: `load` must be a table, [load], but is [5]"),
         (BASE + "track = [{}]", "line 2: `track` must be a table, [track], but is [{}]"),
         (BASE + "load = []", "line 2: `load` must be a table, [load], but is []"),
-        (BASE + '[slipper]\ntype = "Slipper"', "`type` must not be given"),
+        (BASE + '[slipper]\ntype = "Sld"', "line 3: Argument `slipper.type` must be one of Sled, Slipper"),
+        (BASE + '[section]\ntype = "Sled"', "line 3: Argument `section.type` must be one of Section, but is 'Sled'"),
+        (BASE + '[slipper]\ntype = "Sled"', "line 2: Argument `slipper` must have `mounts`"),
+        (BASE + "[mounts]\n", "line 2: `mounts` must be a table, [[mounts]], for each slipper"),
+        (BASE + '[modes]\nfile = "fe.npz"', "line 2: Argument `slipper` must be a sled with tables [[mounts]]"),
+        (BASE + "[environment]\nplaces = 3", "line 3: `places` must be a number with a unit"),
         (BASE + '[section]\npoints = { values = [[1, 2]], unit = "mm" }', "line 3: Argument `points` must have two"),
         (BASE + '[section]\nclearance = "1 mm"\nplay = { values = [1], unit = "mm" }', "`play` must not both be"),
         (BASE + '[start]\nvy = "1 m/s"', "line 3: `vy` is none of y, z, roll"),
@@ -312,6 +335,103 @@ def test_a_name_in_a_call_is_guessed(call, meant):
     # and nothing where nothing is similar
     with pytest.raises(ValueError, match=r"slipper.inertia.1\.$"):
         sj.paper_scene().replace(xyz=1.0)
+
+
+SLED = """
+base = "paper"
+[slipper]
+mass = "400 kg"
+inertia = { unit = "kg m^2", values = [150, 300, 350] }
+
+[[mounts]]
+x = "120 cm"
+y = "0.9 m"
+rail = "left"
+clearance = "2 mm"
+
+[[mounts]]
+x = "-1.2 m"
+rail = "right"
+name = "rear"
+y = "-900 mm"
+length = "1 ft"
+[mounts.section]
+clearance = "1.5 mm"
+
+[modes]
+beam = { mass = "400 kg", length = "3 m", stiffness = "5 kN m^2", count = 2, damping = 0.02 }
+
+[track]
+type = "TwoRails"
+gauge = "1.8 m"
+left = { type = "HarmonicTrack", wavelengths = { unit = "m", values = [8] }, amplitude = "1 mm" }
+right = { type = "StraightTrack" }
+
+[environment]
+places = { unit = "mm", values = [[500, 0, 400]] }
+rate = "20 kHz"
+quality = 25
+"""
+
+
+def test_a_sled_has_mounts_and_modes_in_tables_of_their_own():
+    found = scene_from_toml(SLED)
+    scene, body = found.scene, found.scene.slipper
+    front, rear = body.mounts
+    assert body.names == ("left1", "rear")
+    assert [float(mount.x) for mount in body.mounts] == [1.2, -1.2]
+    assert (float(rear.y), front.z, float(rear.length)) == (-0.9, None, pytest.approx(0.3048))
+    np.testing.assert_allclose(front.play, 1e-3)
+    # the section is that of the scene but for its clearance
+    np.testing.assert_allclose(rear.section.play, 0.75e-3)
+    assert eqx.tree_equal(rear.section.points, scene.section.points)
+    assert eqx.tree_equal(
+        body.modes, sj.Modes.beam([1.2, -1.2], mass=400, length=3, stiffness=5e3, count=2, damping=0.02)
+    )
+    assert float(scene.track.gauge) == 1.8
+    assert found.environment == {"places": [[0.5, 0.0, 0.4]], "rate": 2e4, "quality": 25.0}
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('x = "-1.2 m"', 'x = "-1.2 kg"', "line 14: `x` must be in a unit like m"),
+        ('name = "rear"', 'nam = "rear"', "line 16: `nam` is none of clearance, x, y"),
+        ('clearance = "2 mm"', 'clearance = "-2 mm"', "line 7: Argument `play` must be zero or positive"),
+        ('clearance = "2 mm"', 'clearance = "2 mm"\nplay = "1 mm"', "`clearance` and `play` must not both be given"),
+        ('[mounts.section]\nclearance = "1.5 mm"', "section = 3", "line 19: `section` must be a table, but is 3"),
+        ('name = "rear"', 'name = "left1"', "line 3: Argument `mounts` must have different names"),
+        ('y = "-900 mm"', 'y = "900 mm"', "`mounts` must be within their play"),
+        ('length = "3 m"', 'length = "2 m"', "line 22: Argument `places_of_mounts` must lie on the beam"),
+        (', length = "3 m"', "", "line 22: `length` must be a number with a unit"),
+        ("damping = 0.02", "daming = 0.02", "Did you mean damping?"),
+        (
+            "quality = 25",
+            'low = "2 kHz"\nhigh = "1 kHz"',
+            "line 34: Argument `low` must be below 1000 Hz, but is 2000 Hz",
+        ),
+        ("beam =", "bem =", "line 23: Argument `modes` must have only frequency, damping, shapes"),
+    ],
+)
+def test_errors_of_a_sled_name_the_line(old, new, words):
+    assert old in SLED
+    with pytest.raises(ValueError, match=r"^scene\.toml, line ") as caught:
+        scene_from_toml(SLED.replace(old, new), "scene.toml")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_modes_in_a_file_are_those_at_the_mounts_by_name(tmp_path):
+    shapes = np.arange(6.0).reshape(1, 2, 3) / 100
+    np.savez(tmp_path / "fe.npz", frequency=[50.0], damping=[0.01], shapes=shapes, mounts=["rear", "left1"])
+    head, _, tail = SLED.partition("beam = ")
+    text = f'{head}file = "fe.npz"\n{tail.partition("}")[2]}'
+    scene = scene_from_toml(text, str(tmp_path / "scene.toml")).scene
+    np.testing.assert_array_equal(scene.slipper.modes.shapes, shapes[:, ::-1])
+    # the scene holds the numbers, and not the file
+    (tmp_path / "fe.npz").unlink()
+    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
 
 
 def test_units_of_reports_are_no_arguments_of_a_run(tmp_path):

@@ -1,0 +1,97 @@
+"""Modes in files: what finite elements give is read by the names of mounts, and what is wrong is told."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+
+NAMES = ["left1", "left2", "Right_front"]
+SHAPES = np.arange(18.0).reshape(2, 3, 3) / 100
+ARRAYS = {"frequency": [50.0, 80.0], "damping": [0.01, 0.02], "shapes": SHAPES}
+
+
+def table(tmp_path, *changes):
+    """Writes a table of two modes, with texts replaced."""
+    head = ", ".join(f"{name} {axis}" for name in NAMES for axis in "xyz")
+    rows = [", ".join(map(str, row)) for row in SHAPES.reshape(2, 9)]
+    text = f"frequency [kHz], damping, {head}\n0.05, 0.01, {rows[0]}\n0.08, 0.02, {rows[1]}\n"
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / "fe.csv"
+    file.write_text(text)
+    return file
+
+
+def arrays(tmp_path, **changes):
+    """Writes arrays of two modes, with some replaced, or left out where they are None."""
+    file = tmp_path / "fe.npz"
+    np.savez(file, **{name: array for name, array in (ARRAYS | changes).items() if array is not None})
+    return file
+
+
+@pytest.mark.parametrize("made", [table, lambda folder: arrays(folder, mounts=NAMES)])
+def test_shapes_are_found_by_the_names_of_mounts(made, tmp_path):
+    file = made(tmp_path)
+    for mounts, order in ((None, [0, 1, 2]), (NAMES[::-1], [2, 1, 0])):
+        modes = sj.load_modes(file, mounts)
+        np.testing.assert_allclose(modes.frequency, ARRAYS["frequency"], rtol=1e-15)
+        np.testing.assert_array_equal(modes.damping, ARRAYS["damping"])
+        np.testing.assert_array_equal(modes.shapes, SHAPES[:, order])
+
+
+def test_other_units_of_mass_and_places_besides_the_mounts(tmp_path):
+    # a modal mass of one tonne
+    modes = sj.load_modes(table(tmp_path, ("left2 z", "left2 z [tonne^-0.5]")))
+    np.testing.assert_allclose(modes.shapes[:, 1, 2], SHAPES[:, 1, 2] / np.sqrt(1000), rtol=1e-15)
+    np.testing.assert_array_equal(modes.shapes[:, 0], SHAPES[:, 0])
+    places = {"places": [[0.5, 0.0, 0.4]], "place_shapes": np.ones((2, 1, 3))}
+    modes = sj.load_modes(arrays(tmp_path, **places), NAMES)
+    for name, array in places.items():
+        np.testing.assert_array_equal(getattr(modes, name), array)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([("left2 y", "left2 u")], "fe.csv: must have the shapes x, y and z of left2"),
+        ([("damping", "zeta")], "fe.csv: must have a column damping"),
+        ([("0.08,", "0.04,")], "fe.csv, line 3: frequency 0.04 is below that of the mode before"),
+        ([("0.01,", "-0.01,")], "fe.csv: Argument `damping` must be zero or positive"),
+        ([("0.08,", "0.04,"), (" 0.02, 0.09", " x, 0.09")], "fe.csv has 2 faults"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
+def test_faults_of_a_table_are_told(changes, words, tmp_path):
+    with pytest.raises(ValueError, match=r"fe\.csv") as caught:
+        sj.load_modes(table(tmp_path, *changes), NAMES)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"mounts": ["left1", "left2", "right"]}, "`shapes` must have those at Right_front, but has those at left1"),
+        ({"shapes": SHAPES[:, :2]}, r"`shapes` must be of shape (modes, 3, 3), but is of shape (2, 2, 3)"),
+        ({"frequency": [80.0, 50.0]}, "`frequency` must rise from mode to mode"),
+        ({"damping": [0.01]}, "`damping` must have one value per mode"),
+        ({"damping": None}, "must have arrays frequency, damping and shapes, but has no damping"),
+        ({"shapes": np.array([{}], object)}, "is no npz file that can be read"),
+    ],
+)
+def test_faults_of_arrays_are_one_line(changes, words, tmp_path):
+    with pytest.raises(ValueError, match=r"fe\.npz") as caught:
+        sj.load_modes(arrays(tmp_path, **changes), NAMES)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).count("fe.npz") == 1
+
+
+def test_what_is_no_file_of_modes_is_told(tmp_path):
+    (tmp_path / "fe.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(ValueError, match=r"^\S+fe\.npz is no npz file that can be read"):
+        sj.load_modes(tmp_path / "fe.npz")
+    with pytest.raises(FileNotFoundError, match=r"No such file: .*none\.csv"):
+        sj.load_modes(tmp_path / "none.csv")
+    with pytest.raises(ValueError, match="`mounts` must be a list of names"):
+        sj.load_modes(tmp_path / "fe.npz", "left1")
