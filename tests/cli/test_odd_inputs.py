@@ -132,7 +132,7 @@ ERRORS = [
     *each(slipper, "inertia", POSITIVE, (np.diag([0.05, 0.06, 0.09]), "0")),
     refused(r"`inertia` must be of shape \(3\), but has shape \(4,\)", slipper, inertia=(1.0, 1.0, 1.0, 1.0)),
     *each(scene, "gravity", "be zero or positive", (-9.81, None), (NAN, None)),
-    *each(scene, "slipper", "be .*Slipper", (None, None)),
+    *each(scene, "slipper", "be a slipperjax.Slipper or a slipperjax.Sled", (None, None)),
     *each(scene, "track", "be .*", ("straight", None)),
     *each(scene, "contact", "be .*", (sj.Flores, "<class")),
     refused("`points` must be in an order in which the faces' normals point out", section, points=POINTS[::-1]),

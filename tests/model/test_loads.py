@@ -140,7 +140,7 @@ def test_loads_are_added_and_named():
     np.testing.assert_array_equal(*ds["peak_force"].values)
     with pytest.raises(ValueError, match=r"`load.loads.2.area` must have a number of 0 to 1 in place of '2'"):
         scene.replace(**{"load.loads.2.area": 1.0})
-    with pytest.raises(ValueError, match=r"`load.loads` leads to no number: load.loads is an array"):
+    with pytest.raises(ValueError, match=r"`load.loads` leads to no number: load.loads is tuple"):
         scene.replace(**{"load.loads": 1.0})
 
 
