@@ -78,10 +78,9 @@ class RunTable(ShapeChecked):
 
 
 class EnvironmentTable(ShapeChecked):
-    """The table `environment` of a scene's file: where and how the vibration environment of runs is told."""
+    """The table `environment` of a scene's file: arguments of `slipperjax.environment` besides its runs."""
 
     places: Float[Array, "places 3"] = field("m", finite)
-    rate: Float[Array, ""] | None = field("Hz", positive, default=None)
     window: Float[Array, ""] | None = field("s", positive, default=None)
     low: Float[Array, ""] | None = field("Hz", positive, default=None)
     high: Float[Array, ""] | None = field("Hz", positive, default=None)
@@ -101,7 +100,7 @@ class SceneFile(NamedTuple):
     run: dict[str, Any] | None
     """Arguments of `slipperjax.run` [SI unit], and the `units` of its report; None where the file has none."""
     environment: dict[str, Any] | None
-    """Places [m] of a vibration environment, and its rate, window, low, high and quality [SI unit]; None for none."""
+    """Arguments of `slipperjax.environment` besides its runs [SI unit]; None where the file has none."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -132,7 +131,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`, each of which may have a `clearance` and a `section`, which is that of
     the scene but for what it gives; `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
-    `environment` takes places, rate, window, low, high and quality.
+    `environment` takes places, window, low, high and quality.
 
     **Arguments:** `file`: its name, for errors.
 
