@@ -295,6 +295,11 @@ tests/plots/test_quantity_maps.py -k display_unit
 -ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
 +ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(over[1], ds))
 
+points of a sled named without their slipper
+tests/plots/test_sleds.py -k points_are_named
+-names.append("_".join([*slipper, f"{point}{2 if end == 'rear' else 1}"]))
++names.append(f"{point}{2 if end == 'rear' else 1}")
+
 flagged exponents drawn as zero
 tests/plots/test_plots.py -k flagged_exponents
 -ax.plot(x, np.where(flagged(ds, over), np.nan, y), lw=0.5

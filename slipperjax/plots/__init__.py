@@ -1,4 +1,4 @@
-"""Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections and animations."""
+"""Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections, sleds and animations."""
 
 from .branches import branches as branches, event_curves as event_curves, multiplier_circle as multiplier_circle
 from .comparisons import comparison as comparison, verdict as verdict
@@ -17,6 +17,7 @@ from .rails import rail as rail
 from .report import report as report
 from .runs import passing as passing, run_overview as run_overview
 from .sections import animate as animate, instant as instant, section as section
+from .sleds import load_sharing as load_sharing, plan as plan
 from .style import styled as styled
 from .trajectories import (
     contact_forces as contact_forces,

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ..model.quantities import SECTIONS
+from ..model.quantities import POINT_DIMS, SECTIONS
 from .branches import branches
 from .comparisons import comparison
 from .designs import design_overview
@@ -52,12 +52,11 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
     for names, needed, draw in PICTURES:
         if names <= {*ds.variables, *ds.dims} and needed in (None, count):
             return draw(ds, **options)
-    # maps draw the highest value along these dimensions
-    inner = {"end", "point"}
     numbers = [
         str(name)
         for name, values in ds.data_vars.items()
-        if set(parameters) == set(values.dims) - inner and values.dtype.kind == "f"
+        # maps draw the highest value of all points
+        if set(parameters) == set(values.dims) - set(POINT_DIMS) and values.dtype.kind == "f"
     ]
     if "steps_per_period" in ds:  # which all sweeps have
         numbers.append("steps_per_period")

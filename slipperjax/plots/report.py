@@ -28,7 +28,7 @@ from ..tools.files import Content, user_path, write_each
 from ..tools.units import STANDARD_GRAVITY
 from .comparisons import comparison, table as table_of_designs, verdict
 from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
-from .style import COLORS, POINT_COLORS, legend_above, set_log_ticks, styled, with_unit
+from .style import COLORS, POINT_COLORS, by_contact, legend_above, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
 
 WIDTH = 105
@@ -166,7 +166,7 @@ def _peak(view: RunView) -> Iterator[str]:
         return
     name = speed_name(view.ds)
     speed = float(at[name])
-    point = f"{at['name'].item()} ({at['end'].item()})"
+    point = f"{at['contact'].item()} ({at['end'].item()})"
     distance = view.quantity("distance")
     where = f"{in_hundredths(distance.shown(float(at['peak_distance'])))} {distance.display_unit}"
     place = f"{where} and {_said(view.quantity('speed'), speed)}"
@@ -297,24 +297,24 @@ def _draw_envelope(ax: Axes, view: RunView) -> None:
     """Draw the highest force of each of the most loaded points along the rail, in `BINS` steps at most."""
     ds = view.ds
     q = view.quantity("peak_force")
-    force = ds["peak_force"].where(np.isfinite(ds["peak_force"])).transpose("end", "point", "distance").values
+    of_points = by_contact(ds[["peak_force"]])["peak_force"].transpose("contact", "distance")
+    force = of_points.where(np.isfinite(of_points)).values
     edges = view.edges("distance")
-    size = -(-force.shape[2] // BINS)
-    first = np.arange(0, force.shape[2], size)
+    size = -(-force.shape[1] // BINS)
+    first = np.arange(0, force.shape[1], size)
     # NaN only where all of a step is
-    highest = q.shown(np.fmax.reduceat(force, first, axis=2))
-    most = np.nan_to_num(highest).max(axis=2)
-    for rank, place in enumerate(np.argsort(-most, axis=None, kind="stable")[:POINTS]):
-        end, point = np.unravel_index(place, most.shape)
+    highest = q.shown(np.fmax.reduceat(force, first, axis=1))
+    most = np.nan_to_num(highest).max(axis=1)
+    for rank, k in enumerate(np.argsort(-most, kind="stable")[:POINTS]):
         # points that never touch have no line
-        if most[end, point] > 0:
+        if most[k] > 0:
             ax.stairs(
-                highest[end, point],
+                highest[k],
                 np.append(edges[first], edges[-1]),
                 baseline=None,
                 lw=0.8,
                 color=POINT_COLORS[rank],
-                label=f"{ds['point'].values[point]}{end + 1}, {most[end, point]:.4g} {q.display_unit}",
+                label=f"{of_points['contact'].values[k]}, {most[k]:.4g} {q.display_unit}",
             )
     finish_forces(ax, view)
 

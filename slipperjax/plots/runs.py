@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from ..flow.datasets import load_scene
 from ..flow.status import Status, is_lost
-from ..model.quantities import Quantity, ShownUnits
+from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
 from ..tools.types import Numbers
@@ -21,6 +21,7 @@ from .style import (
     COLORS,
     FLAGGED_LABEL,
     axis_label,
+    by_contact,
     check_dataset,
     color_bar,
     color_norm,
@@ -114,7 +115,7 @@ class RunView(NamedTuple):
         """Return the highest of all points in each window [SI unit], NaN where none is a number."""
         values = self.ds[name]
         # infinities are no numbers to show
-        return values.where(np.isfinite(values)).max(("end", "point")).values
+        return values.where(np.isfinite(values)).max(point_dims(values)).values
 
     def edges(self, along: str) -> np.ndarray:
         """Return the edges of windows ("distance") or stretches ("stretch") in the unit of distances."""
@@ -132,9 +133,9 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str
 
     What the dataset lacks is left out, and so is what means nothing by its status. Forces are the highest of all
     points in each window, with their percentiles in each stretch of windows, and a dot at the highest of all; impacts
-    are those of all points at the front and at the rear. Spectra are root mean squares of the vertical acceleration
-    in third octaves; those that are finer than a stretch resolves, or beyond half of the sampling frequency, are
-    blank.
+    are those of all points at the front and at the rear, or of each slipper of a sled. Spectra are root mean squares
+    of the vertical acceleration in third octaves; those that are finer than a stretch resolves, or beyond half of the
+    sampling frequency, are blank.
 
     **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
     whose rail is drawn, default that of the dataset; `units`: such as ("ft", "lbf"), each for the quantities of its
@@ -173,6 +174,8 @@ def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]])
             # many more places than pixels, so that short waves keep their height
             begin, end = edges_of(view.ds, "distance")[[0, -1]]
             draw_irregularity(axes[:2], check_scene(view.scene), np.linspace(begin, end, 1 << 16), view.units)
+            for ax in axes[: 2 * bool(view.scene.track.rails)]:
+                legend_above(ax)
         # what the dataset has, below the rail
         for ax, draw in zip(axes[rails:], draws, strict=True):
             draw(ax, view)
@@ -281,7 +284,8 @@ def _draw_forces(ax: Axes, view: RunView) -> None:
     if high > 0:
         at = view.quantity("distance")
         place = float(at.shown(peak["peak_distance"]))
-        label = f"{high:.4g} {force.display_unit} at {peak['name'].item()}, {in_hundredths(place)} {at.display_unit}"
+        where = f"{peak['contact'].item()}, {in_hundredths(place)} {at.display_unit}"
+        label = f"{high:.4g} {force.display_unit} at {where}"
         ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
     finish_forces(ax, view)
 
@@ -301,22 +305,30 @@ def finish_forces(ax: Axes, view: RunView) -> None:
 
 
 def peak_of(ds: xr.Dataset) -> xr.Dataset:
-    """Return the dataset of a run at the window and the contact point of its highest contact force.
+    """Return `highest_forces` at the window with the highest one."""
+    return _at_highest(highest_forces(ds), "distance")
 
-    The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
+
+def highest_forces(ds: xr.Dataset) -> xr.Dataset:
+    """Return the highest contact force in each window of a run, and its place, at its contact point.
+
+    The coordinates are those of `by_contact`; the force is NaN where none is known.
     """
-    force = ds["peak_force"].transpose("distance", "end", "point")
+    places = ds.get("peak_distance", ds["distance"])
+    return _at_highest(by_contact(ds[["peak_force"]].assign(peak_distance=places)), "contact")
+
+
+def _at_highest(ds: xr.Dataset, dim: str) -> xr.Dataset:
     # NaN is lower than any force
-    k, end, point = np.unravel_index(np.argmax(force.fillna(-np.inf).values), force.shape)
-    at = ds.isel(distance=k, end=end, point=point)
-    return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
+    return ds.isel({dim: ds["peak_force"].fillna(-np.inf).argmax(dim)})
 
 
 def _draw_impacts(ax: Axes, view: RunView) -> None:
-    # of all points at an end together
-    for end, color in zip(view.ds["end"].values, ("blue", "red"), strict=True):
-        rate = view.ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
-        _draw_steps(ax, view, "stretch", rate, str(end), COLORS[color])
+    # of all points at an end together, or of a sled's slipper
+    along, *others = point_dims(view.ds["impact_rate"])
+    rates = view.ds["impact_rate"].sum(others, skipna=False)
+    for k, label in enumerate(rates[along].values):
+        _draw_steps(ax, view, "stretch", rates.isel({along: k}).values, str(label), line_color(k))
     ax.set_ylabel("impacts [1/s]")
     ax.set_ylim(bottom=0)
     legend_above(ax)
@@ -393,7 +405,7 @@ def passing(
     several = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in given]
     for one in several:
         # the highest of all points is drawn
-        dims = set(one[quantity].dims) - {"end", "point"}
+        dims = set(one[quantity].dims) - set(POINT_DIMS)
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
         require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")

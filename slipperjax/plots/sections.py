@@ -1,4 +1,4 @@
-"""The cross section, and the slipper around the rail head in motion, with forces as arrows and their history."""
+"""The cross section, and slippers around the rail head in motion, with forces as arrows and their history."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,12 +16,14 @@ from matplotlib.patches import Polygon
 from matplotlib.quiver import Quiver
 
 from ..flow.datasets import load_scene
+from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.parameters import quantity
+from ..model.quantities import POINT_DIMS, point_dims
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, require, whole
-from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, lost, styled
+from .style import COLORS, case_title, check_dataset, drawing, lost, point_colors, styled
 from .trajectories import TRAJECTORY_SOURCE, Along, Result, contact_forces
 
 if TYPE_CHECKING:
@@ -121,11 +123,6 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
     return np.roll(faces, -1 - int(np.argmax(spaces)), axis=0).ravel()
 
 
-def colors_of(shape: Section) -> list[str]:
-    """Return the colour of each point."""
-    return [POINT_COLORS[k % len(POINT_COLORS)] for k in range(len(shape.names))]
-
-
 def rail_outline(shape: Section) -> Float[np.ndarray, "corners 2"]:
     """Return the corners [mm] of the rail head with a web through the slipper's opening."""
     head = 1e3 * np.asarray(shape.track_points)[contour(shape)]
@@ -148,10 +145,11 @@ def _draw_slipper(
     points: Float[np.ndarray, "points 2"],
     arrows: Float[np.ndarray, "points 2"],
     labels: Sequence[str],
+    slipper: int = 0,
 ) -> tuple[Polygon, PathCollection, Quiver]:
     """Draw the rail head with its web and labels inside it, and the slipper around it.
 
-    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm].
+    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm]; `slipper`: its number on a sled.
 
     **Returns:** the slipper's patch, its points and its arrows.
     """
@@ -160,7 +158,7 @@ def _draw_slipper(
     # labels stand inside the rail head
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
-    colors = colors_of(shape)
+    colors = point_colors(len(shape.names), slipper)
     (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE)
     dots = ax.scatter(*(1e3 * points.T), s=14, color=colors, lw=1.0, zorder=4)
     quiver = ax.quiver(*(1e3 * points.T), *arrows.T, color=colors, **ARROWS)
@@ -202,6 +200,8 @@ def animate(
 ) -> "matplotlib.animation.FuncAnimation":
     """Animate the slipper's front and rear section around the rail head, with the play magnified.
 
+    Of a sled there is a row for each slipper.
+
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
     drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
     on the rail head where it touches, and inside it where it penetrates. Penetrations of millimetres are real: the
@@ -215,7 +215,7 @@ def animate(
     **Arguments:**
 
     - `run`: a `Trajectory`, or one case as a dataset over time, from `Trajectory.to_xarray` or
-        `sweep(..., record="history")`.
+        `sweep(..., record="history")`. A dataset does not tell how elastic modes move, which are left out then.
     - `scene`: that of a dataset; its values that the dataset has as coordinates are replaced.
     - `magnify`: default as for `section`, and such that no gap is drawn above a quarter of the section's height.
     - `last`: forcing periods at the end of the run that are shown, None for all.
@@ -231,7 +231,7 @@ def animate(
     picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
-    frames = range(0, len(picture.frames.period), every)
+    frames = range(0, len(picture.period), every)
     return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
 
 
@@ -248,15 +248,18 @@ def instant(
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
     picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
-    period = picture.frames.period
-    k = -1 if at is None else int(np.argmin(np.abs(period - number(finite, "at", at))))
+    k = -1 if at is None else int(np.argmin(np.abs(picture.period - number(finite, "at", at))))
     picture.show(k)
     return picture.figure
 
 
 class Frames(NamedTuple):
-    """The slipper at the front and the rear over time, as it is drawn around the rail head."""
+    """A slipper at the front and the rear over time, as it is drawn around the rail head."""
 
+    name: str
+    """On a sled; empty for a single slipper."""
+    colors: list[str]
+    """Of its points."""
     ds: xr.Dataset
     """The instants that are drawn."""
     shape: Section
@@ -278,94 +281,114 @@ def frames_of(
     *,
     magnify: float | None = None,
     last: float | None = 2.0,
-) -> Frames:
-    """Return what `animate` draws; arguments and errors are those of `animate`."""
+) -> list[Frames]:
+    """Return what `animate` draws of each slipper; arguments and errors are those of `animate`."""
     ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
     over = ds["contact_force"].dims
-    one = set(over) == {"time", "end", "point"}
+    one = set(over) - set(POINT_DIMS) == {"time"}
     require(one, "run", "be one case over time", shown=f"over {', '.join(map(str, over))}")
     if scene is None:
         scene = load_scene(ds) if isinstance(run, xr.Dataset) else run.scene
     scene = check_scene(scene)
+    force = ds["contact_force"].transpose("time", *point_dims(ds))
+    need = "have the contact points of its scene"
+    require(force[0].size == scene.points, "run", need, shown=f"a dataset with {force[0].size} of {scene.points}")
     # peaks are those of the periods that are shown
-    ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
+    drawn = slice(None)
     if last is not None:
-        last = number(positive, "last", last)
-        ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
-    force = ds["contact_force"].transpose("time", "end", "point").values
+        drawn = ds["period"].values > ds["period"].values[-1] - number(positive, "last", last) + 1e-9
+    motion = jax.tree.map(lambda a: a[drawn], _motion_of(run, ds))
+    ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore").isel(time=drawn)
+    period = ds["period"].values
     # by the model, not by the dataset, which lacks offsets
-    gap, offset = _displacements(ds, scene)
-    if not (np.isfinite(gap).all() and np.isfinite(force).all()):
+    at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
+    of_slippers = (len(period), len(scene.mounted), 2, -1)
+    values = (force.values[drawn], *jax.jit(jax.vmap(at_one))(period, motion))
+    forces, gap, offset = (np.asarray(a).reshape(of_slippers) for a in values)
+    if not (np.isfinite(gap).all() and np.isfinite(forces).all()):
         raise ValueError("Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run.")
+    shapes = [slipper.section for slipper in scene.mounted]
     if magnify is None:
-        magnify = default_magnification(scene.section, gap)
-    points = drawn_points(scene.section, gap, offset, number(positive, "magnify", magnify))
+        magnify = min(default_magnification(shape, gap) for shape in shapes)
+    magnify = number(positive, "magnify", magnify)
     # arrows in mm per newton: half the height, which is in m
-    newton = 500 * height(scene.section) / max(float(force.max()), 1e-9)
-    arrows = newton * force[..., None] * np.asarray(scene.section.normals)
-    return Frames(ds, scene.section, ds["period"].values, points, force, magnify, arrows)
+    newton = 500 * height(shapes[0]) / max(float(forces.max()), 1e-9)
+    frames = []
+    for k, (name, shape) in enumerate(zip(scene.slipper.names or [""], shapes, strict=True)):
+        points = drawn_points(shape, gap[:, k], offset[:, k], magnify)
+        arrows = newton * forces[:, k, ..., None] * np.asarray(shape.normals)
+        frames.append(
+            Frames(name, point_colors(len(shape.names), k), ds, shape, period, points, forces[:, k], magnify, arrows)
+        )
+    return frames
+
+
+def _motion_of(run: Result, ds: xr.Dataset) -> Motion:
+    """Return the motion at the instants of a dataset, with elastic modes where the run has them."""
+    if isinstance(run, Trajectory):
+        return run.state.motion
+    y, z, *angles = (np.asarray(ds[name].values, float) for name in ("y", "z", "roll", "pitch", "yaw"))
+    return Motion(y, z, *quaternion_from_euler(*angles), *[np.zeros_like(y)] * 5)
 
 
 class _Picture:
     """The figure, and the artists that change with time."""
 
-    def __init__(self, frames: Frames):
+    def __init__(self, frames: list[Frames]):
         self.frames = frames
-        shape = frames.shape
+        ds = frames[0].ds
+        self.period = frames[0].period
+        rows = len(frames)
+        # one slipper has the height of two of several
+        panels = 1.3 + 1.7 * rows
         with styled():
-            self.figure, axes = plt.subplot_mosaic(
-                "FR;HH", height_ratios=(2.4, 1), figsize=(7.2, 4.3), layout="constrained"
+            figure, grid = plt.subplot_mosaic(
+                [*([f"front {k}", f"rear {k}"] for k in range(rows)), ["forces", "forces"]],
+                height_ratios=[panels / rows] * rows + [1.25],
+                figsize=(7.2, panels + 1.3),
+                layout="constrained",
             )
+            self.figure = figure
             self.ends = []
-            for k, end in enumerate(("front", "rear")):
-                ax = axes[end[0].upper()]
-                labels = [f"{name}{k + 1}" for name in shape.names]
-                artists = _draw_slipper(ax, shape, frames.points[0, k], frames.arrows[0, k], labels)
-                self.ends.append(artists)
-                frame(ax, frames.points.reshape(-1, *frames.points.shape[2:]), 450 * height(shape))
-                ax.set_title(end, fontsize=8)
-            axes["R"].set_ylabel("")
-            contact_forces(frames.ds, axes["H"], last=None)
-            self.along = Along.of(frames.ds)
-            self.cursor = axes["H"].axvline(self.along.unit * frames.period[0], lw=0.9, color="black")
-            self.time = axes["F"].text(
-                0.02,
-                0.97,
-                "",
-                transform=axes["F"].transAxes,
-                va="top",
-                fontsize=7,
-            )
-            scales = f"play and displacement × {frames.magnify:g}"
-            if not lost(frames.ds):
-                scales += f", longest arrow {float(frames.force.max()) / 1e3:.3g} kN"
-            self.figure.suptitle("; ".join(filter(None, [case_title(frames.ds), scales])), fontsize=7.5)
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
+            for row, of in enumerate(frames):
+                margin = 450 * height(of.shape)
+                for k, end in enumerate(("front", "rear")):
+                    ax = grid[f"{end} {row}"]
+                    labels = [f"{name}{k + 1}" for name in of.shape.names]
+                    artists = _draw_slipper(ax, of.shape, of.points[0, k], of.arrows[0, k], labels, row)
+                    self.ends.append((of, k, artists))
+                    frame(ax, of.points.reshape(-1, *of.points.shape[2:]), margin)
+                    ax.set_title(f"{of.name} {end}".strip(), fontsize=8)
+                    # labels at the left and below alone
+                    if k:
+                        ax.set_ylabel("")
+                    if row < rows - 1:
+                        ax.set_xlabel("")
+            contact_forces(ds, grid["forces"], last=None)
+            self.along = Along.of(ds)
+            self.cursor = grid["forces"].axvline(self.along.unit * self.period[0], lw=0.9, color="black")
+            first = grid["front 0"]
+            self.time = first.text(0.02, 0.97, "", transform=first.transAxes, va="top", fontsize=7)
+            scales = f"play and displacement × {frames[0].magnify:g}"
+            if not lost(ds):
+                scales += f", longest arrow {max(float(of.force.max()) for of in frames) / 1e3:.3g} kN"
+            figure.suptitle("; ".join(filter(None, [case_title(ds), scales])), fontsize=7.5)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 
     def show(self, k: int) -> list[Artist]:
         """Draw the instant with index `k`; return the artists that changed."""
-        frames = self.frames
+        changed = [self.cursor, self.time]
         # the artists stay, and get new places
-        for end, (patch, dots, arrows) in enumerate(self.ends):
-            points = frames.points[k, end]
-            patch.set_xy(outline(frames.shape, points))
+        for of, end, (patch, dots, arrows) in self.ends:
+            points = of.points[k, end]
+            patch.set_xy(outline(of.shape, points))
             dots.set_offsets(1e3 * points)
-            dots.set_facecolors(np.where(frames.force[k, end] > 0, colors_of(frames.shape), "white"))
+            dots.set_facecolors(np.where(of.force[k, end] > 0, of.colors, "white"))
             arrows.set_offsets(1e3 * points)
-            arrows.set_UVC(*frames.arrows[k, end].T)
-        instant = self.along.unit * frames.period[k]
+            arrows.set_UVC(*of.arrows[k, end].T)
+            changed += [patch, dots, arrows]
+        instant = self.along.unit * self.period[k]
         self.cursor.set_xdata([instant] * 2)
         self.time.set_text(self.along.words.format(instant))
-        return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
-
-
-def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Return the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
-    names = ("y", "z", "roll", "pitch", "yaw", "period")
-    y, z, *angles, period = (np.asarray(ds[name].values, float) for name in names)
-    motion = Motion(y, z, *quaternion_from_euler(*angles), *[np.zeros_like(y)] * 5)
-    # one instant; all of them at once by vmap
-    at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
-    gap, offset = (np.asarray(a).reshape(len(y), 2, -1) for a in jax.jit(jax.vmap(at_one))(period, motion))
-    return gap, offset
+        return changed

@@ -1,6 +1,7 @@
 """Style, colours, labels with display units, titles that state the case, and pictures as files."""
 
 import io
+import itertools
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
-from ..model.quantities import REACTIONS, Quantity
+from ..model.quantities import POINT_DIMS, REACTIONS, Quantity, point_dims
 from ..tools.checks import instance, number, positive
 from ..tools.files import listed
 
@@ -68,7 +69,7 @@ POINT_COLORS = (
     *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
     *("#17a2b8", "#8c564b", "#d6589f", "#7f8c1f", "#12355b"),
 )
-"""Colours of the contact points, in the order of `Section.names`; further ones begin anew."""
+"""Colours of the contact points, see `point_colors`."""
 
 
 @contextmanager
@@ -88,6 +89,29 @@ def styled() -> Iterator[None]:
 def line_color(number: int) -> str:
     """Return the colour of a line by its number: blue, red, green, orange, then again."""
     return COLORS[("blue", "red", "green", "orange")[number % 4]]
+
+
+def point_colors(points: int, slipper: int = 0) -> list[str]:
+    """Return the colours of a number of contact points; `slipper`: the number of theirs on a sled."""
+    # the same points of other slippers differ
+    return [POINT_COLORS[(k + 3 * slipper) % len(POINT_COLORS)] for k in range(points)]
+
+
+def by_contact(ds: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with one dimension `contact` in place of those of contact points.
+
+    Its labels are the points' names, as in `Scene.point_names`: A1 at the front, A2 at the rear, of a sled left2_A1.
+    Further coordinates along it are "end", "point", of a sled "slipper", and "color".
+    """
+    labels = [np.atleast_1d(ds[dim].values) for dim in POINT_DIMS if dim in ds.coords]
+    names = []
+    for *slipper, end, point in itertools.product(*labels):
+        names.append("_".join([*slipper, f"{point}{2 if end == 'rear' else 1}"]))
+    points = len(labels[-1])
+    ends = range(len(names) // points)
+    colors = np.ravel([point_colors(points, k // len(labels[-2])) for k in ends])
+    flat = ds.stack(contact=point_dims(ds), create_index=False)
+    return flat.assign_coords(contact=names, color=("contact", colors))
 
 
 def typeset(unit: str) -> str:

@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from ..flow.status import Status
-from ..model.quantities import Quantity
-from .runs import RunView, edges_of, speed_name, stretch_of_windows
+from ..model.quantities import Quantity, point_dims
+from .runs import RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
 SUMMED = ("impacts", "impulse", "friction_work")
 """Numbers that are summed over points and windows; of others the highest counts."""
@@ -39,13 +38,20 @@ def of_windows(view: RunView) -> pd.DataFrame:
         "status": [words(code) for code in view.codes],
     }
     if "peak_force" in ds:
-        columns |= _highest_forces(ds)
+        at = highest_forces(ds)
+        force = at["peak_force"].values
+        # point and place are empty without contact
+        columns |= {
+            "peak_force": force,
+            "point": np.where(force > 0, at["contact"].values, ""),
+            "peak_distance": np.where(force > 0, at["peak_distance"].values, np.nan),
+        }
     for name, values in ds.data_vars.items():
         if "distance" not in values.dims or name in PLACED or values.dtype.kind not in "fiu":
             continue
-        if {"end", "point"} <= set(values.dims):
+        if "point" in values.dims:
             joined = values.sum if name in SUMMED else values.max
-            values = joined(("end", "point"), skipna=False)
+            values = joined(point_dims(values), skipna=False)
         # one column for each direction and the like
         for index in np.ndindex(*[values.sizes[dim] for dim in values.dims if dim != "distance"]):
             part = values.transpose("distance", ...)[(slice(None), *index)]
@@ -56,24 +62,6 @@ def of_windows(view: RunView) -> pd.DataFrame:
         if values.dims == ("stretch",) and str(name).startswith("rms_"):
             columns[str(name)] = values.values[stretch_of_windows(ds)]
     return pd.DataFrame(columns)
-
-
-def _highest_forces(ds: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the highest force of all points in each window, the point and the place; both empty without contact."""
-    force = ds["peak_force"].transpose("distance", "end", "point")
-    rows = np.arange(len(force))
-    # NaN is lower than any force
-    end, point = np.unravel_index(
-        np.argmax(force.fillna(-np.inf).values.reshape(len(rows), -1), axis=1), force.shape[1:]
-    )
-    high = force.values[rows, end, point]
-    names = [f"{letter}{k + 1}" for letter, k in zip(ds["point"].values[point], end, strict=True)]
-    place = ds.get("peak_distance", ds["distance"].broadcast_like(force)).transpose(*force.dims)
-    return {
-        "peak_force": high,
-        "point": np.where(high > 0, names, ""),
-        "peak_distance": np.where(high > 0, place.values[rows, end, point], np.nan),
-    }
 
 
 def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:

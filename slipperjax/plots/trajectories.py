@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 
 from ..flow.simulate import Trajectory
 from ..flow.status import Status
-from ..model.parameters import quantity
 from ..tools.checks import number, positive, real, require, whole
 from ..tools.types import Numbers
 from .style import (
     COLORS,
-    POINT_COLORS,
     axis_label,
+    by_contact,
     check_dataset,
     drawing,
     legend_above,
@@ -92,7 +91,8 @@ def contact_forces(
     **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: forcing periods at the end of the
     run that are drawn, None for all.
 
-    **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
+    **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear, of a sled after their
+    slipper, as left2_A1.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     period = ds["period"].values
@@ -123,7 +123,7 @@ class PointForce(NamedTuple):
     """Contact force of one point [kN] in the saved states, and its peak over every step where that is known."""
 
     name: str
-    """The point's letter, and 1 at the front or 2 at the rear."""
+    """As in `Scene.point_names`."""
     force: np.ndarray
     peak: float
     instant: float
@@ -132,8 +132,11 @@ class PointForce(NamedTuple):
     """Colour and dashes in all pictures."""
 
 
-def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
-    """Return the forces of the `most` points with the highest peaks in a dataset, the highest first."""
+def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce]:
+    """Return the forces of the `most` points with the highest peaks in a dataset, the highest first.
+
+    **Arguments:** `slipper`: name of the one of a sled whose points are meant; empty for all.
+    """
     most = whole("most", most, 1)
     period = ds["period"].values
     force = ds["contact_force"].fillna(-np.inf)
@@ -146,20 +149,17 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
         # a record begins one interval before its first saved state
         within = (when > 2 * period[0] - period[:2][-1]) & (when <= period[-1]) | np.isnan(when)
         peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
-    stacked = peaks.stack(at=("end", "point"))
-    points = list(ds["point"].values)
+    flat = by_contact(ds[["contact_force"]].assign(peak_force=peaks, instant=instants))
+    if slipper:
+        flat = flat.isel(contact=np.flatnonzero(flat["slipper"] == slipper))
+    force = shown(flat.transpose("contact", ...), "contact_force")
+    peak = shown(flat, "peak_force")
     lines = []
     # the points with the highest peaks first
-    for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
-        at = {"end": end, "point": point}
-        front = end == "front"
-        style = {
-            "color": POINT_COLORS[points.index(point) % len(POINT_COLORS)],
-            "ls": "-" if front else (0, (3, 1.5)),
-        }
-        peak = float(quantity("peak_force").shown(peaks.sel(at)))
-        forces = shown(ds.sel(at), "contact_force")
-        lines.append(PointForce(f"{point}{1 if front else 2}", forces, peak, float(instants.sel(at)), style))
+    for k in np.argsort(peak, kind="stable")[::-1][:most]:
+        at = flat.isel(contact=k)
+        style = {"color": at["color"].item(), "ls": (0, (3, 1.5)) if at["end"] == "rear" else "-"}
+        lines.append(PointForce(at["contact"].item(), force[k], float(peak[k]), float(at["instant"]), style))
     return lines
 
 

@@ -200,7 +200,7 @@ def over_rails(
     ```python
     rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
     ds = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(400)}, **rails)
-    over_rails(ds["peak_force"].max(("end", "point")), 0.99)
+    over_rails(ds["peak_force"].max(("end", "point")), 0.99)  # of a sled "slipper", too
     ```
 
     With `finer`, results of some of the rails with more steps, it also says what the number of steps changes: chaotic

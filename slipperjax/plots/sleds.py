@@ -1,0 +1,121 @@
+"""Pictures of sleds: seen from above, and what each slipper carries."""
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+
+from ..model.kinematics import contact_points
+from ..model.scene import Scene, check_scene
+from ..tools.checks import require, whole
+from ..tools.types import Numbers
+from .runs import RUN_SOURCE, RunView
+from .sections import RAIL_STYLE, SLIPPER_STYLE
+from .style import (
+    check_dataset,
+    color_bar,
+    color_norm,
+    drawing,
+    legend_above,
+    name_case,
+    name_label,
+    point_colors,
+    styled,
+)
+
+
+def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str] | None = None) -> Axes:
+    """Draw a sled on its rails from above, to scale: its slippers with their names, and its centre of mass.
+
+    It travels to the right. Of a run, slippers are coloured by their highest forces, where these mean something.
+
+    **Arguments:** `source`: a scene, or a dataset of `run` without a grid or of one case of it; `ax`: the Axes to
+    draw into, default those of a new figure; `units`: of forces, as for `run_overview`.
+
+    **Returns:** the Axes, in m.
+    """
+    view = None if isinstance(source, Scene) else RunView.of(source, units=units)
+    scene = check_scene(source if view is None else view.scene)
+    slippers = scene.mounted
+    names = list(scene.slipper.names or ["slipper"])
+    axis = contact_points(scene).axis[0]
+    # of all points of each slipper alike
+    rails = np.zeros(len(names)) if axis is None else np.asarray(axis).reshape(len(names), -1)[:, 0]
+    with drawing(ax, None if view is None else view.ds, 5.0, 3.6) as ax:
+        colors = [SLIPPER_STYLE["facecolor"]] * len(names)
+        if view is not None and "peak_force" in view.ds:
+            q = view.quantity("peak_force")
+            force = view.ds["peak_force"]
+            values = np.atleast_1d(q.shown(force.max([dim for dim in force.dims if dim != "slipper"]).values))
+            by_force = ScalarMappable(color_norm(values))
+            color_bar(ax, by_force, name_label(q))
+            colors = by_force.to_rgba(values)
+            names = [f"{name}\n{value:.4g} {q.display_unit}" for name, value in zip(names, values, strict=True)]
+        for name, slipper, rail, color in zip(names, slippers, rails, colors, strict=True):
+            x, y, _ = (0.0 if place is None else float(place) for place in slipper.place)
+            across = np.asarray(slipper.section.points)[:, 0]
+            half = float(slipper.length) / 2
+            ax.axhspan(rail + across.min(), rail + across.max(), **RAIL_STYLE)
+            ax.plot([0, x], [0, y], lw=0.8, color=SLIPPER_STYLE["edgecolor"])
+            ax.fill_between(
+                [x - half, x + half], y + across.min(), y + across.max(), **SLIPPER_STYLE | {"facecolor": color}
+            )
+            # on the side away from the centre of mass
+            side = -1 if y < 0 else 1
+            place = (x, y + side * np.max(side * across))
+            style = dict(ha="center", va="bottom" if side > 0 else "top", fontsize=7)
+            ax.annotate(name, place, (0, 3 * side), textcoords="offset points", **style)
+        ax.plot(0, 0, "o", ms=6, mfc="white", mec="black", label="centre of mass")
+        ax.set_aspect("equal", "datalim")
+        ax.margins(0.2)
+        ax.set(xlabel="$x$ [m], direction of travel", ylabel="$y$ [m]")
+        ax.grid(False)
+        legend_above(ax)
+    return ax
+
+
+def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int = 10) -> np.ndarray:
+    """Draw the share of each slipper of a sled in the vertical and the lateral load and in the roll moment.
+
+    Shares are those of the magnitudes of the slippers' mean forces and moments, as these may oppose each other.
+
+    **Arguments:**
+
+    - `ds`: a run of a sled with `slipper_force`, and with `slipper_roll` for the moment.
+    - `static`: share of each slipper in the vertical load at rest [1], drawn as dashed lines; default none.
+    - `windows`: number of windows over which forces are averaged.
+
+    **Returns:** the Axes, an array.
+
+    **Raises:** `ValueError` for another dataset, or other than one share for each slipper.
+    """
+    view = RunView.of(check_dataset(ds, RUN_SOURCE, "slipper", "slipper_force"))
+    over = whole("windows", windows, 1)
+    names = [str(name) for name in view.ds["slipper"].values]
+    loads = {f"{name} load": view.ds["slipper_force"].sel(direction=name) for name in ("vertical", "lateral")}
+    if "slipper_roll" in view.ds:
+        loads["roll moment"] = view.ds["slipper_roll"]
+    at_rest = [] if static is None else np.cumsum(np.asarray(static, float))
+    need = f"have a share for each of {len(names)} slippers"
+    require(static is None or np.shape(static) == (len(names),), "static", need, static)
+    edges = view.edges("distance")
+    with styled():
+        size = (7.2, 1.6 * len(loads) + 0.7)
+        figure, axes = plt.subplots(len(loads), 1, figsize=size, sharex=True, layout="constrained")
+        name_case(figure, view.ds, full=True)
+        for ax, (name, load) in zip(axes, loads.items(), strict=True):
+            # windows that are lost have no share
+            mean = np.abs(load.rolling(distance=over, center=True, min_periods=1).mean().where(load.notnull()))
+            shares = (mean / mean.sum("slipper")).transpose("slipper", "distance").values
+            ax.stackplot(
+                (edges[1:] + edges[:-1]) / 2, shares, labels=names, colors=point_colors(len(names)), alpha=0.6, lw=0
+            )
+            ax.set(ylabel=f"share of the\n{name}", ylim=(0, 1), xlim=edges[[0, -1]])
+        for share in at_rest[:-1]:
+            axes[0].axhline(share, color="black", ls="--", lw=0.9, label="at rest")
+        axes[-1].set_xlabel(name_label(view.quantity("distance")))
+        legend_above(axes[0])
+    return axes

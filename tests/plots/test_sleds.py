@@ -1,0 +1,207 @@
+"""Pictures of a sled on four slippers: a run of 30 m, and motions and loads made by hand."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax import plots
+from slipperjax.model.kinematics import contacts, rail_frame
+from slipperjax.plots.report import _of_run, pages_of, summary
+from slipperjax.plots.runs import RunView, peak_of
+from slipperjax.plots.style import by_contact
+from slipperjax.plots.tables import of_windows
+from slipperjax.plots.trajectories import most_loaded
+
+from .shown import bar_of, drawn, legend
+from .test_animations import points_of
+
+CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
+MOUNTS = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in CORNERS]
+NAMES = ["left1", "left2", "right1", "right2"]
+
+
+def sled(**parts):
+    """Gives a sled at 300 m/s on two random rails."""
+    track = sj.TwoRails(*(sj.RandomTrack.sled(seed=k, length=200.0) for k in (1, 2)))
+    body = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=MOUNTS, **parts)
+    return dataclasses.replace(sj.paper_scene(speed=300.0), slipper=body, track=track, gravity=9.81)
+
+
+SCENE = sled()
+MOTION = sj.Motion.from_euler(y=2e-4, z=-3e-4, roll=4e-4, pitch=-1e-4, yaw=1e-4)
+
+
+def moving(scene=SCENE):
+    """Gives one attitude at 5 instants of 8 m, in which the force of right1_C2 is 7 kN and others are 0 to 79 N."""
+    force = np.broadcast_to(np.arange(80.0).reshape(scene.point_shape), (5, *scene.point_shape)).copy()
+    force[2, 2, 1, 2] = 7e3
+    angles = dict(roll=4e-4, pitch=-1e-4, yaw=1e-4)
+    data = {name: ("time", np.full(5, value)) for name, value in dict(y=2e-4, z=-3e-4, **angles).items()}
+    data |= {name: ("time", np.zeros(5)) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")}
+    data["contact_force"] = (("time", *scene.point_labels), force)
+    coords = {"period": ("time", np.linspace(1.0, 2.0, 5)), **scene.point_labels}
+    return xr.Dataset(data, coords, {"status": 0})
+
+
+@pytest.fixture(scope="module")
+def run():
+    return sj.run(SCENE, length=30.0, start=sj.Motion())
+
+
+def test_points_are_named_as_in_their_scene():
+    flat = by_contact(moving())
+    assert flat["contact"].values.tolist() == SCENE.point_names
+    assert flat["contact_force"].values[0].tolist() == list(np.arange(80.0))
+    # the same point has another colour on each slipper
+    assert len({str(flat["color"].sel(contact=f"{name}_A1").item()) for name in NAMES}) == 4
+    one = by_contact(moving().sel(slipper="left2", end="rear"))
+    assert one["contact"].values.tolist() == [f"left2_{letter}2" for letter in "ABCDEFGHIJ"]
+    assert one["contact_force"].values[0].tolist() == list(np.arange(30.0, 40.0))
+
+
+def test_forces_of_a_sled_s_points_are_drawn_with_their_slippers():
+    ax = plots.contact_forces(moving(), most=2)
+    assert legend(ax) == ["right1_C2, peak 7 kN at 1.5", "right2_J2, peak 0.079 kN at 1"]
+    assert drawn(ax.lines[0])[2].tolist() == [1.5, 7.0]
+    assert [line.name for line in most_loaded(moving(), 2, "left2")] == ["left2_J2", "left2_I2"]
+
+
+def test_each_slipper_s_ends_are_drawn_where_the_model_has_them():
+    figure = plots.instant(moving(), SCENE, at=1.5, magnify=2.0, last=None)
+    gap = np.asarray(contacts(rail_frame(SCENE, 1.5), MOTION).gap).reshape(4, 2, -1)
+    force = moving()["contact_force"].values[2]
+    normals, rail = np.asarray(SCENE.section.normals), np.asarray(SCENE.section.track_points)
+    ends = figure.axes[:8]
+    assert [ax.get_title() for ax in ends] == [f"{name} {end}" for name in NAMES for end in ("front", "rear")]
+    for k, ax in enumerate(ends):
+        found = 1e-3 * np.sum((points_of(ax) - 1e3 * rail) * normals, axis=1)
+        # in m, of gaps to 1 mm: measured 1e-17
+        np.testing.assert_allclose(found, 2.0 * gap[k // 2, k % 2], atol=1e-14)
+        quiver = ax.collections[1]
+        length = 0.5 * 42.0 / 7e3  # of the section's height, for the highest force of all
+        np.testing.assert_allclose(np.hypot(quiver.U, quiver.V), length * force[k // 2, k % 2], atol=1e-9)
+    assert np.ptp(gap, axis=0).max() > 1e-4  # slippers differ
+    assert "longest arrow 7 kN" in figure.get_suptitle()
+    with pytest.raises(ValueError, match=r"`run` must have the contact points of its scene, but has .* 20 of 80"):
+        plots.animate(moving().sel(slipper="left1"), SCENE)
+
+
+def test_an_elastic_sled_s_slippers_are_drawn_where_its_mode_has_them():
+    """A mode that moves the second slipper upwards by 0.4 mm."""
+    shapes = np.zeros((1, 4, 3))
+    shapes[0, 1, 2] = 0.05
+    scene = sled(modes=sj.Modes([50.0], [0.02], shapes))
+    still = lambda q, modes: sj.State(sj.Motion(modes=modes), jnp.zeros(80) * q)
+    elastic = lambda q: still(q, sj.ModalMotion(q[None], 0 * q[None]))
+    states = [jax.vmap(elastic)(jnp.full(3, 8e-3)), jax.vmap(lambda q: still(q, None))(jnp.zeros(3))]
+    period = jnp.asarray([1.0, 1.5, 2.0])
+    moved, rigid = (
+        sj.Trajectory(of, period, state, 50, jnp.full(2, 50), jnp.asarray(0), None)
+        for of, state in zip((scene, SCENE), states, strict=True)
+    )
+    tops = []
+    for one in (moved, rigid):
+        figure = plots.instant(one, magnify=1.0, last=None)
+        tops.append([points_of(ax)[0, 1] for ax in figure.axes[:8:2]])
+    # mm: measured 0.4 to 3e-16
+    np.testing.assert_allclose(np.subtract(*tops), [0.0, 0.4, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
+    view = RunView.of(run)
+    force = run["peak_force"].values.reshape(30, -1)
+    window, point = np.unravel_index(np.argmax(force), force.shape)
+    name = SCENE.point_names[point]
+    at = peak_of(run)
+    assert (at["contact"].item(), float(at["peak_force"])) == (name, force.max())
+    assert float(at["peak_distance"]) == run["peak_distance"].values.reshape(30, -1)[window, point]
+    table = of_windows(view)
+    touched = force.max(axis=1) > 0
+    assert 5 < touched.sum() < 30
+    wanted = np.where(touched, np.array(SCENE.point_names)[force.argmax(axis=1)], "")
+    assert table["point"].tolist() == wanted.tolist()
+    assert table["peak_force"].tolist() == force.max(axis=1).tolist()
+    assert table["impacts"].tolist() == run["impacts"].values.reshape(30, -1).sum(axis=1).tolist()
+    assert any(f"at {name} (" in line for line in summary(view))
+    axes = plots.run_overview(run)
+    assert legend(axes[0]) == ["left lateral", "right lateral"]
+    assert f"at {name}, " in legend(axes[3])[-1]
+    assert legend(axes[4]) == NAMES
+    each = run["impact_rate"].sum(("end", "point")).values
+    assert [patch.get_data()[0].tolist() for patch in axes[4].patches] == each.T.tolist()
+    along = list(pages_of(_of_run(view)))[1]
+    assert legend(along.axes[3])[0].startswith(f"{name}, ")
+    for ending in ("pdf", "csv", "xlsx"):
+        assert plots.report(run, tmp_path / f"sled.{ending}").startswith("wrote ")
+    assert isinstance(plots.plot(run), np.ndarray)
+
+
+def test_a_plan_has_each_slipper_at_its_place_coloured_by_its_force(run):
+    half = np.ptp(np.asarray(SCENE.section.points)[:, 0]) / 2
+    for source in (SCENE, run):
+        ax = plots.plan(source)
+        boxes = [area.get_paths()[0].get_extents() for area in ax.collections]
+        assert [box.intervalx.tolist() for box in boxes] == [pytest.approx([x - 0.1, x + 0.1]) for x, *_ in CORNERS]
+        assert [box.intervaly.tolist() for box in boxes] == [
+            pytest.approx([y - half, y + half]) for _, y, _ in CORNERS
+        ]
+        assert {round(rail.get_y() + rail.get_height() / 2, 6) for rail in ax.patches} == {0.9, -0.9}
+    highest = run["peak_force"].max(("distance", "end", "point")).values / 1e3
+    assert [text.get_text() for text in ax.texts] == [
+        f"{name}\n{force:.4g} kN" for name, force in zip(NAMES, highest, strict=True)
+    ]
+    bar = bar_of(ax)
+    assert bar.get_ylabel() == r"peak force $F_{\mathrm{max}}$ [kN]"
+    assert bar.get_ylim() == pytest.approx((highest.min(), highest.max()))
+    # the darkest colour is that of the lowest force
+    light = [area.get_facecolor()[0][:3].sum() for area in ax.collections]
+    assert np.argsort(light).tolist() == np.argsort(highest).tolist()
+    # a single slipper, and a run whose numbers mean nothing
+    assert [text.get_text() for text in plots.plan(sj.paper_scene()).texts] == ["slipper"]
+    lost = plots.plan(run.assign(status=int(sj.Status.DERAILED), window_status=("distance", np.full(30, 2))))
+    assert not any(np.isfinite(float(text.get_text().split()[1])) for text in lost.texts)
+
+
+def shared(run):
+    """Gives a run whose slippers carry 1, 2, 3 and 4 kN, which swing by 1 kN from window to window."""
+    swing = 1e3 * (-1.0) ** np.arange(30)
+    vertical = 1e3 * np.arange(1.0, 5.0) + swing[:, None]
+    force = np.stack([0.1 * vertical * [1, -1, 1, -1], vertical], axis=-1)
+    data = {"slipper_force": (("distance", "slipper", "direction"), force, {"units": "N"})}
+    data["slipper_roll"] = (("distance", "slipper"), 0.9 * vertical * [1, 1, -1, -1], {"units": "N m"})
+    return run.assign(data).assign_coords(direction=["lateral", "vertical"])
+
+
+def test_loads_are_shared(run):
+    ds = shared(run)
+    axes = plots.load_sharing(ds, [0.1, 0.2, 0.3, 0.4])
+    assert [ax.get_ylabel().split("\n")[1] for ax in axes] == ["vertical load", "lateral load", "roll moment"]
+    assert legend(axes[0]) == [*NAMES, "at rest"]
+    assert [line.get_ydata()[0] for line in axes[0].lines] == pytest.approx([0.1, 0.3, 0.6])
+    for ax in axes:
+        for k, area in enumerate(ax.collections):
+            places, heights = area.get_paths()[0].vertices.T
+            # of ten windows the swing is zero, and shares are those of magnitudes
+            inside = (places > 6) & (places < 24)
+            ends = np.cumsum([0.0, 0.1, 0.2, 0.3, 0.4])[k : k + 2]
+            assert sorted(set(heights[inside].round(9))) == pytest.approx(ends, abs=1e-9)
+    one = plots.load_sharing(ds.drop_vars("slipper_roll"), windows=1)
+    assert len(one) == 2
+    last = one[0].collections[2].get_paths()[0].vertices
+    assert last[last[:, 0] == 10.5][:, 1].max() == pytest.approx(9 / 14)  # 2, 3, 4 and 5 kN
+
+
+def test_wrong_sleds_are_one_line(run):
+    for draw, words in (
+        (lambda: plots.load_sharing(run), "`ds` must be a dataset of one run, .* with `slipper_force`"),
+        (lambda: plots.load_sharing(shared(run), [0.5, 0.5]), "`static` must have a share for each of 4 slippers"),
+        (lambda: plots.load_sharing(shared(run), windows=0), "`windows` must be"),
+        (lambda: plots.plan(3), "`ds` must be a dataset of one run"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            draw()
