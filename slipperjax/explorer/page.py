@@ -38,7 +38,9 @@ class Page:
         self.session = session
         self.quiet = False  # whether widgets are set by the page, which must not be taken for the user
         self.worker = Worker(("case", "map"), self._deliver, self._ended)
-        self.panels = Panels(lambda: self.panels.show(self.session.shown))
+        slippers = session.view.scene.slipper.names
+        self.panels = Panels(slippers, lambda: self.panels.show(self.session.shown))
+        self.panels.slipper.on_change("value", self._chosen)
         sides = row(self._left(), self.panels.root, spacing=12)
         doc.title = "slipperjax explore"
         doc.add_root(column(self._header(), sides, styles={"padding": "4px 8px"}))
@@ -178,7 +180,7 @@ class Page:
 
     def _show_view(self) -> None:
         """Draw the left side again."""
-        view = self.session.view
+        view = self.session.view.of_slipper(self.panels.slipper.value)
         self.back.disabled = len(self.session.views) == 1
         options = pictures.choices(view)
         self.quiet = True

@@ -1,7 +1,7 @@
 """The right side of the page: one case around the rail head, over time, and in the plane of a coordinate."""
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import SECTIONS
-from ..plots.sections import colors_of, frames_of, label_places, rail_outline
+from ..plots.sections import frames_of, label_places, rail_outline
 from ..plots.style import COLORS
 from ..plots.trajectories import most_loaded
 from .pictures import label, slipper_columns
@@ -42,13 +42,16 @@ def panel(title: str, across: str = "", up: str = "", **options: object) -> figu
 class Panels:
     """The right side of the page: one case."""
 
-    def __init__(self, chosen: Callable[[], None]):
-        """**Arguments:** `chosen`: called when another motion is chosen."""
+    def __init__(self, slippers: Sequence[str], chosen: Callable[[], None]):
+        """**Arguments:** `slippers`: of a sled; `chosen`: called when another one, or motion, is chosen."""
         blue = COLORS["blue"]
         names = [(velocity, label(quantity(coordinate))) for velocity, coordinate in SECTIONS.items()]
-        self.title = Div(width=512, styles={"font-size": "13px"}, name="case")
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
-        self.motion.on_change("value", lambda attr, old, new: chosen())
+        options = [("", "all"), *((name, name) for name in slippers)]
+        self.slipper = Select(title="Slipper", options=options, value="", width=90, visible=bool(slippers))
+        self.title = Div(width=410 if slippers else 512, styles={"font-size": "13px"}, name="case")
+        for choice in (self.motion, self.slipper):
+            choice.on_change("value", lambda attr, old, new: chosen())
         self.time = panel("Motion over time", "forcing periods", name="time")
         self.phase = panel("Phase portrait, red once per period")
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]", width=692)
@@ -69,7 +72,9 @@ class Panels:
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black")
             f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
-        self.root = column(row(self.title, self.motion), *self._slipper(), row(self.time, self.phase), self.forces)
+        self.root = column(
+            row(self.title, self.slipper, self.motion), *self._slipper(), row(self.time, self.phase), self.forces
+        )
 
     def _slipper(self) -> list[Row]:
         """Return the panels of both ends, with the slider of instants. The browser alone plays them."""
@@ -79,7 +84,7 @@ class Panels:
         figures = []
         # the same glyphs at both ends, whose data the browser sets by instant
         for end in ("front", "rear"):
-            f = panel(f"Slipper around the rail head, {end}", "y [mm]", "z [mm]", height=250, match_aspect=True)
+            f = panel("Slipper around the rail head", "y [mm]", "z [mm]", height=250, match_aspect=True)
             rail = source("x", "y")
             slipper = source("x", "y")
             dots = source("x", "y", "tip_x", "tip_y", "color", "alpha", "name", "at_x", "at_y")
@@ -97,7 +102,7 @@ class Panels:
                 text_baseline="middle",
             )
             args |= {end: slipper, f"{end}_dots": dots}
-            self.ends[end] = rail, dots
+            self.ends[end] = f, rail, dots
             figures.append(f)
         self.instant = Slider(start=0, end=79, value=0, step=1, title="instant", show_value=False, width=270)
         self.play = Toggle(label="Play", width=70, name="play")
@@ -138,7 +143,7 @@ class Panels:
         self.curve.data = {"x": time, "y": across.shown(last[coordinate].values)}
         self.orbit.data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
         # peaks of the whole run may lie before what is drawn
-        lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6)
+        lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6, self.slipper.value)
         # points that touch
         lines = [line for line in lines if line.peak > 0]
         self.lines.data = {
@@ -157,20 +162,24 @@ class Panels:
         # a browser draws some hundred instants with ease
         ds = shown.ds if steady else shown.ds.thin(time=-(-shown.ds.sizes["time"] // 640))
         try:
-            drawn = frames_of(ds, shown.run.scene, last=2.0 if steady else None)
+            frames = frames_of(ds, shown.run.scene, last=2.0 if steady else None)
         except ValueError:  # the motion is not finite
             return
+        # of all the one with the highest force
+        wanted = [of for of in frames if self.slipper.value in ("", of.name)]
+        drawn = max(wanted, key=lambda of: of.force.max())
         head = rail_outline(drawn.shape)
         places = label_places(drawn.shape)
         zero = np.zeros(len(places))
         # what stands still; the rest follows from the frames
-        for k, (rail, dots) in enumerate(self.ends.values(), 1):
+        for k, (end, (f, rail, dots)) in enumerate(self.ends.items(), 1):
+            f.title.text = f"{drawn.name or 'Slipper'} around the rail head, {end}"
             rail.data = {"x": head[:, 0], "y": head[:, 1]}
             dots.data = {
                 **dict.fromkeys(("x", "y", "tip_x", "tip_y", "alpha"), zero),
                 "at_x": places[:, 0],
                 "at_y": places[:, 1],
-                "color": colors_of(drawn.shape),
+                "color": drawn.colors,
                 "name": [f"{name}{k}" for name in drawn.shape.names],
             }
         self.frames.data = slipper_columns(drawn, shown.unit)

@@ -7,7 +7,7 @@ import xarray as xr
 
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS
-from ..model.quantities import SECTIONS, Quantity
+from ..model.quantities import POINT_DIMS, SECTIONS, Quantity
 from ..plots.maps import categories, motions_of, regimes_of
 from ..plots.runs import edges_of
 from ..plots.sections import Frames, outline
@@ -36,7 +36,7 @@ def choices(view: View) -> list[str]:
     over = {"distance"} if view.is_run else set(ds["status"].dims)
     # numbers with a value for each case, or for each of its points
     for name, values in ds.data_vars.items():
-        of_cases = over <= set(values.dims) <= over | {"end", "point", "count"}
+        of_cases = over <= set(values.dims) <= {*over, *POINT_DIMS, "count"}
         if of_cases and values.dtype.kind in "fiu" and name not in ("status", "period"):
             found.append(str(name))
     return found

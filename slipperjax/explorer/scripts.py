@@ -1,12 +1,10 @@
 """The script that computes the numbers which a page shows."""
 
 import diffrax
-import jax
+import equinox as eqx
 import numpy as np
 
 from ..model.dang2024 import paper_scene
-from ..model.dynamics import State
-from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from .session import PERIODS, SLIDERS, Session, sweep_options
@@ -86,11 +84,11 @@ def scene_text(scene: Scene) -> str:
     return f"sj.model.scene_from_json({content!r})"
 
 
-def start_text(start: Motion | State) -> str:
-    """Return a motion or state as an expression, exact to the last bit."""
-    if isinstance(start, State):
-        memory = "None" if start.memory is None else f"jnp.array({np.asarray(start.memory).tolist()})"
-        return f"sj.State({start_text(start.motion)}, {memory})"
-    # floats in full digits; coordinates that are zero are left out
-    numbers = jax.tree.map(float, vars(start))
-    return f"sj.{type(start).__name__}({', '.join(f'{k}={v!r}' for k, v in numbers.items() if v)})"
+def start_text(start: object) -> str:
+    """Return a motion or state, or a part of it, as an expression, exact to the last bit."""
+    if isinstance(start, eqx.Module):
+        # numbers that are zero are left out
+        parts = [f"{k}={start_text(v)}" for k, v in vars(start).items() if isinstance(v, eqx.Module) or np.any(v)]
+        return f"sj.{type(start).__name__}({', '.join(parts)})"
+    # floats in full digits
+    return f"jnp.array({np.asarray(start).tolist()})" if np.ndim(start) else repr(float(start))

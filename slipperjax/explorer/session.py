@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import diffrax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -89,6 +90,10 @@ class View:
         if self.grid:
             return self.grid[name]
         return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
+
+    def of_slipper(self, name: str) -> "View":
+        """Return the view with the contact points of one slipper of a sled; with an empty name with those of all."""
+        return dataclasses.replace(self, ds=self.ds.sel(slipper=name)) if name and "slipper" in self.ds.dims else self
 
     def quantity(self, name: str) -> Quantity:
         """Return the quantity that a coordinate is of."""
@@ -296,8 +301,8 @@ class Session:
         periods = max(1, math.ceil((high - self.way(low)[1]) / wave - 1e-6))
         kept, begin = self.way(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
         if scene.wear is not None:  # too little to matter within a window
-            play = self.run["play"].sel(stretch=kept).values if kept in self.run["stretch"] else scene.section.play
-            scene = dataclasses.replace(scene, wear=None, section=dataclasses.replace(scene.section, play=play))
+            play = self.run["play"].sel(stretch=kept).values if kept in self.run["stretch"] else scene.play
+            scene = dataclasses.replace(scene, wear=None).with_play(jnp.asarray(play))
         return scene, periods, begin
 
     # --- the case ---------------------------------------------------------------------------------------------------
