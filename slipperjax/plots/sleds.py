@@ -85,7 +85,8 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
     **Arguments:**
 
     - `ds`: a run of a sled with `slipper_force`, and with `slipper_roll` for the moment.
-    - `static`: share of each slipper in the vertical load at rest [1], drawn as dashed lines; default none.
+    - `static`: share of each slipper in the vertical load at rest [1], such as `Sled.static_shares`, drawn as dashed
+        lines; default none.
     - `windows`: number of windows over which forces are averaged.
 
     **Returns:** the Axes, an array.

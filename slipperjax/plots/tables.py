@@ -11,7 +11,7 @@ from .runs import RunView, edges_of, highest_forces, speed_name, stretch_of_wind
 
 SUMMED = ("impacts", "impulse", "friction_work")
 """Numbers that are summed over points and windows; of others the highest counts."""
-MEANS = ("speed", "contact_fraction", "drive_force")
+MEANS = ("speed", "contact_fraction", "drive_force", "slipper_force", "slipper_roll")
 """Numbers that are averaged over windows."""
 PLACED = ("peak_force", "point", "peak_distance")
 """What belongs to the highest force."""
@@ -80,7 +80,9 @@ def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
             highest = int(np.argmax(part["peak_force"].to_numpy()))
             row |= {name: part[name].iloc[highest] for name in PLACED}
         for name in part.columns.difference(list(row), sort=False):
-            how = "sum" if name in SUMMED else "mean" if name in MEANS else "max"
+            # the variable comes first, before a slipper or a direction
+            of = name.split(" ")[0]
+            how = "sum" if of in SUMMED else "mean" if of in MEANS else "max"
             row[name] = part[name].agg(how, skipna=False)
         rows.append(row)
     return pd.DataFrame(rows, columns=windows.columns)

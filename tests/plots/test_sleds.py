@@ -14,7 +14,7 @@ from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.plots.report import _of_run, pages_of, summary
 from slipperjax.plots.runs import RunView, peak_of
 from slipperjax.plots.style import by_contact
-from slipperjax.plots.tables import of_windows
+from slipperjax.plots.tables import of_hundreds, of_windows
 from slipperjax.plots.trajectories import most_loaded
 
 from .shown import bar_of, drawn, legend
@@ -127,6 +127,10 @@ def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     assert table["point"].tolist() == wanted.tolist()
     assert table["peak_force"].tolist() == force.max(axis=1).tolist()
     assert table["impacts"].tolist() == run["impacts"].values.reshape(30, -1).sum(axis=1).tolist()
+    # mean forces of slippers, whose mean counts
+    column = of_hundreds(table)["slipper_force left2 vertical"]
+    wanted = run["slipper_force"].sel(slipper="left2", direction="vertical").mean("distance")
+    np.testing.assert_allclose(column, [float(wanted)], rtol=1e-12)  # measured 0
     assert any(f"at {name} (" in line for line in summary(view))
     axes = plots.run_overview(run)
     assert legend(axes[0]) == ["left lateral", "right lateral"]
@@ -198,7 +202,10 @@ def test_loads_are_shared(run):
 
 def test_wrong_sleds_are_one_line(run):
     for draw, words in (
-        (lambda: plots.load_sharing(run), "`ds` must be a dataset of one run, .* with `slipper_force`"),
+        (
+            lambda: plots.load_sharing(run.drop_vars("slipper_force")),
+            "`ds` must be a dataset of one run, .* with `slipper_force`",
+        ),
         (lambda: plots.load_sharing(shared(run), [0.5, 0.5]), "`static` must have a share for each of 4 slippers"),
         (lambda: plots.load_sharing(shared(run), windows=0), "`windows` must be"),
         (lambda: plots.plan(3), "`ds` must be a dataset of one run"),
