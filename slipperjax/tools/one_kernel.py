@@ -24,10 +24,13 @@ from .compile import note_compiling, split_arrays
 
 ATTRIBUTES = "mhlo.frontend_attributes"
 """Name by which XLA finds the attributes of a call."""
+LARGEST = 32 << 10
+"""Numbers of an only result from which on there is no kernel; with twice as many some could not be compiled."""
 
 
 def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
-    """Call `fun(*args)`: on a CPU one kernel of the compiled program, unless a LAPACK call, scatter or sort is in it.
+    """Call `fun(*args)`: on a CPU one kernel of the compiled program, unless a LAPACK call, scatter or sort is in it,
+    or its only result is an array of `LARGEST`.
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
@@ -122,6 +125,9 @@ def _only_calls(call: ir.Operation, functions: ir.SymbolTable) -> bool:
     block = functions[_callee(call)].entry_block
     inner, *others = [operation.operation for operation in block.operations]
     if inner.name != "func.call" or len(others) > 1:
+        return False
+    # XLA shares the work of a large only result among threads, for which it has no code inside a kernel
+    if len(inner.results) == 1 and math.prod(ir.RankedTensorType(inner.results[0].type).shape) >= LARGEST:
         return False
     return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
