@@ -1,0 +1,71 @@
+"""What goes on with sleds: sweeps, stores, orbits, exponents, sensitivities and designs, rigid and elastic."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+
+CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
+SLED = sj.Sled(400.0, (150.0, 300.0, 350.0), [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in CORNERS])
+BEAM = sj.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=2, damping=0.02)
+RAIL = sj.HarmonicTrack((8.0,), 1e-3)
+RIGID = sj.Scene(
+    speed=300.0,
+    slipper=SLED,
+    section=sj.paper_section(1e-3),
+    track=sj.TwoRails(RAIL, RAIL),
+    contact=sj.Flores(1e8, 0.6),
+    gravity=9.81,
+)
+ELASTIC = dataclasses.replace(RIGID, slipper=dataclasses.replace(SLED, modes=BEAM))
+STEPS = dict(steps_per_period=100, start="rest")
+SPEEDS = {"speed": [290.0, 300.0]}
+
+
+def test_exponents_of_a_sweep_are_those_of_its_orbits():
+    ds = sj.lyapunov_sweep(RIGID, SPEEDS, transient=20, periods=20, **STEPS)
+    end = sj.simulate(RIGID, 200, **STEPS)
+    orbit = sj.periodic_orbit(RIGID, start=end, steps_per_period=100)
+    assert int(orbit.status) == sj.Status.FINITE
+    slowest = np.log(np.abs(orbit.multipliers[0]))
+    np.testing.assert_allclose(ds["exponent"].sel(speed=300.0), slowest, rtol=1e-6)  # measured 2e-10
+    assert set(orbit.signature.points) <= set(RIGID.point_names)
+    assert orbit.signature.points[0].startswith(("left", "right"))
+
+
+def test_stores_hold_sleds(tmp_path):
+    options = dict(transient=2, periods=2, record=["peak_force", "sections"], **STEPS)
+    for scene in (RIGID, ELASTIC):
+        path = tmp_path / f"{scene.slipper.modes is None}.zarr"
+        ds = sj.sweep(scene, SPEEDS, store=path, **options)
+        assert ds["peak_force"].dims == ("speed", "slipper", "end", "point")
+        assert list(ds["slipper"].values) == ["left1", "left2", "right1", "right2"]
+        again = sj.sweep(scene, SPEEDS, **options)
+        np.testing.assert_array_equal(ds["peak_force"], again["peak_force"])
+        np.testing.assert_array_equal(sj.open_store(path)["v_z"], again["v_z"])
+        assert sj.load_scene(path, speed=300.0) == scene or repr(sj.load_scene(path, speed=300.0)) == repr(scene)
+
+
+@pytest.mark.slow
+def test_sensitivities_of_a_sled_are_those_of_its_orbit():
+    names = ["clearance", "slipper.mounts.left1.x", "slipper.modes.damping.0"]
+    ds = sj.design.sensitivities(ELASTIC, ["peak_force"], names, **STEPS)
+
+    def force(name, value):
+        scene = ELASTIC.replace(**{name: value})
+        orbit = sj.periodic_orbit(scene, start=sj.simulate(scene, 400, **STEPS), steps_per_period=100)
+        return float(sj.simulate(scene, 1, start=orbit.state, steps_per_period=100).peak.force)
+
+    for name, h in zip(names, (1e-7, 1e-5, 1e-4), strict=True):
+        value = float(ELASTIC.value(name))
+        difference = (force(name, value + h) - force(name, value - h)) / (2 * h)
+        np.testing.assert_allclose(ds["gradient"].sel(parameter=name).item(), difference, rtol=2e-2)
+
+
+@pytest.mark.slow
+def test_plays_of_sleds_are_designed():
+    best = sj.optimise_design(RIGID, "peak_force", {"clearance": (0.5e-3, 2e-3)}, **STEPS)
+    first = float(sj.simulate(RIGID, 1, start=sj.simulate(RIGID, 200, **STEPS), steps_per_period=100).peak.force)
+    assert best.objective <= first
