@@ -457,9 +457,10 @@ class Course:
     def acceleration(self) -> StepCubics:
         """The accelerations in the order of `slipperjax.model.ACCELERATIONS`, (ends, accelerations)."""
         travel = self.args.travel(self._instants)
+        m = self.rates
         # from rates per forcing period to rates per second
-        m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
-        return self._curve(store(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
+        rates = [rate / travel.period for rate in (m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)]
+        return self._curve(store(jnp.stack(rates, axis=-1)))
 
     @functools.cached_property
     def modal_acceleration(self) -> StepCubics:

@@ -262,6 +262,17 @@ def test_elastic_sleds_keep_their_energy(solver):
     np.testing.assert_allclose(energy(scene, end), energy(scene, state), rtol=1e-6)
 
 
+def test_accelerations_of_elastic_sleds_at_a_programme_that_keeps_the_speed():
+    body = with_mounts(SPRINGS, sj.Mount(0.3, rail="left"), sj.Mount(-0.3, rail="left")).slipper
+    modes = sj.Modes([40.0], [0.0], np.broadcast_to([0.0, 0.0, 0.1], (1, 2, 3)))
+    scene = dataclasses.replace(SPRINGS, slipper=dataclasses.replace(body, modes=modes), track=rail(1, 1))
+    held = sj.SpeedProgramme.stages([sj.Stage(0.0, length=20.0)], start=100.0)
+    kept = dict(length=4.0, record="rms_a_z", steps_per_period=200, solver="RK4", start=sj.Motion())
+    one, other = (sj.run(scene, speed=speed, **kept)["rms_a_z"].values for speed in (None, held))
+    assert np.all(one > 9.0)
+    np.testing.assert_allclose(one, other, rtol=1e-9)  # measured equal
+
+
 def test_rigid_sleds_have_no_modes():
     state = sj.initial_state(SPRINGS, sj.AtRest())
     assert state.motion.modes is None
