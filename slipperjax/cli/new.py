@@ -110,6 +110,14 @@ $gauge
 $left
 
 $right""")
+RANDOM_RAILS = Template("""\
+[track]
+type = "RandomRails"
+$gauge
+coherence = 0.95  # of left and right, magnitude squared; a gauge that varies more than the play wedges the sled
+seed = 0  # number of the pair of rails; each is another one
+
+$rail""")
 SURVEY = Template("""\
 [$table]
 ${first}file = $file  # columns distance, lateral and vertical, with their units
@@ -337,7 +345,7 @@ class _Rails(NamedTuple):
     """Rails of a scene, as options tell them."""
 
     names: list[str]
-    """Values of --rail and --right-rail: one for a single rail, or for a survey of two."""
+    """Values of --rail and --right-rail: one for a single rail, or for two rails of one survey or spectrum."""
     are_two: bool
     gauge: float | None
     """Distance between two rails [m]; None where the slippers say none."""
@@ -351,7 +359,7 @@ def _rails(places: np.ndarray, rail: str, right: str | None) -> _Rails:
         return _Rails([rail], False, None)
     require(y.all(), "--mount", "have a y above or below 0 for each, or 0 for all", shown="0 for some")
     gauge = 2 * abs(y[0]) if np.ptp(np.abs(y)) == 0 else None
-    return _Rails([rail] if right is None and rail not in RAILS else [rail, right or rail], True, gauge)
+    return _Rails([rail] if right is None else [rail, right], True, gauge)
 
 
 def _mounts(places: np.ndarray) -> str:
@@ -407,6 +415,12 @@ def _way(file: Path, speed: str, end_speed: float | None, of: _Rails, travel: fl
         way["speed"] = FROM_TO.substitute(begin=way["begin"], speed=f"{first:.9g}", **ends)
     gauge = f'gauge = "{of.gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
     gauge = gauge if of.gauge else f"# {gauge}"
+    if both and not surveys:
+        # the pair has the seed
+        lines = _random(of.names[0], length, "track.rail", 0).splitlines()
+        rail = "\n".join(line for line in lines if not line.startswith("seed"))
+        way["track"] = RANDOM_RAILS.substitute(gauge=gauge, rail=rail)
+        return way
     tables = ["track"] if len(of.names) == 1 else ["track.left", "track.right"]
     rails = []
     for k, (rail, table) in enumerate(zip(of.names, tables, strict=True)):
