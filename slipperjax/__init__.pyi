@@ -17,7 +17,12 @@ from . import (
 )
 from .design.optimise import optimise_design as optimise_design
 from .explorer.launch import explore as explore
-from .flow.datasets import load_run as load_run, load_scene as load_scene, load_start as load_start
+from .flow.datasets import (
+    load_environment as load_environment,
+    load_run as load_run,
+    load_scene as load_scene,
+    load_start as load_start,
+)
 from .flow.simulate import Trajectory as Trajectory, period_map as period_map, simulate as simulate
 from .flow.status import Interrupted as Interrupted, Status as Status
 from .model.contact import (

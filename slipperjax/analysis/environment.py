@@ -119,7 +119,7 @@ def window_densities(
         # one window at a time, because the spectra of all of them would take much memory
         part = slice(start, start + size)
         spectrum = power_spectral_density(x[..., part], rate)
-        good = resolved if highest is None else resolved & (edges[1:] <= highest[part].min())
+        good = resolved if highest is None else resolved & (edges[1:] <= highest[part].min() * (1 + _ROUNDING))
         densities.append(np.where(good, _band_means(*spectrum, edges, rate), np.nan))
     return (starts + (size - 1) / 2) / rate, np.stack(densities, axis=-2)
 
@@ -281,6 +281,7 @@ def vibration_environment(
     rate: float,
     *,
     time: Numbers | None = None,
+    highest: Numbers | None = None,
     edges: np.ndarray | None = None,
     window: float | None = None,
     averaging: float = 0.1,
@@ -290,9 +291,10 @@ def vibration_environment(
 
     **Arguments:** `acceleration` [m/s^2], shape (rails, ..., samples); `rate` [Hz]: ten times the highest frequency
     or more, better twenty; `time`: of samples that are not at `rate`, which are then resampled [s], shape (samples,),
-    such as those at equal distances of a sled whose speed changes; `edges` of bands [Hz], by default `band_edges()`;
-    `window` of densities [s], see `window_densities`; `averaging`: window of the level [s]; `quality` of the
-    oscillators of the shock response.
+    such as those at equal distances of a sled whose speed changes; `highest`: frequency up to which each given sample
+    is reliable, above which densities are NaN [Hz], shape (samples,); `edges` of bands [Hz], by default
+    `band_edges()`; `window` of densities [s], see `window_densities`; `averaging`: window of the level [s]; `quality`
+    of the oscillators of the shock response.
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
@@ -300,14 +302,16 @@ def vibration_environment(
     rate = number(positive, "rate", rate, "Hz")
     require(np.isfinite(x).all(), "acceleration", "be finite", shown="infinite or not a number")
     edges = band_edges() if edges is None else np.asarray(edges, float)
-    highest = None
+    known_to = None if highest is None else np.asarray(highest, float)
     if time is not None:
         x = resample(time, x, rate)
         old = np.asarray(time, float)
         gaps = np.diff(old)
         gap = np.searchsorted(old, old[0] + np.arange(x.shape[-1]) / rate, side="right") - 1
-        highest = 0.25 / gaps[np.minimum(gap, gaps.size - 1)]
-    middles, windows = window_densities(x, rate, edges, window=window, highest=highest)
+        gap = np.minimum(gap, gaps.size - 1)
+        by_samples = 0.25 / gaps[gap]
+        known_to = by_samples if known_to is None else np.minimum(by_samples, known_to[gap])
+    middles, windows = window_densities(x, rate, edges, window=window, highest=known_to)
     known = np.isfinite(windows).sum(axis=-2)
     total = np.where(np.isfinite(windows), windows, 0.0).sum(axis=-2)
     density = np.where(known > 0, total / np.maximum(known, 1), np.nan)

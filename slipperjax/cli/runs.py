@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,6 +33,8 @@ from .options import (
 if TYPE_CHECKING:
     import xarray
 
+BESIDE = "-environment"
+"""Added to the names of files with the vibration environment of a run."""
 SEPARATOR = "\t"
 """Between the words of --over, which may have spaces in them."""
 
@@ -74,12 +77,16 @@ def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
     designs by many runs over the same rails from the same starts.
 
-    FILE: a TOML file with a table [run], which has a length, such as length = "5 km".
+    FILE: a TOML file with a table [run], which has a length, such as length = "5 km". With a table [environment],
+    the vibration environment of its places is told, too, and written beside each --out with -environment in its name.
     """
-    from ..flow.datasets import load_run, load_units
+    from ..flow.datasets import load_environment, load_run, load_units
+    from ..plots.environment import environment_summary
     from ..plots.report import summary
     from ..plots.runs import UNITS, RunView
+    from ..sweeps.environment import check_environment, environment
     from ..sweeps.runs import run as over_rail
+    from ..sweeps.windows import AccelerationHistory, default_records
 
     file = click.get_current_context().params["scene"]
     # options that the user gave override the file
@@ -90,14 +97,30 @@ def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
     files = [_outputs(path) for path in out]
+    asked = load_environment(file)
+    beside: list[Outputs] = []
+    if asked is not None:
+        # before a long run
+        check_environment(case.scene, **asked)
+        beside = [Outputs(one.out.with_name(f"{one.out.name}{BESIDE}"), *one.endings) for one in files]
+        history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
+        options["record"] = [*default_records(case.scene), history]
     with keeping(lambda ds: "\n".join(_write(one, ds, partial=True) for one in files)):
         ds = over_rail(case.scene, **options, probe=3, progress=True)
     # reports of the file have them later, too
     ds.attrs[UNITS] = json.dumps(load_units(file))
     for one in files:
         print(_write(one, ds))
-    print("\n".join([case.text(start=_start(case)), *summary(RunView.of(ds, case.scene))]))
-    return LOST if is_lost(int(ds["status"])) else 0
+    lost = is_lost(int(ds["status"]))
+    told = [case.text(start=_start(case)), *summary(RunView.of(ds, case.scene))]
+    # of a lost run nothing but its status is told
+    if asked is not None and not lost:
+        report = environment(ds, **asked)
+        for one in beside:
+            print(_write(one, report))
+        told += environment_summary(report)
+    print("\n".join(told))
+    return LOST if lost else 0
 
 
 def _compared(case: Case, over: str, options: dict[str, object], out: tuple[Path, ...], units: Sequence[str]) -> int:

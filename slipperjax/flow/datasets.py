@@ -203,6 +203,18 @@ def load_units(source: object) -> tuple[str, ...]:
     return _run_table(source).get("units", ())
 
 
+def load_environment(source: object) -> dict[str, Any] | None:
+    """Return the arguments of `environment` besides its runs from the table [environment] of a TOML file; None where
+    it has none.
+
+    They serve as in `sj.environment(runs, **sj.load_environment(file))`.
+
+    **Raises:** `OSError` for a file that cannot be read.
+    """
+    file = _scene_file(source, {})
+    return None if file is None else file.environment
+
+
 def _run_table(source: object) -> dict[str, Any]:
     file = _scene_file(source, {})
     table = file and file.run

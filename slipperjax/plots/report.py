@@ -27,6 +27,7 @@ from ..tools.checks import require
 from ..tools.files import Content, user_path, write_each
 from ..tools.units import STANDARD_GRAVITY
 from .comparisons import comparison, table as table_of_designs, verdict
+from .environment import environment, environment_summary, environment_table
 from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
 from .style import COLORS, POINT_COLORS, by_contact, legend_above, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
@@ -48,14 +49,15 @@ POINTS = 5
 def report(
     ds: xr.Dataset, file: str | os.PathLike[str], units: Sequence[str] | None = None, scene: Scene | None = None
 ) -> str:
-    """Write the report of a run, or of designs compared: its summary, worst places, pictures and tables.
+    """Write the report of a run, of designs compared or of an environment: its summary, pictures and tables.
 
     **Arguments:**
 
-    - `ds`: of `run`, without a grid or one case of it, or of `compare`; also one that was read from a file.
+    - `ds`: of `run`, without a grid or one case of it, of `compare`, or of `environment`, which is shown in g; also
+        one that was read from a file.
     - `file`: its ending decides. FILE.pdf has pages; FILE.csv has a row for each window of distance, and
-        FILE_100m.csv beside it one for each 100 m; FILE.xlsx has the summary, both tables and the worst places as
-        sheets.
+        FILE_100m.csv beside it one for each 100 m; of an environment it has one for each band; FILE.xlsx has the
+        summary, all tables and the worst places as sheets.
     - `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default those of the scene's file.
         Distances are by default in the unit of the survey.
     - `scene`: default that of the dataset.
@@ -79,12 +81,17 @@ def report_files(
 
     **Arguments:** `ends`: of `endings`; all others as for `report`.
     """
-    compares = isinstance(ds, xr.Dataset) and "best" in ds
-    made = _of_designs(ds, units) if compares else _of_run(RunView.of(ds, scene, units))
+    has = lambda name: isinstance(ds, xr.Dataset) and name in ds
+    if has("best"):
+        made = _of_designs(ds, units)
+    elif has("density_envelope"):
+        made = _of_environment(ds)
+    else:
+        made = _of_run(RunView.of(ds, scene, units))
     return {
         Path(f"{out}{end}"): functools.partial(MAKERS[end], made)
         for end in ends
-        if end != "_100m.csv" or not compares
+        if end != "_100m.csv" or "100 m" in made.tables
     }
 
 
@@ -254,6 +261,13 @@ def _of_designs(ds: xr.Dataset, units: Sequence[str] | None) -> Report:
     """Return the report of designs that were compared."""
     figures = lambda: (axes[0].figure for axes in (comparison(ds, units),))
     return Report("Designs compared", verdict(ds, units), {"designs": table_of_designs(ds, units)}, figures)
+
+
+def _of_environment(ds: xr.Dataset) -> Report:
+    """Return the report of a vibration environment, a page for each place."""
+    pages = range(ds.sizes["place"])
+    figures = lambda: (environment(ds, place)[0, 0].figure for place in pages)
+    return Report("Vibration environment", environment_summary(ds), {"bands": environment_table(ds)}, figures)
 
 
 def _pdf(made: Report) -> bytes:

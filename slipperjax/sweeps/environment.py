@@ -1,6 +1,9 @@
 """The vibration environment of places on a sled, from its runs: what a report on a test states of a payload."""
 
+import json
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -14,12 +17,15 @@ from ..model.quantities import ACCELERATIONS
 from ..model.scene import Scene
 from ..tools.checks import finite, number, positive, require, warn
 from ..tools.columns import column
+from ..tools.files import listed
 from ..tools.types import Numbers, Real
 from .windows import SPINS, AccelerationHistory
 
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
 """Least sampling rate over the highest frequency [1], by which the shock response is within 2 %."""
+RELIABLE = 0.25
+"""Highest frequency that a density has over the rate of integration steps [1]: cubics lose the rest, see the docs."""
 SUMMARIES = {
     "maximum": "greatest of all rails",
     "mean": "mean of all rails",
@@ -62,7 +68,9 @@ def environment(
     - of densities and shock response over `summary`, their `maximum`, mean and 95/50 tolerance `limit`, without
       `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`.
 
-    The attitude's angle, some milliradians, is left out of the directions.
+    Windows at the beginning or the end of runs may be left out before, as by `runs.isel(distance=slice(50, None))`.
+    The attitude's angle, some milliradians, is left out of the directions. Densities above a quarter of the rate of
+    integration steps, or of samples, are NaN, with a warning: their error is 4 % there, and more above.
 
     **Raises:** `ValueError` for runs without the record, places that the modes do not know, runs of different
     speeds, and runs that are all lost.
@@ -74,33 +82,87 @@ def environment(
         has = isinstance(one, xr.Dataset) and name in one
         require(has, "runs", f'be datasets of slipperjax.run with the record "{name}"', shown="others")
     scene, _ = load_base(given[0])
-    at = np.asarray(finite("places", "m")(places)).reshape(-1, 3)
-    histories, seconds = _histories(given, name)
+    wanted = check_environment(scene, places, low=low, high=high, quality=quality, window=window)
+    histories, seconds, steps = _histories(given, name)
     intervals = np.diff(seconds)
-    wanted = LEAST_RATE * number(positive, "high", high, "Hz")
-    rate = max(1 / float(np.median(intervals)), wanted)
+    least = LEAST_RATE * wanted.edges[-1]
+    rate = max(1 / float(np.median(intervals)), least)
     # samples of a constant speed are at equal times, and taken as they are where they are dense enough
-    equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > wanted
+    equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > least
     found = vibration_environment(
-        _accelerations(scene, histories, at),
+        _accelerations(scene, histories, wanted.places),
         rate,
         time=None if equal else seconds,
-        edges=band_edges(low, high),
-        quality=number(positive, "quality", quality),
-        window=None if window is None else number(positive, "window", window, "s"),
+        highest=RELIABLE * steps,
+        edges=wanted.edges,
+        quality=wanted.quality,
+        window=wanted.window,
     )
-    return _dataset(found, at)
+    if np.isnan(found.density[..., -1]).any() and np.isfinite(found.density).any():
+        windows = given[0].sizes["distance"]
+        shortest = float(np.diff(seconds).min()) * histories.shape[1] / windows
+        need = math.ceil(wanted.edges[-1] / RELIABLE * shortest)
+        known = found.edges[1:][np.isfinite(found.density).any(axis=(0, 1, 2))].max()
+        more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
+        warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
+    return _dataset(found, wanted.places).assign_attrs(_known(given[0]))
 
 
-def _histories(runs: list[xr.Dataset], name: str) -> tuple[Float[np.ndarray, "rails samples components"], np.ndarray]:
-    """Return the histories of all runs that are not lost, and the times of their samples [s]."""
+class Wanted(NamedTuple):
+    """Arguments of `environment` besides its runs, checked."""
+
+    places: Float[np.ndarray, "places 3"]
+    edges: Float[np.ndarray, " edges"]
+    """Of bands [Hz]."""
+    quality: float
+    window: float | None
+    """[s]."""
+
+
+def check_environment(
+    scene: Scene,
+    places: Numbers,
+    *,
+    low: Real = 20.0,
+    high: Real = 2000.0,
+    quality: Real = 10.0,
+    window: Real | None = None,
+) -> Wanted:
+    """Return the arguments of `environment` checked, before a long run; raises its errors about them."""
+    at = np.asarray(finite("places", "m")(places), float)
+    require(at.size and at.shape[-1] == 3, "places", "have x, y and z", shown=f"of shape {at.shape}")
+    at = at.reshape(-1, 3)
+    if scene.slipper.modes is not None:
+        for place in at:
+            _shape_at(scene.slipper.modes, place)
+    factor = number(positive, "quality", quality)
+    require(factor > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
+    seconds = None if window is None else number(positive, "window", window, "s")
+    edges = band_edges(number(positive, "low", low, "Hz"), number(positive, "high", high, "Hz"))
+    return Wanted(at, edges, factor, seconds)
+
+
+def _known(ds: xr.Dataset) -> dict[str, object]:
+    """Return the attributes of a run that its environment has, too: all but those of a status."""
+    return {name: value for name, value in ds.attrs.items() if not name.startswith("status")}
+
+
+def _histories(
+    runs: list[xr.Dataset], name: str
+) -> tuple[
+    Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]
+]:
+    """Return the histories of all runs that are not lost, the times of their samples [s], and the rate of integration
+    steps there, the least of all runs [Hz]."""
     rows = []
+    steps = []
     for ds in runs:
         over = varied_names(ds)
         require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
         values = ds[name].transpose(..., "distance", "sample", "component").values
         good = ~is_lost(np.atleast_1d(ds["status"].values))
         rows += list(values.reshape(-1, *values.shape[-3:])[good])
+        steps += list(ds["steps_per_window"].transpose(..., "distance").values.reshape(-1, ds.sizes["distance"]))
         if not np.all(good):
             warn(f"{np.sum(~good)} of {len(good)} runs are lost, and left out.")
     require(rows, "runs", "have one that is not lost", shown="none")
@@ -108,17 +170,31 @@ def _histories(runs: list[xr.Dataset], name: str) -> tuple[Float[np.ndarray, "ra
     seconds = first["seconds"].values
     alike = seconds.ndim == 1 and all(np.array_equal(ds["seconds"].values, seconds) for ds in runs)
     require(alike, "runs", "have the same speeds", shown="different ones")
+    shapes = {row.shape for row in rows}
+    require(len(shapes) == 1, "runs", "have the same samples", shown=listed([str(shape) for shape in sorted(shapes)]))
+    ends = np.append(_begin(first), seconds)
+    samples = rows[0].shape[1]
+    rate = np.min(steps, axis=0) / np.diff(ends)
     joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
-    return joined, _sample_times(seconds, joined.shape[1] // len(seconds))
+    return joined, _sample_times(ends, samples), np.repeat(rate, samples)
 
 
-def _sample_times(seconds: np.ndarray, samples: int) -> np.ndarray:
+def _begin(ds: xr.Dataset) -> float:
+    """Return the time at which the first window begins [s]: zero, unless windows before it were left out."""
+    window = float(ds.attrs["window [m]"])
+    begin = float(ds["distance"][0]) - window
+    if begin <= json.loads(ds.attrs["call"])["begin"] + 1e-6 * window:
+        return 0.0
+    speed = ds["speed_along" if "speed_along" in ds.coords else "speed"].values
+    return float(ds["seconds"][0] - window / speed[0])
+
+
+def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
     """Return the times of samples at equal distances within windows [s], from those at the ends of windows."""
     from scipy.interpolate import PchipInterpolator
 
-    # times count from where the run begins
-    ends = np.append(0.0, seconds)
-    return PchipInterpolator(np.arange(len(ends)), ends)(np.arange(len(seconds) * samples) / samples)
+    places = np.arange((len(ends) - 1) * samples) / samples
+    return PchipInterpolator(np.arange(len(ends)), ends)(places)
 
 
 def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:

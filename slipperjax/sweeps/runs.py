@@ -44,8 +44,6 @@ from .records import OF_LOADS
 from .run import Passing, half_step_change, initial_carry, run_cases, run_span
 from .store import Store, run_or_store
 from .windows import (
-    DEFAULT,
-    PEAKS,
     PER_STRETCH,
     STRETCH,
     WINDOW_RECORDS,
@@ -53,6 +51,7 @@ from .windows import (
     ThirdOctaves,
     Wearing,
     Worn,
+    default_records,
     play_added,
     run_record,
     stretch_ends,
@@ -239,10 +238,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
     """Return the records that a user chose for each window, and those of each stretch and of the whole run."""
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     if record is None:
-        chosen = [*DEFAULT, *PEAKS]
-        chosen += ["friction_work"] * (scene.friction is not None)
-        chosen += ["spring_force"] * (scene.sled is not None)
-        chosen += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
+        chosen = default_records(scene)
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = [run_record(one) for one in chosen]
     run_names = (*WINDOW_RECORDS, *RECORDS)

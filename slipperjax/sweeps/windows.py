@@ -133,9 +133,18 @@ PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 """Records of each stretch."""
 
 
+def default_records(scene: Scene) -> list[str]:
+    """Return the names of the records that a run keeps of each window by default."""
+    names = [*DEFAULT, *PEAKS]
+    names += ["friction_work"] * (scene.friction is not None)
+    names += ["spring_force"] * (scene.sled is not None)
+    names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
+    return names
+
+
 def run_record(name: Any) -> AbstractNumber | None:
-    """Return the record of numbers of a name; None for an unknown one."""
-    found = WINDOW_RECORDS.get(name, RECORDS.get(name))
+    """Return the record of numbers of a name, or one that is given itself; None for an unknown one."""
+    found = WINDOW_RECORDS.get(name, RECORDS.get(name, name))
     return found if isinstance(found, AbstractNumber) else None
 
 

@@ -57,7 +57,7 @@ def test_every_line_has_its_unit_and_a_remark(body, tmp_path, capsys):
         assert "unit" in line or '"' in line or name in PURE, line
 
 
-PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness")
+PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness", "coherence")
 """Names of pure numbers."""
 
 

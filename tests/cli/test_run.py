@@ -13,6 +13,7 @@ import slipperjax as sj
 from slipperjax.model.surveys import SurveyedTrack
 from slipperjax.plots.report import static_load, summary
 from slipperjax.plots.runs import RunView, peak_of
+from slipperjax.tools.units import STANDARD_GRAVITY
 
 from ..plots.test_runs import made
 from .commands import call, dataset, error_of, names, picture
@@ -295,3 +296,27 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
 def test_a_wrong_comparison_is_one_line(options, words, file, capsys):
     error = error_of(["run", file, *options], capsys)
     assert words in error
+
+
+def test_a_table_of_places_is_an_environment_beside_the_run(file, tmp_path, capsys, replaced):
+    table = '\n[environment]\nplaces = { unit = "mm", values = [[100, 0, 40]] }\nhigh = "200 Hz"\nlow = "40 Hz"\n'
+    file.write_text(FILE.replace("steps_per_period = 60", "steps_per_period = 200") + table)
+    text, _ = call(["run", file, "--out", tmp_path / "a.nc", "--out", tmp_path / "a.csv"], capsys)
+    assert names(tmp_path) == ["a-environment.csv", "a-environment.nc", "a.csv", "a.nc", "a_100m.csv", "sled.toml"]
+    ds = dataset(tmp_path / "a")
+    assert ds["body_acceleration"].sizes["sample"] == 8 * 64  # of windows of 8 m
+    report = dataset(tmp_path / "a-environment")
+    again = sj.environment(ds, **sj.load_environment(file))
+    np.testing.assert_array_equal(report["density"], again["density"])
+    assert len(pd.read_csv(tmp_path / "a-environment.csv")) == report.sizes["frequency"]
+    rms = report["rms"].sel(direction="z").item() / STANDARD_GRAVITY
+    assert numbers(text, r"\nenvironment at \(0.1, 0, 0.04\) m: g-RMS x .* z (..); of 40 to 200 Hz") == pytest.approx(
+        [rms], rel=5e-3
+    )
+    # an error comes before the run
+    over_rail = replaced("sweeps.runs.run")
+    file.write_text(FILE + table.replace("200 Hz", "30 Hz"))
+    assert "`low` must be below" in error_of(["run", file, "--out", tmp_path / "b"], capsys)
+    file.write_text(FILE + table.replace("40 Hz", "4 kHz").replace('high = "200 Hz"\n', ""))
+    assert "`low` must be below" in error_of(["run", file, "--out", tmp_path / "b"], capsys)
+    assert not over_rail.called

@@ -1,0 +1,203 @@
+"""The page, table and words of a vibration environment, in g as reports of tests show it."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
+
+from ..tools.checks import require, whole
+from ..tools.units import STANDARD_GRAVITY
+from .style import COLORS, check_dataset, legend_above, line_color, name_case, set_log_ticks, styled
+
+SOURCE = "slipperjax.environment"
+SUMMARY_STYLES = {
+    "maximum": dict(color=COLORS["blue"]),
+    "mean": dict(color=COLORS["green"], ls="--"),
+    "limit": dict(color=COLORS["red"]),
+}
+"""Styles of lines that summarise rails."""
+LABELS = {"limit": "95/50"}
+"""What the name of a summary does not say."""
+DECADES = 6
+"""Most decades of a density that a panel shows."""
+
+
+def environment(report: xr.Dataset, place: int = 0) -> np.ndarray:
+    """Draw a page of the vibration environment of a place.
+
+    Above power spectral densities along x, y and z: of each rail in grey, with their maximum, mean and 95/50 limit.
+    Below the shock response, the greatest of all rails and the limit; the level over time of the rail with the
+    highest one, and shaded where it is within 6 dB of its highest; and a table with the greatest of all rails.
+
+    **Arguments:** `report`: of `slipperjax.environment`; `place`: the place's number, from 0.
+
+    **Returns:** the Axes, in g, g^2/Hz, Hz and s, shape (2, 3).
+
+    **Raises:** `ValueError` for another dataset, or a place that it does not have.
+    """
+    at = _of_place(report, place)
+    with styled():
+        figure, axes = plt.subplots(2, 3, figsize=(7.2, 5.0), layout="constrained")
+        for ax, direction in zip(axes[0], at["direction"].values, strict=True):
+            _draw_density(ax, at.sel(direction=direction))
+        _draw_shock(axes[1, 0], at)
+        _draw_level(axes[1, 1], at)
+        _draw_table(axes[1, 2], at)
+        axes[0, 0].set_ylabel("power spectral density [g$^2$/Hz]")
+        name_case(figure, report)
+        rails = at.sizes["rail"]
+        lines = [figure.get_suptitle(), f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}"]
+        figure.suptitle("\n".join(filter(None, lines)), fontsize=7)
+    # one scale for all directions
+    tops = [line.get_ydata() for ax in axes[0] for line in ax.lines]
+    positive = [values[values > 0] for values in map(np.asarray, tops) if np.any(values > 0)]
+    if positive:
+        least, most = (pick([pick(values) for values in positive]) for pick in (np.min, np.max))
+        plt.setp(axes[0], ylim=(0.5 * max(least, most * 10.0**-DECADES), 2 * most))
+    return axes
+
+
+def named_place(at: xr.Dataset) -> str:
+    """Return a place of a report in words."""
+    return "({:g}, {:g}, {:g}) m".format(*(float(at[axis]) for axis in "xyz"))
+
+
+def environment_table(report: xr.Dataset) -> pd.DataFrame:
+    """Return a report by frequency, a row for each band of each place.
+
+    Columns are the place's coordinates [m], both edges of the band [Hz], and along each direction the maximum, the
+    mean and the 95/50 limit over rails of the density [g^2/Hz], and of the shock response of an oscillator whose
+    natural frequency is the upper edge [g].
+    """
+    tables = []
+    for place in range(report.sizes["place"]):
+        at = _of_place(report, place)
+        columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
+        columns |= {"low [Hz]": at["low"].values, "high [Hz]": at["high"].values}
+        for direction in at["direction"].values:
+            density = at["density_envelope"].sel(direction=direction)
+            # an edge more than bands, the lowest
+            shock = at["shock_envelope"].sel(direction=direction)[..., 1:]
+            for kind, of_kind, unit in (("density", density, "g^2/Hz"), ("shock response", shock, "g")):
+                for name in at["summary"].values:
+                    columns[f"{kind} {direction} {name} [{unit}]"] = of_kind.sel(summary=name).values
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def environment_summary(report: xr.Dataset) -> list[str]:
+    """Return a report in words, two lines for each place: the greatest values of all rails."""
+    lines = []
+    low, high = (float(report[name][end]) for name, end in (("low", 0), ("high", -1)))
+    for place in range(report.sizes["place"]):
+        at = _of_place(report, place)
+        rows = _greatest(at)
+        level = " ".join(f"{name} {_three(row[0])}" for name, row in rows.items())
+        in_bands = " ".join(f"{name} {_three(row[1])}" for name, row in rows.items())
+        lines.append(f"environment at {named_place(at)}: g-RMS {level}; of {low:g} to {high:g} Hz {in_bands}")
+        worst = max(rows, key=lambda name: np.nan_to_num(rows[name][2]))
+        shock = at["shock_response"].sel(direction=worst).max("rail")
+        frequency = float(shock["natural_frequency"][np.nanargmax(shock.values)])
+        strongest = max(rows, key=lambda name: rows[name][0])
+        lines.append(
+            f"highest shock response {_three(rows[worst][2])} g along {worst} at {_three(frequency)} Hz; "
+            f"level within 6 dB of its highest for {rows[strongest][3]:.3g} s along {strongest}"
+        )
+    return lines
+
+
+def _three(value: float) -> str:
+    """Return a number with three digits that count, large ones without a power of ten."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def _of_place(report: xr.Dataset, place: int) -> xr.Dataset:
+    """Return a report of one place, its accelerations in g and its densities in g^2/Hz."""
+    ds = check_dataset(report, SOURCE, "density_envelope", "shock_response", argument="report")
+    count = ds.sizes["place"]
+    whole("place", place, 0)
+    require(place < count, "place", f"be below {count}, the number of places", place)
+    at = ds.isel(place=place)
+    factors = {"m/s^2": 1 / STANDARD_GRAVITY, "m^2/s^4/Hz": 1 / STANDARD_GRAVITY**2}
+    for name, values in at.data_vars.items():
+        at[name] = values * factors.get(values.attrs["units"], 1.0)
+    return at
+
+
+def _greatest(at: xr.Dataset) -> dict[str, list[float]]:
+    """Return RMS, RMS in the bands and shock response [g] and the duration [s], by direction, greatest of rails."""
+    names = ("rms", "band_rms", "shock_response", "duration")
+    rows = {}
+    for direction in at["direction"].values:
+        one = at.sel(direction=direction)
+        rows[str(direction)] = [float(one[name].max()) for name in names]
+    return rows
+
+
+def _draw_density(ax: Axes, at: xr.Dataset) -> None:
+    edges = np.append(at["low"].values, at["high"].values[-1])
+    rails = at["density"].values
+    if len(rails) == 1:
+        ax.plot(at["frequency"], rails[0], lw=1.0, color=COLORS["blue"])
+    else:
+        ax.plot(at["frequency"], rails.T, color=COLORS["grey"], lw=0.3, alpha=max(0.1, 1 / len(rails) ** 0.5))
+        for name, style in SUMMARY_STYLES.items():
+            envelope = at["density_envelope"].sel(summary=name)
+            ax.plot(at["frequency"], envelope, lw=1.0, label=LABELS.get(name, name), **style)
+    _finish_spectrum(ax, edges)
+    ax.set_xlabel(f"frequency [Hz], along {at['direction'].item()}")
+
+
+def _draw_shock(ax: Axes, at: xr.Dataset) -> None:
+    natural = at["natural_frequency"].values
+    rails = at.sizes["rail"]
+    for k, direction in enumerate(at["direction"].values):
+        of_all = at["shock_envelope"].sel(direction=direction)
+        ax.plot(natural, of_all.sel(summary="maximum"), color=line_color(k), lw=1.0, label=str(direction))
+        if rails > 1:
+            ax.plot(natural, of_all.sel(summary="limit"), color=line_color(k), lw=0.7, ls="--")
+    _finish_spectrum(ax, natural)
+    ax.set_xlabel("natural frequency [Hz]")
+    ax.set_ylabel("shock response [g]" + ", dashed 95/50" * (rails > 1))
+
+
+def _finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
+    ax.set_xscale("log")
+    # along x the centre of mass has no acceleration
+    if any(np.any(np.asarray(line.get_ydata()) > 0) for line in ax.lines):
+        ax.set_yscale("log")
+    ax.set_xlim(edges[0], edges[-1])
+    set_log_ticks(ax.xaxis)
+    # 1000 and 2000 would touch
+    ax.xaxis.set_major_locator(LogLocator(subs=(2, 5)))
+    legend_above(ax)
+
+
+def _draw_level(ax: Axes, at: xr.Dataset) -> None:
+    seconds = at["seconds"].values
+    for k, direction in enumerate(at["direction"].values):
+        levels = at["level"].sel(direction=direction).values
+        level = levels[np.argmax(levels.max(axis=1))]
+        ax.plot(seconds, level, color=line_color(k), lw=1.0, label=str(direction))
+        near = level >= 10 ** (-6 / 20) * level.max()
+        ax.fill_between(seconds, level, where=near.tolist(), color=line_color(k), alpha=0.15, lw=0)
+    ax.set_xlim(seconds[0], seconds[-1])
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("level [g], within 6 dB shaded")
+    legend_above(ax)
+
+
+def _draw_table(ax: Axes, at: xr.Dataset) -> None:
+    ax.axis("off")
+    low, high = float(at["low"][0]), float(at["high"][-1])
+    rows = _greatest(at)
+    heads = ["g-RMS", f"g-RMS, {low:g}\nto {high:g} Hz", "highest shock\nresponse [g]", "within\n6 dB [s]"]
+    cells = [[_three(row[k]) for row in rows.values()] for k in range(len(heads))]
+    table = ax.table(cells, rowLabels=heads, colLabels=list(rows), cellLoc="center", bbox=(0.35, 0.2, 0.65, 0.7))
+    table.auto_set_font_size(False)
+    table.set_fontsize(6.5)
+    for cell in table.get_celld().values():
+        cell.set_linewidth(0.4)

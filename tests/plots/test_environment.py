@@ -1,0 +1,114 @@
+"""The page, table and words of environments, of noise and sines made by hand."""
+
+import matplotlib.colors
+import numpy as np
+import pandas as pd
+import pytest
+
+from slipperjax import plots
+from slipperjax.analysis.environment import vibration_environment
+from slipperjax.plots.environment import environment_summary, environment_table
+from slipperjax.sweeps.environment import _dataset
+from slipperjax.tools.units import STANDARD_GRAVITY as G
+
+from .shown import drawn, labels, legend
+
+PLACES = np.array([(0.5, 0.0, 0.4), (0.0, 0.0, 0.0)])
+RATE = 40e3
+
+
+def made(rails=3):
+    """Gives 2 s of noise of 1, 2 and 3 (m/s^2)^2/Hz times the rail's number, none along x at the second place."""
+    noise = np.random.default_rng(1).normal(size=(rails, 2, 3, int(2 * RATE))) * np.sqrt(RATE / 2)
+    power = np.arange(1, rails + 1)[:, None, None] * np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 1.0]])
+    return _dataset(vibration_environment(noise * np.sqrt(power)[..., None], RATE), PLACES)
+
+
+@pytest.fixture(scope="module")
+def report():
+    return made()
+
+
+def test_a_page_has_the_lines_of_its_report_in_g(report):
+    axes = plots.environment(report, 0)
+    assert axes.shape == (2, 3)
+    for ax, direction in zip(axes[0], "xyz", strict=True):
+        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+        assert labels(ax)[0] == f"frequency [Hz], along {direction}"
+        one = report.isel(place=0).sel(direction=direction)
+        *rails, most, mean, limit = [drawn(line)[:, 1] for line in ax.lines]
+        np.testing.assert_allclose(rails, one["density"] / G**2)
+        for line, name in ((most, "maximum"), (mean, "mean"), (limit, "limit")):
+            np.testing.assert_allclose(line, one["density_envelope"].sel(summary=name) / G**2)
+        assert legend(ax) == ["maximum", "mean", "95/50"]
+    assert labels(axes[0, 0])[1] == "power spectral density [g$^2$/Hz]"
+    shock = report["shock_envelope"].isel(place=0).sel(summary="maximum") / G
+    np.testing.assert_allclose([drawn(line)[:, 1] for line in axes[1, 0].lines[::2]], shock)
+    # the strongest rail, shaded where it is within 6 dB: noise is so throughout
+    level = report["level"].isel(place=0, rail=2) / G
+    np.testing.assert_allclose([drawn(line)[:, 1] for line in axes[1, 1].lines], level)
+    assert len(axes[1, 1].collections) == 3
+    assert "place (0.5, 0, 0.4) m, 3 rails" in axes[0, 0].figure.get_suptitle()
+    cells = {at: cell.get_text().get_text() for at, cell in axes[1, 2].tables[0].get_celld().items()}
+    rms = report["rms"].isel(place=0, rail=2) / G
+    assert [float(cells[1, k]) for k in range(3)] == pytest.approx(rms.values, rel=5e-3)  # three digits
+    assert float(cells[4, 0]) == pytest.approx(2.0, rel=1e-2)
+
+
+def test_shaded_is_what_is_within_6_db():
+    """A sine of 1 g for half of the time, of a tenth for the rest."""
+    t = np.arange(int(2 * RATE)) / RATE
+    sine = G * np.where(t < 1.0, 1.0, 0.1) * np.sin(2 * np.pi * 440.0 * t)
+    report = _dataset(vibration_environment(np.broadcast_to(sine, (1, 1, 3, t.size)), RATE), PLACES[:1])
+    axes = plots.environment(report)
+    for area in axes[1, 1].collections:
+        # the window of 0.1 s is within 6 dB until a quarter of its power remains: measured 1.023
+        assert area.get_paths()[0].vertices[:, 0].max() == pytest.approx(1.023, abs=0.013)
+        assert matplotlib.colors.to_rgba(area.get_facecolor()[0])[3] < 0.5
+    assert len(axes[0, 0].lines) == 1
+    assert legend(axes[0, 0]) == []
+
+
+def test_a_direction_without_acceleration_is_an_empty_panel(report):
+    axes = plots.environment(report, 1)
+    assert not np.any(axes[0, 0].lines[0].get_ydata())
+    assert axes[0, 1].get_yscale() == "log"
+
+
+def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
+    assert plots.plot(report).shape == (2, 3)
+    bands = report.sizes["frequency"]
+    plots.report(report, tmp_path / "payload.csv")
+    table = pd.read_csv(tmp_path / "payload.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["payload.csv"]
+    assert table.columns.tolist() == environment_table(report).columns.tolist()
+    first = table[:bands]
+    assert len(table) == 2 * bands
+    assert set(first["x [m]"]) == {0.5}
+    np.testing.assert_allclose(first["low [Hz]"], report["low"], rtol=1e-8)
+    limit = report["density_envelope"].sel(summary="limit", direction="z").isel(place=0) / G**2
+    np.testing.assert_allclose(first["density z limit [g^2/Hz]"], limit, rtol=1e-8)
+    shock = report["shock_envelope"].sel(summary="mean", direction="y").isel(place=0) / G
+    np.testing.assert_allclose(first["shock response y mean [g]"], shock[1:], rtol=1e-8)
+    lines = environment_summary(report)
+    assert len(lines) == 4
+    strongest = float(report["rms"].isel(place=0).sel(direction="z").max()) / G
+    assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in lines[0]
+    assert lines[1].startswith("highest shock response ")
+    assert " along z at " in lines[1]
+    for ending in ("pdf", "xlsx"):
+        assert plots.report(report, tmp_path / f"payload.{ending}").startswith("wrote ")
+
+
+def test_wrong_reports_are_one_line(report):
+    for wrong, words in (
+        (lambda: plots.environment(report, 2), "`place` must be below 2, the number of places, but is 2"),
+        (lambda: plots.environment(report, -1), "`place` must be"),
+        (
+            lambda: plots.environment(report.drop_vars("shock_response")),
+            "`report` must be a dataset of slipperjax.env",
+        ),
+        (lambda: plots.environment(3), "`report` must be a dataset of slipperjax.environment, but is int"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            wrong()
