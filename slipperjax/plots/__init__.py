@@ -4,7 +4,7 @@ environments and animations."""
 from .branches import branches as branches, event_curves as event_curves, multiplier_circle as multiplier_circle
 from .comparisons import comparison as comparison, verdict as verdict
 from .designs import design_margins as design_margins, design_overview as design_overview
-from .environment import environment as environment
+from .environment import vibration as vibration
 from .maps import (
     attractor_map as attractor_map,
     basin_map as basin_map,

@@ -24,7 +24,7 @@ DECADES = 6
 """Most decades of a density that a panel shows."""
 
 
-def environment(report: xr.Dataset, place: int = 0) -> np.ndarray:
+def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
     """Draw a page of the vibration environment of a place.
 
     Above power spectral densities along x, y and z: of each rail in grey, with their maximum, mean and 95/50 limit.

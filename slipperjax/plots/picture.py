@@ -10,7 +10,7 @@ from ..model.quantities import POINT_DIMS, SECTIONS
 from .branches import branches
 from .comparisons import comparison
 from .designs import design_overview
-from .environment import environment
+from .environment import vibration
 from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
 from .runs import run_overview
 from .style import as_dataset
@@ -18,7 +18,7 @@ from .trajectories import overview
 
 PICTURES: tuple[tuple[set[str], int | None, Callable[..., Axes | np.ndarray]], ...] = (
     ({"distance", "seconds", "stretch"}, 0, run_overview),
-    ({"density_envelope", "shock_response"}, None, environment),
+    ({"density_envelope", "shock_response"}, None, vibration),
     ({"runs", "difference", "quantile"}, None, comparison),
     ({"trial_design"}, None, design_overview),
     ({"event_point", "stable"}, None, branches),

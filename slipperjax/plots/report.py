@@ -27,7 +27,7 @@ from ..tools.checks import require
 from ..tools.files import Content, user_path, write_each
 from ..tools.units import STANDARD_GRAVITY
 from .comparisons import comparison, table as table_of_designs, verdict
-from .environment import environment, environment_summary, environment_table
+from .environment import environment_summary, environment_table, vibration
 from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
 from .style import COLORS, POINT_COLORS, by_contact, legend_above, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
@@ -266,7 +266,7 @@ def _of_designs(ds: xr.Dataset, units: Sequence[str] | None) -> Report:
 def _of_environment(ds: xr.Dataset) -> Report:
     """Return the report of a vibration environment, a page for each place."""
     pages = range(ds.sizes["place"])
-    figures = lambda: (environment(ds, place)[0, 0].figure for place in pages)
+    figures = lambda: (vibration(ds, place)[0, 0].figure for place in pages)
     return Report("Vibration environment", environment_summary(ds), {"bands": environment_table(ds)}, figures)
 
 

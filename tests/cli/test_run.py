@@ -77,7 +77,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     peak, there = float(at["peak_force"]), float(at["speed"])
     assert peak == float(ds["peak_force"].max())
     static = abs(15 * 9.81 + 500 - 0.004 * float(scene.speed.at(at["peak_distance"].item())) ** 2)
-    assert f"kN at {at['name'].item()} ({at['end'].item()}), {round(float(at['peak_distance']), 2):g} m" in text
+    assert f"kN at {at['contact'].item()} ({at['end'].item()}), {round(float(at['peak_distance']), 2):g} m" in text
     high, speed, times, load = numbers(
         text, "force (..) kN at .* and (..) m/s: (..) times the static load of (..) kN"
     )

@@ -30,7 +30,7 @@ def report():
 
 
 def test_a_page_has_the_lines_of_its_report_in_g(report):
-    axes = plots.environment(report, 0)
+    axes = plots.vibration(report, 0)
     assert axes.shape == (2, 3)
     for ax, direction in zip(axes[0], "xyz", strict=True):
         assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
@@ -60,7 +60,7 @@ def test_shaded_is_what_is_within_6_db():
     t = np.arange(int(2 * RATE)) / RATE
     sine = G * np.where(t < 1.0, 1.0, 0.1) * np.sin(2 * np.pi * 440.0 * t)
     report = _dataset(vibration_environment(np.broadcast_to(sine, (1, 1, 3, t.size)), RATE), PLACES[:1])
-    axes = plots.environment(report)
+    axes = plots.vibration(report)
     for area in axes[1, 1].collections:
         # the window of 0.1 s is within 6 dB until a quarter of its power remains: measured 1.023
         assert area.get_paths()[0].vertices[:, 0].max() == pytest.approx(1.023, abs=0.013)
@@ -70,7 +70,7 @@ def test_shaded_is_what_is_within_6_db():
 
 
 def test_a_direction_without_acceleration_is_an_empty_panel(report):
-    axes = plots.environment(report, 1)
+    axes = plots.vibration(report, 1)
     assert not np.any(axes[0, 0].lines[0].get_ydata())
     assert axes[0, 1].get_yscale() == "log"
 
@@ -102,13 +102,13 @@ def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
 
 def test_wrong_reports_are_one_line(report):
     for wrong, words in (
-        (lambda: plots.environment(report, 2), "`place` must be below 2, the number of places, but is 2"),
-        (lambda: plots.environment(report, -1), "`place` must be"),
+        (lambda: plots.vibration(report, 2), "`place` must be below 2, the number of places, but is 2"),
+        (lambda: plots.vibration(report, -1), "`place` must be"),
         (
-            lambda: plots.environment(report.drop_vars("shock_response")),
+            lambda: plots.vibration(report.drop_vars("shock_response")),
             "`report` must be a dataset of slipperjax.env",
         ),
-        (lambda: plots.environment(3), "`report` must be a dataset of slipperjax.environment, but is int"),
+        (lambda: plots.vibration(3), "`report` must be a dataset of slipperjax.environment, but is int"),
     ):
         with pytest.raises(ValueError, match=words):
             wrong()
