@@ -44,8 +44,8 @@ def test_stores_hold_sleds(tmp_path):
         assert list(ds["slipper"].values) == ["left1", "left2", "right1", "right2"]
         again = sj.sweep(scene, SPEEDS, **options)
         np.testing.assert_array_equal(ds["peak_force"], again["peak_force"])
-        np.testing.assert_array_equal(sj.open_store(path)["v_z"], again["v_z"])
-        assert sj.load_scene(path, speed=300.0) == scene or repr(sj.load_scene(path, speed=300.0)) == repr(scene)
+        np.testing.assert_array_equal(sj.open_store(path)["peak_force"], again["peak_force"])
+        assert repr(sj.load_scene(path, speed=300.0)) == repr(scene)
 
 
 @pytest.mark.slow
