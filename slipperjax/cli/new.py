@@ -237,7 +237,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     default="sled",
     metavar="RAIL",
 )
-@option("--right-rail", str, "The right rail, as --rail; default: a random one with another seed.", metavar="RAIL")
+@option("--right-rail", str, "The right rail, as --rail; default: of the same survey or spectrum.", metavar="RAIL")
 @_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")

@@ -375,7 +375,43 @@ class LocalTrack(AbstractTrack):
         return jnp.minimum(self.length, self.wavelength)
 
 
-class SumTrack(AbstractTrack):
+class _OfTwo(AbstractTrack):
+    """A track of two, the first of which defines the forcing period; it recurs, begins and ends where both do."""
+
+    @property
+    @abc.abstractmethod
+    def _both(self) -> tuple[AbstractTrack, AbstractTrack]:
+        """Both tracks."""
+
+    @property
+    def wavelength(self):
+        return self._both[0].wavelength
+
+    @property
+    def recurrence(self):
+        """The least multiple of the first wavelength after which both recur [m]."""
+        lengths = jnp.stack([track.recurrence for track in self._both])
+        return self.wavelength * least_common_count(self.wavelength, lengths)
+
+    @property
+    def begin(self):
+        return greatest([track.begin for track in self._both])
+
+    @property
+    def extent(self):
+        # the least of both
+        return -greatest([-track.extent for track in self._both])
+
+    @property
+    def end(self):
+        return -greatest([-track.end for track in self._both])
+
+    @property
+    def shortest_wavelength(self):
+        return jnp.minimum(*(track.shortest_wavelength for track in self._both))
+
+
+class SumTrack(_OfTwo):
     """The sum of two tracks, such as joints on a surveyed rail; sums can be summed again."""
 
     one: AbstractTrack
@@ -385,6 +421,10 @@ class SumTrack(AbstractTrack):
     def __check_init__(self):
         for name in ("one", "other"):
             instance(name, getattr(self, name), AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+
+    @property
+    def _both(self):
+        return self.one, self.other
 
     def __repr__(self) -> str:
         return f"SumTrack({self.one!r}, {self.other!r})"
@@ -399,10 +439,6 @@ class SumTrack(AbstractTrack):
     def gauge(self):
         return self.other.gauge if self.one.gauge is None else self.one.gauge
 
-    @property
-    def wavelength(self):
-        return self.one.wavelength
-
     def prepared(self):
         return SumTrack(self.one.prepared(), self.other.prepared())
 
@@ -414,35 +450,12 @@ class SumTrack(AbstractTrack):
         return _sum(here, there), _sum(slope, other_slope)
 
     @property
-    def recurrence(self):
-        """The least multiple of the first wavelength after which both recur [m]."""
-        lengths = jnp.stack([self.one.recurrence, self.other.recurrence])
-        return self.wavelength * least_common_count(self.wavelength, lengths)
-
-    @property
-    def begin(self):
-        return greatest((self.one.begin, self.other.begin))
-
-    @property
-    def extent(self):
-        # the least of both
-        return -greatest((-self.one.extent, -self.other.extent))
-
-    @property
-    def end(self):
-        return min(self.one.end, self.other.end)
-
-    @property
     def steepest_slope(self):
         """An upper bound: the sum of both [1]."""
         return self.one.steepest_slope + self.other.steepest_slope
 
-    @property
-    def shortest_wavelength(self):
-        return jnp.minimum(self.one.shortest_wavelength, self.other.shortest_wavelength)
 
-
-class AbstractTwoRails(AbstractTrack):
+class AbstractTwoRails(_OfTwo):
     """A track of a left and a right rail, for a `slipperjax.Sled` whose mounts are on them.
 
     The left rail is on the side of positive y. Distances along both are the same. Taken as one, the track is the line
@@ -453,12 +466,12 @@ class AbstractTwoRails(AbstractTrack):
     right: eqx.AbstractVar[AbstractTrack]
 
     @property
-    def rails(self):
-        return {"left": self.left, "right": self.right}
+    def _both(self):
+        return self.left, self.right
 
     @property
-    def wavelength(self):
-        return self.left.wavelength
+    def rails(self):
+        return {"left": self.left, "right": self.right}
 
     def prepared(self):
         return TwoRails(self.left.prepared(), self.right.prepared(), self.gauge)
@@ -471,31 +484,8 @@ class AbstractTwoRails(AbstractTrack):
         return _scaled(0.5, _sum(here, there)), _scaled(0.5, _sum(slope, other_slope))
 
     @property
-    def recurrence(self):
-        """The least multiple of the first wavelength after which both recur [m]."""
-        lengths = jnp.stack([self.left.recurrence, self.right.recurrence])
-        return self.wavelength * least_common_count(self.wavelength, lengths)
-
-    @property
-    def begin(self):
-        return greatest((self.left.begin, self.right.begin))
-
-    @property
-    def extent(self):
-        # the least of both
-        return -greatest((-self.left.extent, -self.right.extent))
-
-    @property
-    def end(self):
-        return -greatest((-self.left.end, -self.right.end))
-
-    @property
     def steepest_slope(self):
         return jnp.maximum(self.left.steepest_slope, self.right.steepest_slope)
-
-    @property
-    def shortest_wavelength(self):
-        return jnp.minimum(self.left.shortest_wavelength, self.right.shortest_wavelength)
 
 
 class TwoRails(AbstractTwoRails):

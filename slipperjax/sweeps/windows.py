@@ -83,9 +83,6 @@ class AccelerationHistory(AbstractNumber):
         parts = course.acceleration.at(places), course.coordinates.at(places)[:, spins]
         return jnp.concatenate([*parts, course.modal_acceleration.at(places)], axis=-1)
 
-    def finish(self, carried, samples, span):
-        return np.asarray(carried)
-
 
 SPINS = ("w_x", "w_y", "w_z")
 """The angular velocities."""
