@@ -65,7 +65,7 @@ def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     with pytest.warns(sj.ImplausibleWarning, match="leaves 0.1 of 2 rails"):
         ds = sj.compare(scene, DESIGNS, rails=2, **options)
     alone = sj.run(scene, DESIGNS, record="peak_force", **options)
-    highest = alone["peak_force"].max(("distance", "end", "point"))
+    highest = alone["peak_force"].max(set(alone["peak_force"].dims) - {"clearance"})
     np.testing.assert_allclose(ds["runs"][:, 0, 0], highest, rtol=1e-6)
     assert np.all(np.abs(ds["runs"][:, 1, 0] - highest) > 1.0)
 
