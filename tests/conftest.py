@@ -25,6 +25,8 @@ CACHE = "JAX_COMPILATION_CACHE_DIR"
 their content, so that a second run compiles what has changed."""
 MOST = 1 << 31
 """Bytes of programs above which all are deleted before a run."""
+MOST_MAPPINGS = 25_000
+"""Parts of memory in which a process may keep its programs; Linux ends one of 65,530 (vm.max_map_count)."""
 
 
 def pytest_configure(config):
@@ -79,6 +81,17 @@ def _folder() -> Path:
     except OSError:
         return Path(tempfile.mkdtemp(prefix="slipperjax_tests_"))
     return folder
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _few_programs():
+    """Lets compiled programs go after a module, before they are too many for one process."""
+    import jax
+
+    yield
+    with contextlib.suppress(OSError):
+        if Path("/proc/self/maps").read_bytes().count(b"\n") > MOST_MAPPINGS:  # Linux
+            jax.clear_caches()
 
 
 @pytest.fixture
