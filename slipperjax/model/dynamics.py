@@ -110,9 +110,9 @@ def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
 
 
 def wrench_directions(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
-    """Return of `per_force` what moves the body: all of an elastic one, of a rigid one not the force along x."""
+    """Return of `per_force` what moves the body: the force along x only if its modes' shapes have x."""
     every = per_force(scene, at, travel)
-    return every if at.frame.shapes is not None else every[1:]
+    return every if len(at.frame.shapes or ()) == 3 else every[1:]
 
 
 def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array] = ()) -> list[list[Array]]:
@@ -130,14 +130,15 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
         wrenches = [total[k : k + 5] for k in range(0, len(flat), 5)]
         return [*wrenches, total[len(flat) :]]
     # of each slipper first, whose force moves the modes
+    axes = len(frame.shapes)
     slippers = len(frame.shapes[0])
     of_slippers = sums(*(part.reshape(slippers, -1) for part in (*flat, *others)))
     total = sums(*of_slippers)
     wrenches = []
-    for k in range(0, len(flat), 6):
-        push = zip(of_slippers[k : k + 3], frame.shapes, strict=True)
+    for k in range(0, len(flat), axes + 3):
+        push = zip(of_slippers[k : k + axes], frame.shapes, strict=True)
         (modal,) = sums(sum(shape.T * force[None] for force, shape in push))
-        wrenches.append([*total[k + 1 : k + 6], modal])
+        wrenches.append([*total[k + axes - 2 : k + axes + 3], modal])
     return [*wrenches, total[len(flat) :]]
 
 

@@ -260,8 +260,9 @@ class Points(NamedTuple):
     """How far the front end of each slipper is ahead of the distance that is counted [m]; None of a single one."""
     lengths: Float[Array, " slippers"]
     """Length of each slipper [m]."""
-    shapes: tuple[Array, Array, Array] | None
-    """x, y and z of the modes' shapes at the slippers, each of shape (slippers, modes) [kg^-0.5]; None if rigid."""
+    shapes: tuple[Array, ...] | None
+    """y and z, or x, y and z, of the modes' shapes at the slippers, each of shape (slippers, modes) [kg^-0.5]; None
+    if rigid."""
 
 
 def contact_points(scene: Scene) -> Points:
@@ -292,8 +293,7 @@ def contact_points(scene: Scene) -> Points:
     modes = scene.slipper.modes
     shapes = None
     if modes is not None:
-        x, y, z = (modes.shapes[..., k].T for k in range(3))
-        shapes = (x, y, z)
+        shapes = tuple(modes.shapes[..., k].T for k in range(modes.shapes.shape[-1]))
     return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
 
 
@@ -330,7 +330,7 @@ class RailFrame(NamedTuple):
     """n . v_T, the rail point's velocity along its normal [m/s]."""
     arm: tuple[Array, Array, Array]
     """The body's points in its own frame, each of shape (points,) [m]."""
-    shapes: tuple[Array, Array, Array] | None = None
+    shapes: tuple[Array, ...] | None = None
     """`Points.shapes`."""
 
 
@@ -490,43 +490,55 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     instance("m", m, Motion, "a slipperjax.Motion")
     # stored, as XLA does not move it out of the loop over the points
     r = store(rotation(m))
-    _, n_y, n_z = frame.normal
+    n_x, n_y, n_z = frame.normal
     a_x, a_y, a_z = frame.arm
     flat = spread(n_y.shape[-1], *r[0], *r[1], *r[2], m.y, m.z, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
     y, z, v_y, v_z, w_x, w_y, w_z = flat[9:]
     # with the normals in the slipper's frame, n_S = R^T n, n . (R a) = n_S . a and R^T ((R a) x n) = a x n_S
     s_x, s_y, s_z = own = in_slipper_frame((flat[:3], flat[3:6], flat[6:9]), frame.normal)
     lever = cross(frame.arm, own)
+    x = v_x = []
+    if m.modes is not None:
+        here = (m.y, m.z, m.modes.coordinate), (m.v_y, m.v_z, m.modes.rate)
+        (*x, y, z), (*v_x, v_y, v_z) = carried(frame, *here)
     gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
     rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
-    if m.modes is not None:
-        by_modes, rate_by_modes = along_normals(frame, m.modes.coordinate, m.modes.rate)
-        gap = gap + by_modes
-        rate = rate + rate_by_modes
+    if x:
+        gap = gap + n_x * x[0]
+        rate = rate + n_x * v_x[0]
     return Contacts(store_if_differentiated(gap), *store_cotangent((rate, lever)))
 
 
-def along_normals(frame: RailFrame, *coordinates: Float[Array, " modes"]) -> list[Array]:
-    """Return how far modes with these coordinates move the points along their normals, each of shape (points,)."""
+def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]]) -> list[list[Array]]:
+    """Return how far an elastic sled moves its slippers along the axes of its shapes, each of shape (points,).
+
+    **Arguments:** `moves`: each y and z of the centre and the modes' coordinates, or the rates of all.
+    """
     assert frame.shapes is not None  # of each elastic sled
+    axes = len(frame.shapes)
     # of each slipper, for all its points alike
-    of_slippers = sums(*(shape * q[None] for q in coordinates for shape in frame.shapes))
+    of_slippers = sums(*(shape * q[None] for *_, q in moves for shape in frame.shapes))
+    for k, (y, z, _) in enumerate(moves, 1):
+        of_slippers[k * axes - 2] += y
+        of_slippers[k * axes - 1] += z
     each = frame.normal[0].shape[-1] // len(frame.shapes[0])
-    x_y_z = [value.ravel() for value in spread(each, *of_slippers)]
-    return [dot(frame.normal, x_y_z[k : k + 3]) for k in range(0, len(x_y_z), 3)]
+    at_points = [value.ravel() for value in spread(each, *of_slippers)]
+    return [at_points[k : k + axes] for k in range(0, len(at_points), axes)]
 
 
 def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
     """Return the sum over all modes of the squares of their shapes along the points' normals [1/kg]."""
     assert frame.shapes is not None  # of each elastic sled
-    pairs = [(j, k) for j in range(3) for k in range(j, 3)]
+    normal = frame.normal[-len(frame.shapes) :]
+    axes = range(len(normal))
+    pairs = [(j, k) for j in axes for k in axes[j:]]
     # of each slipper a symmetric matrix, for all its points alike
     of_slippers = sums(*(frame.shapes[j] * frame.shapes[k] for j, k in pairs))
     each = frame.normal[0].shape[-1] // len(frame.shapes[0])
-    entries = [value.ravel() for value in spread(each, *of_slippers)]
-    matrix = dict(zip(pairs, entries, strict=True))
-    rows = [[matrix[min(j, k), max(j, k)] for k in range(3)] for j in range(3)]
-    return dot(frame.normal, [dot(row, frame.normal) for row in rows])
+    at_points = [value.ravel() for value in spread(each, *of_slippers)]
+    # those off the diagonal count twice
+    terms = [(1 + (j < k)) * normal[j] * normal[k] for j, k in pairs]
+    return sum(term * entry for term, entry in zip(terms, at_points, strict=True))
 
 
 def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"]:

@@ -29,8 +29,8 @@ class Modes(ShapeChecked):
     """Natural frequencies, from the lowest to the highest [Hz]."""
     damping: Float[Array, " modes"] = field("", not_negative, plausible=(0.0, 0.5))
     """Damping ratios [1]."""
-    shapes: Float[Array, "modes mounts 3"] = field("kg^-0.5", finite)
-    """Displacements of the mounts along x, y and z, of unit modal mass [kg^-0.5]."""
+    shapes: Float[Array, "modes mounts axes"] = field("kg^-0.5", finite)
+    """Displacements of the mounts along x, y and z, or along y and z alone, of unit modal mass [kg^-0.5]."""
     places: Float[Array, "places 3"] | None = field("m", finite, default=None)
     """Places besides the mounts where shapes are known, such as a payload's, from the centre of mass [m]."""
     place_shapes: Float[Array, "modes places 3"] | None = field("kg^-0.5", finite, default=None)
@@ -78,7 +78,7 @@ class Modes(ShapeChecked):
         return cls(
             frequency=np.array([frequency for frequency, _ in found]),
             damping=np.broadcast_to(np.asarray(damping, float), (count,)),
-            shapes=shapes[:, : len(along)],
+            shapes=shapes[:, : len(along), 1:],
             places=None if places is None else others,
             place_shapes=None if places is None else shapes[:, len(along) :],
         )
@@ -92,7 +92,9 @@ class Modes(ShapeChecked):
         count = self.frequency.shape[-1:]
         require(self.damping.shape[-1:] == count, "damping", f"have one value per mode, {count}", self.damping)
         of_modes = self.shapes.shape[-3:-2]
-        require(of_modes == count, "shapes", f"have one row per mode, {count}", shown=f"shape {self.shapes.shape}")
+        shown = f"shape {self.shapes.shape}"
+        require(of_modes == count, "shapes", f"have one row per mode, {count}", shown=shown)
+        require(self.shapes.shape[-1] in (2, 3), "shapes", "be along y and z, or x, y and z", shown=shown)
         both = (self.places is None) == (self.place_shapes is None)
         require(both, "place_shapes", "be given together with `places`", self.place_shapes)
         if self.places is not None and self.place_shapes is not None:

@@ -7,7 +7,6 @@ in which that cubic is closed. The motion gets the difference of the two impulse
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -33,8 +32,8 @@ from ..model.kinematics import (
     ModalMotion,
     Motion,
     RailFrame,
-    along_normals,
     attitude_rates,
+    carried,
     contacts,
     modal_compliance,
     moved,
@@ -167,13 +166,16 @@ def _corrected(
     gap, turning = store((now.gap, _turning(args, t1, rail, m)))
     directions = (*frame.normal[1:], *lever)
 
-    def along(rigid: Sequence[Array], modal: Sequence[Array]) -> Array:
-        """Return how far, or how fast, the points move along their normals with the body."""
-        moves = jnp.asarray(sum(d * part for d, part in zip(directions, rigid, strict=True)))
-        return moves + along_normals(frame, *modal)[0] if modal else moves
+    def along(y: Array, z: Array, *turn: Array) -> Array:
+        """Return how far, or how fast, the points move along their normals with the body and its modes, the last."""
+        if m.modes is None:
+            return sum(d * part for d, part in zip(directions, (y, z, *turn), strict=True))
+        (move,) = carried(frame, (y, z, turn[3]))
+        along = (*frame.normal[-len(move) :], *lever)
+        return sum(d * part for d, part in zip(along, (*move, *turn[:3]), strict=True))
 
-    modal_rate = () if m.modes is None else (m.modes.rate,)
-    rate = store(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z), modal_rate) - frame.velocity)
+    modal_rate = [] if m.modes is None else [m.modes.rate]
+    rate = store(along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
     # the compliance of a point along its normal
     own = sum(c * d**2 for c, d in zip(compliance, directions, strict=True))
@@ -231,7 +233,7 @@ def _corrected(
         modes = ModalMotion(m.modes.coordinate + move[5], m.modes.rate + kick[5])
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
-    end = Contacts(gap + along(move[:5], move[5:]), rate + along(kick[:5], kick[5:]), lever)
+    end = Contacts(gap + along(*move), rate + along(*kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
     return state, *_ended(args, t1, frame, end, turning, state)
 

@@ -231,8 +231,8 @@ def test_beams_have_the_modes_of_textbooks():
     first, second = (x**2 / (2 * np.pi * 9.0) * np.sqrt(1e6 * 3.0 / 200.0) for x in (4.730041, 7.853205))
     np.testing.assert_allclose(modes.frequency, [first, 2 * first, second], rtol=1e-6)
     # the first one's middle, -1.2157 of the end's 2 for a mean square of one
-    np.testing.assert_allclose(modes.shapes[0, 0], [0.0, 0.0, -1.21566 / np.sqrt(200.0)], rtol=1e-4)
-    np.testing.assert_allclose(modes.shapes[1, 0], [0.0, -1.21566 / np.sqrt(200.0), 0.0], rtol=1e-4)
+    np.testing.assert_allclose(modes.shapes[0, 0], [0.0, -1.21566 / np.sqrt(200.0)], rtol=1e-4)
+    np.testing.assert_allclose(modes.shapes[1, 0], [-1.21566 / np.sqrt(200.0), 0.0], rtol=1e-4)
     np.testing.assert_allclose(modes.shapes[2, 0], 0.0, atol=1e-15)
     with pytest.raises(ValueError, match=r"`places_of_mounts` must lie on the beam, within 1\.5 m of its middle"):
         sj.Modes.beam([2.0], mass=200.0, length=3.0, stiffness=1e6)
