@@ -62,11 +62,16 @@ class VibrationEnvironment(NamedTuple):
     """Envelope of `shock_response` over rails."""
 
 
-def _histories(acceleration: Numbers, axes: int = 1) -> np.ndarray:
-    """Return histories of 8 or more samples in double precision, which running sums and slow oscillators need."""
+def _histories(acceleration: Numbers, rate: float, axes: int = 1) -> tuple[np.ndarray, float]:
+    """Return histories, in double precision for running sums and slow oscillators, and their rate [Hz]."""
     x = numbers("acceleration", acceleration, axes).astype(float)
     require(x.shape[-1] >= 8, "acceleration", "have 8 or more samples along its last axis", shown=str(x.shape[-1]))
-    return x
+    return x, number(positive, "rate", rate, "Hz")
+
+
+def _sums(values: np.ndarray) -> np.ndarray:
+    """Return the sums of what is before each place along the last axis, (..., values + 1)."""
+    return np.insert(np.cumsum(values, axis=-1), 0, 0.0, axis=-1)
 
 
 def band_edges(low: float = 20.0, high: float = 2000.0, *, per_octave: float = 6.0) -> np.ndarray:
@@ -104,9 +109,8 @@ def window_densities(
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
-    x = _histories(acceleration)
+    x, rate = _histories(acceleration, rate)
     edges = numbers("edges", edges, 1)
-    rate = number(positive, "rate", rate, "Hz")
     widths = np.diff(edges)
     require(edges.size > 1 and (widths > 0).all(), "edges", "be two frequencies or more that increase", edges)
     duration = 1 / widths.min() if window is None else number(positive, "window", window, "s")
@@ -126,21 +130,19 @@ def window_densities(
 
 def _band_means(frequency: np.ndarray, density: np.ndarray, edges: np.ndarray, rate: float) -> np.ndarray:
     """Return means over bands of a density that is constant over the width of each line."""
+    import scipy.interpolate
+
     width = frequency[1]
     # lines at zero and at half the sampling rate are half as wide, although their power is not doubled
     bounds = np.append(0.0, np.minimum(frequency + width / 2, rate / 2))
-    powers = density * width
-    below = np.concatenate([np.zeros((*density.shape[:-1], 1)), np.cumsum(powers, axis=-1)], axis=-1)
-    line = np.clip(np.searchsorted(bounds, edges, side="right") - 1, 0, frequency.size - 1)
-    share = np.clip((edges - bounds[line]) / (bounds[line + 1] - bounds[line]), 0.0, 1.0)
-    return np.diff(below[..., line] + share * powers[..., line], axis=-1) / np.diff(edges)
+    power_below = scipy.interpolate.make_interp_spline(bounds, _sums(density * width), k=1, axis=-1)
+    return np.diff(power_below(np.minimum(edges, rate / 2)), axis=-1) / np.diff(edges)
 
 
 def band_rms(density: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN where none is."""
-    known = np.isfinite(density)
-    square = np.sum(np.where(known, density, 0.0) * np.diff(edges), axis=-1)
-    return np.where(known.any(axis=-1), np.sqrt(square), np.nan)
+    square = np.ma.masked_invalid(density * np.diff(edges)).sum(axis=-1)
+    return np.sqrt(np.ma.filled(square, np.nan))
 
 
 def oscillator_response(
@@ -157,10 +159,9 @@ def oscillator_response(
     """
     import scipy.signal  # here, because importing it takes longer than a small simulation
 
-    x = _histories(acceleration)
+    x, rate = _histories(acceleration, rate)
     quality = number(positive, "quality", quality)
     require(quality > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
-    rate = number(positive, "rate", rate, "Hz")
     angle = 2 * np.pi * number(positive, "natural_frequency", natural_frequency, "Hz") / rate
     decay = np.exp(-angle / (2 * quality))
     turn = angle * np.sqrt(1 - 1 / (4 * quality**2))
@@ -183,9 +184,8 @@ def shock_response_spectrum(
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz], shape
     (frequencies,); `quality`: 1 / (2 damping ratio), above 1/2.
     """
-    x = _histories(acceleration)
+    x, rate = _histories(acceleration, rate)
     frequencies = numbers("natural_frequency", natural_frequency, 1)
-    rate = number(positive, "rate", rate, "Hz")
     peaks = np.full((*x.shape[:-1], frequencies.size), np.nan)
     for k, frequency in enumerate(frequencies):
         if frequency <= rate / 10 * (1 + _ROUNDING):
@@ -201,8 +201,7 @@ def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) ->
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `window` [s].
     """
-    x = _histories(acceleration)
-    rate = number(positive, "rate", rate, "Hz")
+    x, rate = _histories(acceleration, rate)
     half = number(positive, "window", window, "s") * rate / 2
     samples = x.shape[-1]
     parts = min(math.ceil(4 * samples / half), samples)
@@ -212,11 +211,9 @@ def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) ->
     end = np.maximum(np.rint(np.minimum(middles + half, samples)), begin + 1).astype(int)
     # a mean that is large beside the vibration would cost digits
     x = x - x.mean(axis=-1, keepdims=True)
-    means = []
-    for power in (x, x**2):
-        below = np.concatenate([np.zeros((*x.shape[:-1], 1)), np.cumsum(power, axis=-1)], axis=-1)
-        means.append((below[..., end] - below[..., begin]) / (end - begin))
-    variance = means[1] - means[0] ** 2
+    sums = map(_sums, (x, x**2))
+    mean, square = ((below[..., end] - below[..., begin]) / (end - begin) for below in sums)
+    variance = square - mean**2
     return (middles - 0.5) / rate, np.sqrt(np.maximum(variance, 0.0))
 
 
@@ -244,11 +241,10 @@ def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0
     values = numbers("ensemble", ensemble, 1)
     samples = values.shape[0]
     require(samples > 0, "ensemble", "have a sample or more along its first axis", shown="none")
-    limit = np.full(values.shape[1:], np.nan)
-    if samples > 1:
-        logarithms = np.log10(np.where(values > 0, values, np.nan))
-        factor = tolerance_factor(samples, share=share, confidence=confidence)
-        limit = 10 ** (logarithms.mean(axis=0) + factor * logarithms.std(axis=0, ddof=1))
+    logarithms = np.log10(np.where(values > 0, values, np.nan))
+    # NaN for one sample
+    factor = tolerance_factor(samples, share=share, confidence=confidence)
+    limit = 10 ** (logarithms.mean(axis=0) + factor * logarithms.std(axis=0, ddof=min(1, samples - 1)))
     return Envelope(values.max(axis=0), values.mean(axis=0), limit)
 
 
@@ -298,23 +294,21 @@ def vibration_environment(
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
-    x = _histories(acceleration, 2)
-    rate = number(positive, "rate", rate, "Hz")
+    x, rate = _histories(acceleration, rate, 2)
     require(np.isfinite(x).all(), "acceleration", "be finite", shown="infinite or not a number")
     edges = band_edges() if edges is None else np.asarray(edges, float)
-    known_to = None if highest is None else np.asarray(highest, float)
+    highest = None if highest is None else np.asarray(highest, float)
     if time is not None:
         x = resample(time, x, rate)
-        old = np.asarray(time, float)
-        gaps = np.diff(old)
-        gap = np.searchsorted(old, old[0] + np.arange(x.shape[-1]) / rate, side="right") - 1
-        gap = np.minimum(gap, gaps.size - 1)
-        by_samples = 0.25 / gaps[gap]
-        known_to = by_samples if known_to is None else np.minimum(by_samples, known_to[gap])
-    middles, windows = window_densities(x, rate, edges, window=window, highest=known_to)
-    known = np.isfinite(windows).sum(axis=-2)
-    total = np.where(np.isfinite(windows), windows, 0.0).sum(axis=-2)
-    density = np.where(known > 0, total / np.maximum(known, 1), np.nan)
+        time = np.asarray(time, float)
+        reliable = 0.25 / np.diff(time)
+        if highest is not None:
+            reliable = np.minimum(reliable, highest[:-1])
+        # new samples are as reliable as the interval in which they lie
+        new = time[0] + np.arange(x.shape[-1]) / rate
+        highest = reliable[np.searchsorted(time[1:-1], new, side="right")]
+    middles, windows = window_densities(x, rate, edges, window=window, highest=highest)
+    density = np.ma.masked_invalid(windows).mean(axis=-2).filled(np.nan)
     maximax = np.fmax.reduce(windows, axis=-2)
     shock = shock_response_spectrum(x, rate, edges, quality=quality)
     level_time, level = running_level(x, rate, window=averaging)
