@@ -145,6 +145,13 @@ def band_rms(density: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.sqrt(np.ma.filled(square, np.nan))
 
 
+def check_quality(quality: float) -> float:
+    """Return Q of an oscillator [1]; raises `ValueError` unless it is above 1/2."""
+    quality = number(positive, "quality", quality)
+    require(quality > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
+    return quality
+
+
 def oscillator_response(
     acceleration: Numbers, rate: float, natural_frequency: float, *, quality: float = 10.0
 ) -> np.ndarray:
@@ -160,8 +167,7 @@ def oscillator_response(
     import scipy.signal  # here, because importing it takes longer than a small simulation
 
     x, rate = _histories(acceleration, rate)
-    quality = number(positive, "quality", quality)
-    require(quality > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
+    quality = check_quality(quality)
     angle = 2 * np.pi * number(positive, "natural_frequency", natural_frequency, "Hz") / rate
     decay = np.exp(-angle / (2 * quality))
     turn = angle * np.sqrt(1 - 1 / (4 * quality**2))

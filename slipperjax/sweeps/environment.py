@@ -9,28 +9,22 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ..analysis.environment import VibrationEnvironment, band_edges, vibration_environment
+from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, check_quality, vibration_environment
 from ..flow.datasets import load_base, varied_names
 from ..flow.status import is_lost
 from ..model.modes import Modes
-from ..model.quantities import ACCELERATIONS
 from ..model.scene import Scene
 from ..tools.checks import finite, number, positive, require, warn
 from ..tools.columns import column
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
-from .windows import SPINS, AccelerationHistory
+from .windows import AccelerationHistory
 
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
 """Least sampling rate over the highest frequency [1], by which the shock response is within 2 %."""
 RELIABLE = 0.25
 """Highest frequency that a density has over the rate of integration steps [1]: cubics lose the rest, see the docs."""
-SUMMARIES = {
-    "maximum": "greatest of all rails",
-    "mean": "mean of all rails",
-    "limit": "95/50 tolerance limit of rails",
-}
 
 
 def environment(
@@ -105,7 +99,9 @@ def environment(
         known = found.edges[1:][np.isfinite(found.density).any(axis=(0, 1, 2))].max()
         more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
         warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
-    return _dataset(found, wanted.places).assign_attrs(_known(given[0]))
+    # the status of a run is not that of its environment
+    known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
+    return _dataset(found, wanted.places).assign_attrs(known)
 
 
 class Wanted(NamedTuple):
@@ -135,16 +131,9 @@ def check_environment(
     if scene.slipper.modes is not None:
         for place in at:
             _shape_at(scene.slipper.modes, place)
-    factor = number(positive, "quality", quality)
-    require(factor > 0.5, "quality", "be above 0.5, for an oscillator that oscillates", quality)
+    factor = check_quality(quality)
     seconds = None if window is None else number(positive, "window", window, "s")
-    edges = band_edges(number(positive, "low", low, "Hz"), number(positive, "high", high, "Hz"))
-    return Wanted(at, edges, factor, seconds)
-
-
-def _known(ds: xr.Dataset) -> dict[str, object]:
-    """Return the attributes of a run that its environment has, too: all but those of a status."""
-    return {name: value for name, value in ds.attrs.items() if not name.startswith("status")}
+    return Wanted(at, band_edges(low, high), factor, seconds)
 
 
 def _histories(
@@ -162,7 +151,7 @@ def _histories(
         values = ds[name].transpose(..., "distance", "sample", "component").values
         good = ~is_lost(np.atleast_1d(ds["status"].values))
         rows += list(values.reshape(-1, *values.shape[-3:])[good])
-        steps += list(ds["steps_per_window"].transpose(..., "distance").values.reshape(-1, ds.sizes["distance"]))
+        steps.append(ds["steps_per_window"].min(ds["status"].dims).values)
         if not np.all(good):
             warn(f"{np.sum(~good)} of {len(good)} runs are lost, and left out.")
     require(rows, "runs", "have one that is not lost", shown="none")
@@ -199,20 +188,16 @@ def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
 
 def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return accelerations of places on the body along its axes [m/s^2], (rails, places, directions, samples)."""
-    a_y, a_z, *rest = np.moveaxis(histories, -1, 0)
-    angular = np.stack(rest[: len(ACCELERATIONS) - 2], axis=-1)
-    spin = np.stack(rest[len(ACCELERATIONS) - 2 :][: len(SPINS)], axis=-1)
-    of_centre = np.stack([np.zeros_like(a_y), a_y, a_z], axis=-1)
-    found = []
+    # in the order of `AccelerationHistory`: a_y and a_z, three alpha, three w, and the modes
+    across, angular, spin, modal = np.split(histories[:, None], [2, 5, 8], axis=-1)
+    # the speed along x is prescribed
+    of_centre = np.insert(across, 0, 0.0, axis=-1)
+    arms = places[:, None]
+    total = of_centre + np.cross(angular, arms) + np.cross(spin, np.cross(spin, arms))
     modes = scene.slipper.modes
-    for place in places:
-        by_turning = np.cross(angular, place) + np.cross(spin, np.cross(spin, place))
-        total = of_centre + by_turning
-        if modes is not None:
-            modal = histories[..., len(ACCELERATIONS) + len(SPINS) :]
-            total = total + modal @ _shape_at(modes, place)
-        found.append(total)
-    return np.moveaxis(np.stack(found, axis=1), -1, 2)
+    if modes is not None:
+        total = total + modal @ np.stack([_shape_at(modes, place) for place in places])
+    return np.moveaxis(total, -1, 2)
 
 
 def _shape_at(modes: Modes, place: np.ndarray) -> Float[np.ndarray, "modes 3"]:
@@ -228,44 +213,42 @@ def _shape_at(modes: Modes, place: np.ndarray) -> Float[np.ndarray, "modes 3"]:
 
 def _dataset(found: VibrationEnvironment, places: np.ndarray) -> xr.Dataset:
     """Label what `vibration_environment` found."""
-    cases = ("rail", "place", "direction")
+    of_rails = ("rail", "place", "direction")
+    of_all = ("summary", "place", "direction")
+    natural = "natural_frequency"
     density, acceleration = "m^2/s^4/Hz", "m/s^2"
     middles = np.sqrt(found.edges[1:] * found.edges[:-1])
-    natural = "natural_frequency"
+    text = "power spectral density"
     data = {
-        "density": column(
-            (*cases, "frequency"), found.density, density, "power spectral density of the acceleration"
-        ),
+        "density": column((*of_rails, "frequency"), found.density, density, f"{text} of the acceleration"),
         "maximax_density": column(
-            (*cases, "frequency"), found.maximax, density, "greatest power spectral density of all windows of time"
+            (*of_rails, "frequency"), found.maximax, density, f"greatest {text} of all windows of time"
         ),
         "shock_response": column(
-            (*cases, natural), found.shock_response, acceleration, "greatest acceleration of an oscillator"
+            (*of_rails, natural), found.shock_response, acceleration, "greatest acceleration of an oscillator"
         ),
-        "rms": column(cases, found.rms, acceleration, "root mean square of the acceleration"),
-        "band_rms": column(cases, found.band_rms, acceleration, "root mean square in the bands"),
-        "level": column((*cases, "seconds"), found.level, acceleration, "running root mean square"),
-        "duration": column(cases, found.duration, "s", "time within 6 dB of the greatest level"),
-    }
-    envelopes = {
-        "density_envelope": ("frequency", found.density_envelope, density, "power spectral density over rails"),
-        "maximax_envelope": (
-            "frequency",
-            found.maximax_envelope,
-            density,
-            "greatest power spectral density of rails",
+        "rms": column(of_rails, found.rms, acceleration, "root mean square of the acceleration"),
+        "band_rms": column(of_rails, found.band_rms, acceleration, "root mean square in the bands"),
+        "level": column((*of_rails, "seconds"), found.level, acceleration, "running root mean square"),
+        "duration": column(of_rails, found.duration, "s", "time within 6 dB of the greatest level"),
+        "density_envelope": column(
+            (*of_all, "frequency"), np.stack(found.density_envelope), density, f"{text} over rails"
         ),
-        "shock_envelope": (natural, found.shock_envelope, acceleration, "shock response over rails"),
+        "maximax_envelope": column(
+            (*of_all, "frequency"), np.stack(found.maximax_envelope), density, f"greatest {text} of rails"
+        ),
+        "shock_envelope": column(
+            (*of_all, natural), np.stack(found.shock_envelope), acceleration, "shock response over rails"
+        ),
     }
-    for name, (along, envelope, unit, text) in envelopes.items():
-        data[name] = column(("summary", *cases[1:], along), np.stack(envelope), unit, text)
     coords = {
         "frequency": column("frequency", middles, "Hz", "middle of a band"),
         natural: column(natural, found.edges, "Hz", "natural frequency"),
         "seconds": column("seconds", found.level_time, "s", "time"),
         "direction": list(DIRECTIONS),
-        "summary": list(SUMMARIES),
+        "summary": list(Envelope._fields),
         **{axis: column("place", places[:, k], "m", f"{axis} of the place") for k, axis in enumerate(DIRECTIONS)},
+        "low": ("frequency", found.edges[:-1]),
+        "high": ("frequency", found.edges[1:]),
     }
-    edges = {"low": ("frequency", found.edges[:-1]), "high": ("frequency", found.edges[1:])}
-    return xr.Dataset(data, coords | edges)
+    return xr.Dataset(data, coords)
