@@ -13,13 +13,11 @@ from .style import COLORS, check_dataset, legend_above, line_color, name_case, s
 
 SOURCE = "slipperjax.environment"
 SUMMARY_STYLES = {
-    "maximum": dict(color=COLORS["blue"]),
-    "mean": dict(color=COLORS["green"], ls="--"),
-    "limit": dict(color=COLORS["red"]),
+    "maximum": dict(color=COLORS["blue"], label="maximum"),
+    "mean": dict(color=COLORS["green"], ls="--", label="mean"),
+    "limit": dict(color=COLORS["red"], label="95/50"),
 }
 """Styles of lines that summarise rails."""
-LABELS = {"limit": "95/50"}
-"""What the name of a summary does not say."""
 DECADES = 6
 """Most decades of a density that a panel shows."""
 
@@ -51,11 +49,11 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
         lines = [figure.get_suptitle(), f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}"]
         figure.suptitle("\n".join(filter(None, lines)), fontsize=7)
     # one scale for all directions
-    tops = [line.get_ydata() for ax in axes[0] for line in ax.lines]
-    positive = [values[values > 0] for values in map(np.asarray, tops) if np.any(values > 0)]
-    if positive:
-        least, most = (pick([pick(values) for values in positive]) for pick in (np.min, np.max))
-        plt.setp(axes[0], ylim=(0.5 * max(least, most * 10.0**-DECADES), 2 * most))
+    densities = np.concatenate([line.get_ydata() for ax in axes[0] for line in ax.lines])
+    positive = densities[densities > 0]
+    if positive.size:
+        most = positive.max()
+        plt.setp(axes[0], ylim=(0.5 * max(positive.min(), most * 10.0**-DECADES), 2 * most))
     return axes
 
 
@@ -93,17 +91,19 @@ def environment_summary(report: xr.Dataset) -> list[str]:
     low, high = (float(report[name][end]) for name, end in (("low", 0), ("high", -1)))
     for place in range(report.sizes["place"]):
         at = _of_place(report, place)
-        rows = _greatest(at)
-        level = " ".join(f"{name} {_three(row[0])}" for name, row in rows.items())
-        in_bands = " ".join(f"{name} {_three(row[1])}" for name, row in rows.items())
+        greatest = _greatest(at)
+        level, in_bands = (
+            " ".join(f"{direction} {_three(value)}" for direction, value in greatest[name].items())
+            for name in ("rms", "band_rms")
+        )
         lines.append(f"environment at {named_place(at)}: g-RMS {level}; of {low:g} to {high:g} Hz {in_bands}")
-        worst = max(rows, key=lambda name: np.nan_to_num(rows[name][2]))
+        worst = greatest["shock_response"].idxmax()
         shock = at["shock_response"].sel(direction=worst).max("rail")
-        frequency = float(shock["natural_frequency"][np.nanargmax(shock.values)])
-        strongest = max(rows, key=lambda name: rows[name][0])
+        frequency = float(shock.idxmax("natural_frequency"))
+        strongest = greatest["rms"].idxmax()
         lines.append(
-            f"highest shock response {_three(rows[worst][2])} g along {worst} at {_three(frequency)} Hz; "
-            f"level within 6 dB of its highest for {rows[strongest][3]:.3g} s along {strongest}"
+            f"highest shock response {_three(shock.max())} g along {worst} at {_three(frequency)} Hz; "
+            f"level within 6 dB of its highest for {greatest['duration'][strongest]:.3g} s along {strongest}"
         )
     return lines
 
@@ -126,14 +126,10 @@ def _of_place(report: xr.Dataset, place: int) -> xr.Dataset:
     return at
 
 
-def _greatest(at: xr.Dataset) -> dict[str, list[float]]:
-    """Return RMS, RMS in the bands and shock response [g] and the duration [s], by direction, greatest of rails."""
-    names = ("rms", "band_rms", "shock_response", "duration")
-    rows = {}
-    for direction in at["direction"].values:
-        one = at.sel(direction=direction)
-        rows[str(direction)] = [float(one[name].max()) for name in names]
-    return rows
+def _greatest(at: xr.Dataset) -> pd.DataFrame:
+    """Return RMS, RMS in the bands and shock response [g] and the duration [s], greatest of rails, by direction."""
+    names = ["rms", "band_rms", "shock_response", "duration"]
+    return at[names].max(["rail", "natural_frequency"]).to_dataframe().loc[:, names]
 
 
 def _draw_density(ax: Axes, at: xr.Dataset) -> None:
@@ -145,7 +141,7 @@ def _draw_density(ax: Axes, at: xr.Dataset) -> None:
         ax.plot(at["frequency"], rails.T, color=COLORS["grey"], lw=0.3, alpha=max(0.1, 1 / len(rails) ** 0.5))
         for name, style in SUMMARY_STYLES.items():
             envelope = at["density_envelope"].sel(summary=name)
-            ax.plot(at["frequency"], envelope, lw=1.0, label=LABELS.get(name, name), **style)
+            ax.plot(at["frequency"], envelope, lw=1.0, **style)
     _finish_spectrum(ax, edges)
     ax.set_xlabel(f"frequency [Hz], along {at['direction'].item()}")
 
@@ -193,10 +189,12 @@ def _draw_level(ax: Axes, at: xr.Dataset) -> None:
 def _draw_table(ax: Axes, at: xr.Dataset) -> None:
     ax.axis("off")
     low, high = float(at["low"][0]), float(at["high"][-1])
-    rows = _greatest(at)
+    greatest = _greatest(at)
     heads = ["g-RMS", f"g-RMS, {low:g}\nto {high:g} Hz", "highest shock\nresponse [g]", "within\n6 dB [s]"]
-    cells = [[_three(row[k]) for row in rows.values()] for k in range(len(heads))]
-    table = ax.table(cells, rowLabels=heads, colLabels=list(rows), cellLoc="center", bbox=(0.35, 0.2, 0.65, 0.7))
+    cells = greatest.T.map(_three).values
+    table = ax.table(
+        cells, rowLabels=heads, colLabels=list(greatest.index), cellLoc="center", bbox=(0.35, 0.2, 0.65, 0.7)
+    )
     table.auto_set_font_size(False)
     table.set_fontsize(6.5)
     for cell in table.get_celld().values():

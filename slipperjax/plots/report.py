@@ -311,25 +311,18 @@ def _draw_envelope(ax: Axes, view: RunView) -> None:
     """Draw the highest force of each of the most loaded points along the rail, in `BINS` steps at most."""
     ds = view.ds
     q = view.quantity("peak_force")
-    of_points = by_contact(ds[["peak_force"]])["peak_force"].transpose("contact", "distance")
-    force = of_points.where(np.isfinite(of_points)).values
+    force = q.shown(by_contact(ds[["peak_force"]])["peak_force"])
+    size = -(-force.sizes["distance"] // BINS)
     edges = view.edges("distance")
-    size = -(-force.shape[1] // BINS)
-    first = np.arange(0, force.shape[1], size)
+    edges = np.append(edges[:-1:size], edges[-1])
     # NaN only where all of a step is
-    highest = q.shown(np.fmax.reduceat(force, first, axis=1))
-    most = np.nan_to_num(highest).max(axis=1)
-    for rank, k in enumerate(np.argsort(-most, kind="stable")[:POINTS]):
-        # points that never touch have no line
-        if most[k] > 0:
-            ax.stairs(
-                highest[k],
-                np.append(edges[first], edges[-1]),
-                baseline=None,
-                lw=0.8,
-                color=POINT_COLORS[rank],
-                label=f"{of_points['contact'].values[k]}, {most[k]:.4g} {q.display_unit}",
-            )
+    highest = force.where(np.isfinite(force)).coarsen(distance=size, boundary="pad").max()
+    most = highest.max("distance")
+    # points that never touch have no line
+    ranked = most.where(most > 0, drop=True).sortby(most, ascending=False)[:POINTS]
+    for name, color in zip(ranked["contact"].values, POINT_COLORS, strict=False):
+        label = f"{name}, {ranked.sel(contact=name):.4g} {q.display_unit}"
+        ax.stairs(highest.sel(contact=name), edges, baseline=None, lw=0.8, color=color, label=label)
     finish_forces(ax, view)
 
 

@@ -1,7 +1,6 @@
 """Style, colours, labels with display units, titles that state the case, and pictures as files."""
 
 import io
-import itertools
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
-from ..model.quantities import POINT_DIMS, REACTIONS, Quantity, point_dims
+from ..model.quantities import REACTIONS, Quantity, point_dims
 from ..tools.checks import instance, number, positive
 from ..tools.files import listed
 
@@ -103,15 +102,13 @@ def by_contact(ds: xr.Dataset) -> xr.Dataset:
     Its labels are the points' names, as in `Scene.point_names`: A1 at the front, A2 at the rear, of a sled left2_A1.
     Further coordinates along it are "end", "point", of a sled "slipper", and "color".
     """
-    labels = [np.atleast_1d(ds[dim].values) for dim in POINT_DIMS if dim in ds.coords]
-    names = []
-    for *slipper, end, point in itertools.product(*labels):
-        names.append("_".join([*slipper, f"{point}{2 if end == 'rear' else 1}"]))
-    points = len(labels[-1])
-    ends = range(len(names) // points)
-    colors = np.ravel([point_colors(points, k // len(labels[-2])) for k in ends])
     flat = ds.stack(contact=point_dims(ds), create_index=False)
-    return flat.assign_coords(contact=names, color=("contact", colors))
+    names = flat["point"].str.cat(xr.where(flat["end"] == "rear", "2", "1"))
+    if "slipper" in flat.coords:
+        names = flat["slipper"].str.cat(names, sep="_")
+    of_slippers = [point_colors(ds["point"].size, slipper) for slipper in range(ds.sizes.get("slipper", 1))]
+    colors = np.repeat(of_slippers, ds["end"].size, axis=0).ravel()
+    return flat.assign_coords(contact=names.values, color=("contact", colors))
 
 
 def typeset(unit: str) -> str:
