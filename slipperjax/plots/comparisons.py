@@ -5,7 +5,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -13,7 +12,7 @@ import xarray as xr
 from ..flow.status import Status, is_lost
 from ..model.quantities import Quantity, ShownUnits
 from .runs import UNITS
-from .style import check_dataset, line_color, name_case, name_label, quantity_of, styled, with_unit
+from .style import check_dataset, line_color, name_label, page, quantity_of, with_unit
 
 SOURCE = "slipperjax.compare"
 """What makes such datasets."""
@@ -127,8 +126,7 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
     flat = view.ds
     shares = flat["quantile"].values
     q = view.quantity
-    with styled():
-        figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.9), layout="constrained", width_ratios=(3, 2))
+    with page(1, 2, 2.9, flat, full=False, width_ratios=(3, 2)) as axes:
         left, right = axes
         for k, label in enumerate(view.labels):
             runs = np.sort(q.shown(flat["runs"].isel(design=k).values.ravel()))
@@ -150,5 +148,4 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
         right.set_title("bars: two standard errors either side", fontsize=7)
         right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))
-        name_case(figure, flat)
     return axes

@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator
 
 from ..tools.checks import require, whole
 from ..tools.units import STANDARD_GRAVITY
-from .style import COLORS, check_dataset, legend_above, line_color, name_case, set_log_ticks, styled
+from .style import COLORS, check_dataset, legend_above, line_color, page, set_log_ticks
 
 SOURCE = "slipperjax.environment"
 SUMMARY_STYLES = {
@@ -36,15 +36,14 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
     **Raises:** `ValueError` for another dataset, or a place that it does not have.
     """
     at = _of_place(report, place)
-    with styled():
-        figure, axes = plt.subplots(2, 3, figsize=(7.2, 5.0), layout="constrained")
+    with page(2, 3, 5.0, report, full=False) as axes:
         for ax, direction in zip(axes[0], at["direction"].values, strict=True):
             _draw_density(ax, at.sel(direction=direction))
         _draw_shock(axes[1, 0], at)
         _draw_level(axes[1, 1], at)
         _draw_table(axes[1, 2], at)
         axes[0, 0].set_ylabel("power spectral density [g$^2$/Hz]")
-        name_case(figure, report)
+        figure = axes[0, 0].figure
         rails = at.sizes["rail"]
         lines = [figure.get_suptitle(), f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}"]
         figure.suptitle("\n".join(filter(None, lines)), fontsize=7)

@@ -1,6 +1,5 @@
 """Pictures of rails: their displacement and spectrum, and a run's forces below them."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
@@ -8,7 +7,7 @@ from ..analysis.spectra import power_spectral_density
 from ..model.quantities import ShownUnits
 from ..model.scene import Scene, check_scene
 from .runs import DISTANCE, draw_irregularity, units_along
-from .style import COLORS, axis_label, check_dataset, legend_above, name_label, styled
+from .style import COLORS, axis_label, check_dataset, legend_above, name_label, page
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
@@ -40,10 +39,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     along = units.of(DISTANCE)
     rows = 3 if ds is None else 4
     heights = [0.6, 0.6, *[1.0] * (rows - 2)]
-    with styled():
-        _, axes = plt.subplots(
-            rows, 1, figsize=(7.2, 2.0 * sum(heights)), height_ratios=heights, layout="constrained"
-        )
+    with page(rows, 1, 2.0 * sum(heights), height_ratios=heights) as axes:
         lower = axes[-1]
         top = 0.0
         draw_irregularity(axes[:2], scene, distance, units)

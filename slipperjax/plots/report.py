@@ -28,8 +28,18 @@ from ..tools.files import Content, user_path, write_each
 from ..tools.units import STANDARD_GRAVITY
 from .comparisons import comparison, table as table_of_designs, verdict
 from .environment import environment_summary, environment_table, vibration
-from .runs import RunView, draw_panels, draw_speed, edges_of, finish_forces, in_hundredths, peak_of, speed_name
-from .style import COLORS, POINT_COLORS, by_contact, legend_above, set_log_ticks, styled, with_unit
+from .runs import (
+    RunView,
+    draw_panels,
+    draw_speed,
+    edges_of,
+    edges_of_bands,
+    finish_forces,
+    in_hundredths,
+    peak_of,
+    speed_name,
+)
+from .style import COLORS, POINT_COLORS, by_contact, legend_above, page, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
 
 WIDTH = 105
@@ -340,24 +350,20 @@ def _draw_impacts(ax: Axes, view: RunView) -> None:
 def _spectra(view: RunView, names: list[str]) -> Figure:
     """Draw root mean squares in third octaves: of the whole run, and the highest of all stretches."""
     ds = view.ds
-    bands = ds["band"].values
-    half = 10 ** (1 / 20)  # from the middle of a third octave to its end
-    edges = np.append(bands / half, bands[-1] * half)
-    figure, grid = plt.subplots(
-        len(names), 1, figsize=(7.2, 2.6 * len(names) + 0.5), sharex=True, squeeze=False, layout="constrained"
-    )
-    for ax, name in zip(grid[:, 0], names, strict=True):
-        q = view.quantity(name)
-        values = q.shown(ds[f"band_{name}"])
-        mean = np.sqrt((values**2).mean("stretch"))
-        ax.stairs(mean, edges, baseline=None, color=COLORS["blue"], label="mean of all stretches")
-        ax.stairs(values.max("stretch"), edges, baseline=None, color=COLORS["red"], label="highest stretch")
-        ax.set(xscale="log", yscale="log")
-        ax.set_ylabel(with_unit(f"RMS of ${q.symbol}$\nin third octaves", q.display_unit, brackets=True))
-        set_log_ticks(ax.xaxis)
-        legend_above(ax)
-    grid[-1, 0].set_xlabel("frequency [Hz]")
-    return figure
+    edges = edges_of_bands(ds["band"].values)
+    with page(len(names), 1, 2.6 * len(names) + 0.5, sharex=True, squeeze=False) as grid:
+        for ax, name in zip(grid[:, 0], names, strict=True):
+            q = view.quantity(name)
+            values = q.shown(ds[f"band_{name}"])
+            mean = np.sqrt((values**2).mean("stretch"))
+            ax.stairs(mean, edges, baseline=None, color=COLORS["blue"], label="mean of all stretches")
+            ax.stairs(values.max("stretch"), edges, baseline=None, color=COLORS["red"], label="highest stretch")
+            ax.set(xscale="log", yscale="log")
+            ax.set_ylabel(with_unit(f"RMS of ${q.symbol}$\nin third octaves", q.display_unit, brackets=True))
+            set_log_ticks(ax.xaxis)
+            legend_above(ax)
+        grid[-1, 0].set_xlabel("frequency [Hz]")
+    return grid[0, 0].figure
 
 
 def _csv(table: pd.DataFrame) -> bytes:

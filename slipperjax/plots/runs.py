@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from jaxtyping import Int
@@ -29,13 +28,12 @@ from .style import (
     highest,
     legend_above,
     line_color,
-    name_case,
     name_label,
     name_status,
+    page,
     quantity_of,
     set_log_ticks,
     shown,
-    styled,
     typeset,
     with_unit,
 )
@@ -111,12 +109,6 @@ class RunView(NamedTuple):
         begins = seconds[0] < 1.5 * first or self.codes[0] == Status.TOO_SLOW
         return np.append(0.0 if begins else seconds[0] - first, seconds)
 
-    def highest(self, name: str) -> np.ndarray:
-        """Return the highest of all points in each window [SI unit], NaN where none is a number."""
-        values = self.ds[name]
-        # infinities are no numbers to show
-        return values.where(np.isfinite(values)).max(point_dims(values)).values
-
     def edges(self, along: str) -> np.ndarray:
         """Return the edges of windows ("distance") or stretches ("stretch") in the unit of distances."""
         return self.places(edges_of(self.ds, along))
@@ -158,18 +150,12 @@ def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]])
     """Draw panels over one axis of distances in a new figure, below those of the rail where the scene is known."""
     rails = 0 if view.scene is None else 2
     rows = len(draws) + rails
-    with styled():
-        figure, grid = plt.subplots(
-            rows,
-            1,
-            figsize=(7.2, 1.5 * len(draws) + 0.9 * rails + 0.5),
-            height_ratios=[0.6] * rails + [1.0] * len(draws),
-            sharex=True,
-            squeeze=False,
-            layout="constrained",
-        )
-        name_case(figure, view.ds.drop_vars(speed_name(view.ds)), full=True)
+    height = 1.5 * len(draws) + 0.9 * rails + 0.5
+    ratios = [0.6] * rails + [1.0] * len(draws)
+    case = view.ds.drop_vars(speed_name(view.ds))
+    with page(rows, 1, height, case, height_ratios=ratios, sharex=True, squeeze=False) as grid:
         axes = grid[:, 0]
+        figure = axes[0].figure
         if view.scene is not None:
             # many more places than pixels, so that short waves keep their height
             begin, end = edges_of(view.ds, "distance")[[0, -1]]
@@ -273,7 +259,10 @@ def draw_speed(ax: Axes, view: RunView) -> None:
 def _draw_forces(ax: Axes, view: RunView) -> None:
     ds = view.ds
     force = view.quantity("peak_force")
-    _draw_steps(ax, view, "distance", force.shown(view.highest("peak_force")), "each window", COLORS["grey"])
+    # infinities are no numbers to show
+    of_points = ds["peak_force"].where(np.isfinite(ds["peak_force"]))
+    windows = force.shown(of_points.max(point_dims(of_points)).values)
+    _draw_steps(ax, view, "distance", windows, "each window", COLORS["grey"])
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
         values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
@@ -346,9 +335,7 @@ def _draw_bands(ax: Axes, view: RunView) -> None:
         return
     # bands beyond the resolved ones are cut off
     rows = slice(known[0], known[-1] + 1)
-    bands = ds["band"].values[rows]
-    half = 10 ** (1 / 20)  # from the middle of a third octave to its end
-    edges = np.append(bands / half, bands[-1] * half)
+    edges = edges_of_bands(ds["band"].values[rows])
     mesh = ax.pcolormesh(
         view.edges("stretch"),
         edges,
@@ -360,6 +347,12 @@ def _draw_bands(ax: Axes, view: RunView) -> None:
     set_log_ticks(ax.yaxis)
     label = with_unit("RMS", q.display_unit, brackets=True)
     color_bar(ax, mesh, label, cax=ax.inset_axes([1.015, 0, 0.015, 1]))
+
+
+def edges_of_bands(middles: np.ndarray) -> np.ndarray:
+    """Return the edges of third octaves [Hz] from their middles."""
+    half = 10 ** (1 / 20)
+    return np.append(middles / half, middles[-1] * half)
 
 
 def _draw_steps(

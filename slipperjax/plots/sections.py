@@ -64,7 +64,9 @@ def section(scene: Scene, ax: Axes | None = None) -> Axes:
         if own:
             clearance = quantity("clearance").shown(float(scene.value("clearance")))
             ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
-        _draw_slipper(ax, shape, still, reach * np.asarray(shape.normals), shape.names)
+        _draw_slipper(
+            ax, shape, still, reach * np.asarray(shape.normals), shape.names, point_colors(len(shape.names))
+        )
         frame(ax, still[None], 1.3 * reach)
     return ax
 
@@ -145,11 +147,11 @@ def _draw_slipper(
     points: Float[np.ndarray, "points 2"],
     arrows: Float[np.ndarray, "points 2"],
     labels: Sequence[str],
-    slipper: int = 0,
+    colors: Sequence[str],
 ) -> tuple[Polygon, PathCollection, Quiver]:
     """Draw the rail head with its web and labels inside it, and the slipper around it.
 
-    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm]; `slipper`: its number on a sled.
+    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm]; `colors`: of the points.
 
     **Returns:** the slipper's patch, its points and its arrows.
     """
@@ -158,7 +160,6 @@ def _draw_slipper(
     # labels stand inside the rail head
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
-    colors = point_colors(len(shape.names), slipper)
     (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE)
     dots = ax.scatter(*(1e3 * points.T), s=14, color=colors, lw=1.0, zorder=4)
     quiver = ax.quiver(*(1e3 * points.T), *arrows.T, color=colors, **ARROWS)
@@ -355,7 +356,7 @@ class _Picture:
                 for k, end in enumerate(("front", "rear")):
                     ax = grid[f"{end} {row}"]
                     labels = [f"{name}{k + 1}" for name in of.shape.names]
-                    artists = _draw_slipper(ax, of.shape, of.points[0, k], of.arrows[0, k], labels, row)
+                    artists = _draw_slipper(ax, of.shape, of.points[0, k], of.arrows[0, k], labels, of.colors)
                     self.ends.append((of, k, artists))
                     frame(ax, of.points.reshape(-1, *of.points.shape[2:]), margin)
                     ax.set_title(f"{of.name} {end}".strip(), fontsize=8)

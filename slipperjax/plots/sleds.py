@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -20,10 +19,9 @@ from .style import (
     color_norm,
     drawing,
     legend_above,
-    name_case,
     name_label,
+    page,
     point_colors,
-    styled,
 )
 
 
@@ -103,10 +101,7 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
     need = f"have a share for each of {len(names)} slippers"
     require(static is None or np.shape(static) == (len(names),), "static", need, static)
     edges = view.edges("distance")
-    with styled():
-        size = (7.2, 1.6 * len(loads) + 0.7)
-        figure, axes = plt.subplots(len(loads), 1, figsize=size, sharex=True, layout="constrained")
-        name_case(figure, view.ds, full=True)
+    with page(len(loads), 1, 1.6 * len(loads) + 0.7, view.ds, sharex=True) as axes:
         for ax, (name, load) in zip(axes, loads.items(), strict=True):
             # windows that are lost have no share
             mean = np.abs(load.rolling(distance=over, center=True, min_periods=1).mean().where(load.notnull()))

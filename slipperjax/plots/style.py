@@ -212,6 +212,21 @@ def drawing(
         yield ax
 
 
+@contextmanager
+def page(
+    rows: int, columns: int, height: float, ds: xr.Dataset | None = None, *, full: bool = True, **options: Any
+) -> Iterator[np.ndarray]:
+    """Yield the Axes of a new figure in `STYLE`, 7.2 by `height` inches, titled as that of `drawing`.
+
+    **Arguments:** `options`: as for `plt.subplots`.
+    """
+    with styled():
+        figure, axes = plt.subplots(rows, columns, figsize=(7.2, height), layout="constrained", **options)
+        if ds is not None:
+            name_case(figure, ds, full=full)
+        yield axes
+
+
 def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
     """Draw a legend above the axes, in as many columns as its longest entry allows; none without entries.
 

@@ -1,5 +1,6 @@
 """Tables of a run: its windows, its hundreds of metres and its worst places, with units in their headers."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -53,10 +54,10 @@ def of_windows(view: RunView) -> pd.DataFrame:
             joined = values.sum if name in SUMMED else values.max
             values = joined(point_dims(values), skipna=False)
         # one column for each direction and the like
-        for index in np.ndindex(*[values.sizes[dim] for dim in values.dims if dim != "distance"]):
-            part = values.transpose("distance", ...)[(slice(None), *index)]
-            label = " ".join(str(part[dim].item()) for dim in values.dims if dim != "distance")
-            columns[f"{name} {label}".strip()] = part.values
+        others = [dim for dim in values.dims if dim != "distance"]
+        for labels in itertools.product(*(values[dim].values for dim in others)):
+            part = values.sel(dict(zip(others, labels, strict=True)))
+            columns[" ".join(map(str, (name, *labels)))] = part.values
     # numbers of stretches, which are the same in all windows of one
     for name, values in ds.data_vars.items():
         if values.dims == ("stretch",) and str(name).startswith("rms_"):

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -19,10 +18,9 @@ from .style import (
     drawing,
     legend_above,
     lost,
-    name_case,
     name_status,
+    page,
     shown,
-    styled,
     typeset,
 )
 
@@ -173,9 +171,7 @@ def overview(ds: Result) -> np.ndarray:
     **Returns:** the Axes, an array (7, 2).
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
-    with styled():
-        figure, panels = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
-        name_case(figure, ds, full=True)
+    with page(7, 2, 9.4, ds) as panels:
         # coordinates on the left, their velocities on the right
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
         for name, ax in zip(names, panels.ravel(), strict=False):
@@ -190,7 +186,7 @@ def overview(ds: Result) -> np.ndarray:
         period = ds["period"].values
         history(ds, "drive_force", panels[6, 0])
         history(ds.isel(time=period >= period[-1] - last - 1e-9), "drive_force", panels[6, 1])
-        name_status(figure, int(ds.attrs.get("status", Status.FINITE)))
+        name_status(panels[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
     return panels
 
 
