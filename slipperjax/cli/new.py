@@ -5,7 +5,6 @@ import json
 import os
 from pathlib import Path
 from string import Template
-from typing import NamedTuple
 
 import click
 import numpy as np
@@ -141,21 +140,21 @@ REMARKS = {
 FRICTION = Template("""\
 [friction]
 type = "Coulomb"  # or FadingFriction, with power and exponent
-coefficient = $friction  # force along the rail over that across it""")
+coefficient = $value  # force along the rail over that across it""")
 DOWN = Template("""\
 [[load]]  # such as a share of the sled's weight
 type = "AppliedLoad"
-force = { values = [0, 0, -$down], unit = "N" }  # along x (forwards), y (left) and z (up)""")
+force = { values = [0, 0, -$value], unit = "N" }  # along x (forwards), y (left) and z (up)""")
 DRAG = Template("""\
 [[load]]  # drag of the air
 type = "AerodynamicLoad"
-area = "$drag_area m^2"  # that the coefficients refer to
+area = "$value m^2"  # that the coefficients refer to
 drag_coefficient = 1.0  # of that area; also lift_coefficient, side_coefficient, and tables of them by mach
 arm = { values = [0, 0, 0], unit = "mm" }  # where it acts, from the $body's centre of mass""")
 TABLE = Template("""\
 [[load]]
 type = "TabulatedLoad"
-file = $file  # columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ...
+file = $value  # columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ...
 arm = { values = [0, 0, 0], unit = "mm" }  # where the force acts, from the $body's centre of mass""")
 
 RAILS = {
@@ -297,20 +296,15 @@ def new(
         "faces": ", ".join(f"[{a}, {b}]" for a, b in zip(quoted[::2], quoted[1::2], strict=True)),
         "points": "\n".join(f"    [{y:.9g}, {z:.9g}]," for y, z in points),
         "window": f"{WINDOW:g}",
-        **_way(file, speed, end_speed, _rails(places, rail, right_rail), travel),
+        **_way(file, speed, end_speed, _rails(places, rail, right_rail), _gauge(places), travel),
+        "friction": _part(FRICTION, friction, 0.2),
     }
     loads = [
-        _part(DOWN, down is not None, down=f"{down or 800:.9g}"),
-        _part(DRAG, drag_area is not None, drag_area=f"{drag_area or 0.01:.9g}", body=words["body"]),
-        _part(
-            TABLE,
-            load is not None,
-            file=_beside(file, Path("thrust.csv") if load is None else load),
-            body=words["body"],
-        ),
+        _part(DOWN, down, 800.0),
+        _part(DRAG, drag_area, 0.01, **words),
+        _part(TABLE, None if load is None else _beside(file, load), _beside(file, Path("thrust.csv")), **words),
     ]
     values["loads"] = "\n\n".join(loads)
-    values["friction"] = _part(FRICTION, friction is not None, friction=f"{0.2 if friction is None else friction:g}")
     text = SCENE.substitute(values)
     # what is wrong is found before anything is written
     scene_from_toml(text, str(file))
@@ -341,25 +335,21 @@ def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> t
     return points, names
 
 
-class _Rails(NamedTuple):
-    """Rails of a scene, as options tell them."""
-
-    names: list[str]
-    """Values of --rail and --right-rail: one for a single rail, or for two rails of one survey or spectrum."""
-    are_two: bool
-    gauge: float | None
-    """Distance between two rails [m]; None where the slippers say none."""
-
-
-def _rails(places: np.ndarray, rail: str, right: str | None) -> _Rails:
-    """Return the rails on which slippers at places are [m]."""
+def _rails(places: np.ndarray, rail: str, right: str | None) -> dict[str, str]:
+    """Return the rails on which slippers at places are [m], by the tables of the file: "track" is a single rail,
+    "track.rail" stands for two of one survey or spectrum."""
     y = places[:, 1]
     if not y.any():
         require(right is None, "--right-rail", "come with --sled, or a --mount on it", right)
-        return _Rails([rail], False, None)
+        return {"track": rail}
     require(y.all(), "--mount", "have a y above or below 0 for each, or 0 for all", shown="0 for some")
-    gauge = 2 * abs(y[0]) if np.ptp(np.abs(y)) == 0 else None
-    return _Rails([rail] if right is None else [rail, right], True, gauge)
+    return {"track.rail": rail} if right is None else {"track.left": rail, "track.right": right}
+
+
+def _gauge(places: np.ndarray) -> float | None:
+    """Return the distance between two rails [m]; None where slippers at places [m] say none."""
+    beside = np.abs(places[:, 1])
+    return float(2 * beside[0]) if beside.all() and np.ptp(beside) == 0 else None
 
 
 def _mounts(places: np.ndarray) -> str:
@@ -376,16 +366,17 @@ def _mounts(places: np.ndarray) -> str:
     return "".join([*tables, MODES])
 
 
-def _way(file: Path, speed: str, end_speed: float | None, of: _Rails, travel: float | None) -> dict[str, str]:
+def _way(
+    file: Path, speed: str, end_speed: float | None, rails: dict[str, str], gauge: float | None, travel: float | None
+) -> dict[str, str]:
     """Return what the template says of rails, speed and length of the run, from options."""
     from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
 
     surveys = []
-    both = of.are_two and len(of.names) == 1
-    for name, rail in zip(("--rail", "--right-rail"), of.names, strict=False):
+    for name, (table, rail) in zip(("--rail", "--right-rail"), rails.items(), strict=False):
         if rail not in RAILS:
             path = _existing(name, rail, f"one of {', '.join(RAILS)}")
-            surveys.append(SurveyedRails(path, gauge=of.gauge) if both else SurveyedTrack(path))
+            surveys.append(SurveyedRails(path, gauge=gauge) if table == "track.rail" else SurveyedTrack(path))
     history = None
     try:
         first = float(Measure(PARAMETERS["speed"]).convert(speed, None, None))
@@ -401,7 +392,7 @@ def _way(file: Path, speed: str, end_speed: float | None, of: _Rails, travel: fl
     if history is not None:
         spans.append(float(history.distance[-1] - history.distance[0]))
     length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
-    way = {"begin": f"{begin:.9g}", "travel": f"{length:.9g}"}
+    way = {"begin": f"{begin:.9g}", "travel": f"{length:.9g}", "track": _track(file, rails, gauge, length)}
     if history is not None:
         # distances of the rail stay as they are, others begin where it does
         start = float(history.distance[0])
@@ -413,38 +404,46 @@ def _way(file: Path, speed: str, end_speed: float | None, of: _Rails, travel: fl
     else:
         ends = {"end": f"{begin + length:.9g}", "end_speed": f"{end_speed:.9g}"}
         way["speed"] = FROM_TO.substitute(begin=way["begin"], speed=f"{first:.9g}", **ends)
-    gauge = f'gauge = "{of.gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
-    gauge = gauge if of.gauge else f"# {gauge}"
-    if both and not surveys:
-        # the pair has the seed
-        lines = _random(of.names[0], length, "track.rail", 0).splitlines()
-        rail = "\n".join(line for line in lines if not line.startswith("seed"))
-        way["track"] = RANDOM_RAILS.substitute(gauge=gauge, rail=rail)
-        return way
-    tables = ["track"] if len(of.names) == 1 else ["track.left", "track.right"]
-    rails = []
-    for k, (rail, table) in enumerate(zip(of.names, tables, strict=True)):
-        # a survey is known by its file, but not in a table within the track's
-        first = f"{gauge}\n" if both else 'type = "SurveyedTrack"\n' if of.are_two else ""
-        surveyed = SURVEY.substitute(table=table, first=first, file=_beside(file, user_path(rail)))
-        rails.append(_random(rail, length, table, k) if rail in RAILS else surveyed)
-    way["track"] = rails[0] if len(rails) == 1 else TWO_RAILS.substitute(gauge=gauge, left=rails[0], right=rails[1])
     return way
 
 
-def _random(rail: str, length: float, table: str, seed: int) -> str:
-    """Return the table of a random rail of at least some length [m]."""
+def _track(file: Path, rails: dict[str, str], gauge: float | None, length: float) -> str:
+    """Return the tables of the rails for a run of some length [m]; those that are not random are surveys."""
+    between = f'gauge = "{gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
+    between = between if gauge else f"# {between}"
+    tables = []
+    for seed, (table, rail) in enumerate(rails.items()):
+        alike = table == "track.rail"
+        if rail in RAILS:
+            # of two alike the pair has the seed
+            one = _random(rail, length, table, None if alike else seed)
+            tables.append(RANDOM_RAILS.substitute(gauge=between, rail=one) if alike else one)
+        else:
+            # a survey is known by its file, but not in a table within the track's
+            first = {"track": "", "track.rail": f"{between}\n"}.get(table, 'type = "SurveyedTrack"\n')
+            path = _beside(file, user_path(rail))
+            tables.append(SURVEY.substitute(table=table.removesuffix(".rail"), first=first, file=path))
+    if len(tables) == 1:
+        return tables[0]
+    left, right = tables
+    return TWO_RAILS.substitute(gauge=between, left=left, right=right)
+
+
+def _random(rail: str, length: float, table: str, seed: int | None) -> str:
+    """Return the table of a random rail of at least some length [m]; without a seed where it is None."""
     from ..model.random_rails import RandomTrack
 
     kind, _, which = rail.partition("-")
     make = {"sled": RandomTrack.sled, "german": RandomTrack.german, "fra": RandomTrack.fra}[kind]
     of = [int(which) if which.isdecimal() else which] if which else []
     # rails are at least twice as long as their longest wave
-    track = make(*of, length=max(length, 200.0), seed=seed)
+    track = make(*of, length=max(length, 200.0), seed=seed or 0)
     text = dataclasses.replace(paper_scene(), track=track).to_toml()
-    entries = text.partition("[track]\n")[2].partition("\n\n")[0].splitlines()
-    remarks = [REMARKS.get(line.partition(" ")[0], "") for line in entries]
-    lines = [f"{line}  # {remark}" if remark else line for line, remark in zip(entries, remarks, strict=True)]
+    lines = []
+    for line in text.partition("[track]\n")[2].partition("\n\n")[0].splitlines():
+        name = line.partition(" ")[0]
+        if name != "seed" or seed is not None:
+            lines.append(f"{line}  # {REMARKS[name]}" if name in REMARKS else line)
     return RANDOM.substitute(table=table, words=RAILS[rail], entries="\n".join(lines))
 
 
@@ -460,7 +459,8 @@ def _beside(file: Path, other: Path) -> str:
     return json.dumps((other if other.is_absolute() else Path(os.path.relpath(other, file.parent))).as_posix())
 
 
-def _part(template: Template, wanted: bool, **values: str) -> str:
-    """Return a part of the file, as remarks where it is not wanted."""
-    text = template.substitute(values)
-    return text if wanted else "\n".join(f"# {line}" for line in text.splitlines())
+def _part(template: Template, value: float | str | None, example: float | str, **words: str) -> str:
+    """Return a part of the file; without its value as remarks with an example."""
+    given = example if value is None else value
+    text = template.substitute(words, value=given if isinstance(given, str) else f"{given:.9g}")
+    return "\n".join(f"# {line}" for line in text.splitlines()) if value is None else text
