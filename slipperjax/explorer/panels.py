@@ -47,8 +47,9 @@ class Panels:
         blue = COLORS["blue"]
         names = [(velocity, label(quantity(coordinate))) for velocity, coordinate in SECTIONS.items()]
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
-        options = [("", "all"), *((name, name) for name in slippers)]
-        self.slipper = Select(title="Slipper", options=options, value="", width=90, visible=bool(slippers))
+        self.slipper = Select(
+            title="Slipper", options=[("", "all"), *slippers], value="", width=90, visible=bool(slippers)
+        )
         self.title = Div(width=410 if slippers else 512, styles={"font-size": "13px"}, name="case")
         for choice in (self.motion, self.slipper):
             choice.on_change("value", lambda attr, old, new: chosen())

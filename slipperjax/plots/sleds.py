@@ -47,7 +47,7 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
         if view is not None and "peak_force" in view.ds:
             q = view.quantity("peak_force")
             force = view.ds["peak_force"]
-            values = np.atleast_1d(q.shown(force.max([dim for dim in force.dims if dim != "slipper"]).values))
+            values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
             by_force = ScalarMappable(color_norm(values))
             color_bar(ax, by_force, name_label(q))
             colors = by_force.to_rgba(values)

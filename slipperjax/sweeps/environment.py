@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -76,43 +75,31 @@ def environment(
         has = isinstance(one, xr.Dataset) and name in one
         require(has, "runs", f'be datasets of slipperjax.run with the record "{name}"', shown="others")
     scene, _ = load_base(given[0])
-    wanted = check_environment(scene, places, low=low, high=high, quality=quality, window=window)
+    at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window)
     histories, seconds, steps = _histories(given, name)
     intervals = np.diff(seconds)
-    least = LEAST_RATE * wanted.edges[-1]
+    least = LEAST_RATE * edges[-1]
     rate = max(1 / float(np.median(intervals)), least)
     # samples of a constant speed are at equal times, and taken as they are where they are dense enough
     equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > least
     found = vibration_environment(
-        _accelerations(scene, histories, wanted.places),
+        _accelerations(scene, histories, at),
         rate,
         time=None if equal else seconds,
         highest=RELIABLE * steps,
-        edges=wanted.edges,
-        quality=wanted.quality,
-        window=wanted.window,
+        edges=edges,
+        quality=quality,
+        window=window,
     )
     if np.isnan(found.density[..., -1]).any() and np.isfinite(found.density).any():
-        windows = given[0].sizes["distance"]
-        shortest = float(np.diff(seconds).min()) * histories.shape[1] / windows
-        need = math.ceil(wanted.edges[-1] / RELIABLE * shortest)
+        shortest = float(intervals.min()) * histories.shape[1] / given[0].sizes["distance"]
+        need = math.ceil(edges[-1] / RELIABLE * shortest)
         known = found.edges[1:][np.isfinite(found.density).any(axis=(0, 1, 2))].max()
         more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
         warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
     # the status of a run is not that of its environment
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
-    return _dataset(found, wanted.places).assign_attrs(known)
-
-
-class Wanted(NamedTuple):
-    """Arguments of `environment` besides its runs, checked."""
-
-    places: Float[np.ndarray, "places 3"]
-    edges: Float[np.ndarray, " edges"]
-    """Of bands [Hz]."""
-    quality: float
-    window: float | None
-    """[s]."""
+    return _dataset(found, at).assign_attrs(known)
 
 
 def check_environment(
@@ -123,17 +110,18 @@ def check_environment(
     high: Real = 2000.0,
     quality: Real = 10.0,
     window: Real | None = None,
-) -> Wanted:
-    """Return the arguments of `environment` checked, before a long run; raises its errors about them."""
+) -> tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, " edges"]]:
+    """Return places [m] and edges of bands [Hz]; check the arguments of `environment`, also before a long run."""
     at = np.asarray(finite("places", "m")(places), float)
     require(at.size and at.shape[-1] == 3, "places", "have x, y and z", shown=f"of shape {at.shape}")
     at = at.reshape(-1, 3)
     if scene.slipper.modes is not None:
         for place in at:
             _shape_at(scene.slipper.modes, place)
-    factor = check_quality(quality)
-    seconds = None if window is None else number(positive, "window", window, "s")
-    return Wanted(at, band_edges(low, high), factor, seconds)
+    check_quality(quality)
+    if window is not None:
+        number(positive, "window", window, "s")
+    return at, band_edges(low, high)
 
 
 def _histories(

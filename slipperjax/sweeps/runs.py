@@ -236,15 +236,16 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 
 def _records(scene: Scene, record: object) -> RecordSet:
     """Return the records that a user chose for each window, and those of each stretch and of the whole run."""
-    chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     if record is None:
-        chosen = default_records(scene)
+        record = default_records(scene)
+    chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
-    known = [run_record(one) for one in chosen]
-    run_names = (*WINDOW_RECORDS, *RECORDS)
-    for one, of_window in zip(chosen, known, strict=True):
-        require(of_window is not None, "record", f"{need}, or a record of numbers", one, names=run_names)
-    records: list[AbstractRecord] = [PerWindow(of_window) for of_window in known if of_window]
+    known = []
+    for one in chosen:
+        known.append(run_record(one))
+        ok = known[-1] is not None
+        require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
+    records: list[AbstractRecord] = list(map(PerWindow, known))
     names = {one.name for one in records}
     # each variable once, of windows where the user asks for that
     records += [RECORDS[name] for name in PER_STRETCH if name not in names]

@@ -204,9 +204,8 @@ def play_added(scene: Scene, work: Array, distance: Real) -> Array:
     wear = scene.wear
     assert wear is not None  # looked at before
     slippers = scene.mounted
-    if not scene.slipper.names:
-        return wear.added(slippers[0].section, slippers[0].length, distance, work)
-    return jnp.stack([wear.added(s.section, s.length, distance, work[k]) for k, s in enumerate(slippers)])
+    each = zip(slippers, work.reshape(len(slippers), -1), strict=True)
+    return jnp.stack([wear.added(s.section, s.length, distance, own) for s, own in each]).reshape(work.shape)
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
