@@ -68,21 +68,21 @@ def picture_of(view: View, choice: str) -> Picture:
 def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, list[float | np.ndarray]]:
     """Return a glyph of Bokeh: pixels of equal size, each with the value of the nearest case on the two axes."""
     places = {}
-    half = {}
+    ends = {}
     # pixels reach half a step beyond both ends of an axis, or a half around its one value
     for name, axis in (("y", y), ("x", x)):
-        count = max(400, len(axis))
-        half[name] = np.ptp(axis) / (2 * len(axis) - 2) if len(axis) > 1 else 0.5
-        edges = np.linspace(axis.min() - half[name], axis.max() + half[name], count + 1)
+        half = np.ptp(axis) / (2 * len(axis) - 2) if len(axis) > 1 else 0.5
+        edges = np.linspace(axis.min() - half, axis.max() + half, max(400, len(axis)) + 1)
         places[name] = (edges[1:] + edges[:-1]) / 2
+        ends[name] = edges[[0, -1]]
     cells = xr.DataArray(values.astype("float32"), {"y": y, "x": x}).sortby(["y", "x"])
     pixels = cells.sel(places, method="nearest").values
     return {
         "image": [pixels],
-        "x": [x.min() - half["x"]],
-        "y": [y.min() - half["y"]],
-        "dw": [np.ptp(x) + 2 * half["x"]],
-        "dh": [np.ptp(y) + 2 * half["y"]],
+        "x": ends["x"][:1],
+        "y": ends["y"][:1],
+        "dw": np.diff(ends["x"]),
+        "dh": np.diff(ends["y"]),
     }
 
 

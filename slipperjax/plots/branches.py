@@ -220,18 +220,15 @@ def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
     return shown(ds, name)[None]
 
 
-def crossing_threads(
-    velocity: np.ndarray, time: np.ndarray, period: int, *, velocity_jump: float = 0.8, time_jump: float = 0.1
-) -> np.ndarray:
+def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.ndarray:
     """Return the velocities of a section's crossings as lines (lines, points), NaN where a line is absent.
 
     The number of crossings changes from point to point, and their order where one appears or passes the start of the
-    period. Those of neighbouring points are matched by velocity and time; where the match is poor, a line ends and
-    another begins.
+    period. Those of neighbouring points are matched by velocity and time; where the velocity changes by more than
+    0.8 of the larger one, or the time by more than a tenth of a forcing period, a line ends and another begins.
 
     **Arguments:** `velocity` (points, crossings), NaN where there are fewer; `time` [forcing periods], likewise;
-    `period`: after which the orbits recur [forcing periods]; `velocity_jump`: change over the larger velocity, and
-    `time_jump`: change of the time [forcing periods], beyond which neighbours do not match.
+    `period`: after which the orbits recur [forcing periods].
     """
     from scipy.optimize import linear_sum_assignment  # here, because its import takes long
 
@@ -246,9 +243,9 @@ def crossing_threads(
         t = time[k, present]
         alive = np.flatnonzero(np.isfinite(lines[:, 0, k - 1]))
         v_before, t_before = lines[alive, :, k - 1].T[..., None]
-        jump = (v - v_before) / np.maximum(velocity_jump * np.maximum(np.abs(v), np.abs(v_before)), small)
+        jump = (v - v_before) / np.maximum(0.8 * np.maximum(np.abs(v), np.abs(v_before)), small)
         # the shorter way around the period
-        shift = ((t - t_before + period / 2) % period - period / 2) / time_jump
+        shift = ((t - t_before + period / 2) % period - period / 2) / 0.1
         cost = np.hypot(jump, shift)
         old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
         matched = cost[old, new] <= 1

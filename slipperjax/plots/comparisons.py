@@ -37,15 +37,12 @@ class Comparison(NamedTuple):
         # every parameter that differs from design to design
         along = [str(name) for name, values in ds.coords.items() if values.dims and set(values.dims) <= set(dims)]
         flat = ds.stack(design=dims)
-        labels = ["" for _ in range(flat.sizes["design"])]
+        words = []
         for name in along:
             q = chosen.of(quantity_of(name, ds))
-            values = q.shown(np.broadcast_to(flat[name].values, len(labels)))
-            text = q.name.replace("_", " ")
-            labels = [
-                f"{label}, " * bool(label) + f"{text} {v:.4g} {q.display_unit}"
-                for label, v in zip(labels, values, strict=True)
-            ]
+            values = q.shown(np.broadcast_to(flat[name].values, flat.sizes["design"]))
+            words.append([f"{q.name.replace('_', ' ')} {value:.4g} {q.display_unit}" for value in values])
+        labels = [", ".join(parts) for parts in zip(*words, strict=True)]
         return cls(flat, labels, chosen.of(quantity_of(ds.attrs["record"], ds.rename(runs=ds.attrs["record"]))))
 
     def said(self, name: str, design: int, quantile: int) -> str:

@@ -73,13 +73,13 @@ def environment_table(report: xr.Dataset) -> pd.DataFrame:
         at = _of_place(report, place)
         columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
         columns |= {"low [Hz]": at["low"].values, "high [Hz]": at["high"].values}
+        # edges are one more than bands: the lowest has no row
+        shock = at["shock_envelope"][..., 1:]
         for direction in at["direction"].values:
-            density = at["density_envelope"].sel(direction=direction)
-            # an edge more than bands, the lowest
-            shock = at["shock_envelope"].sel(direction=direction)[..., 1:]
-            for kind, of_kind, unit in (("density", density, "g^2/Hz"), ("shock response", shock, "g")):
+            for kind, values, unit in (("density", at["density_envelope"], "g^2/Hz"), ("shock response", shock, "g")):
                 for name in at["summary"].values:
-                    columns[f"{kind} {direction} {name} [{unit}]"] = of_kind.sel(summary=name).values
+                    one = values.sel(direction=direction, summary=name)
+                    columns[f"{kind} {direction} {name} [{unit}]"] = one.values
         tables.append(pd.DataFrame(columns))
     return pd.concat(tables, ignore_index=True)
 

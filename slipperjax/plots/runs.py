@@ -418,7 +418,7 @@ def passing(
                 argument="brute",
             )
             values = highest(brute, quantity, *brute["status"].dims)
-            good = brute["status"].copy(data=np.where(brute["status"].values == 0, values, np.nan))
+            good = brute["status"].copy(data=values).where(brute["status"] == Status.FINITE)
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):

@@ -97,19 +97,17 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
     loads = {f"{name} load": view.ds["slipper_force"].sel(direction=name) for name in ("vertical", "lateral")}
     if "slipper_roll" in view.ds:
         loads["roll moment"] = view.ds["slipper_roll"]
-    at_rest = [] if static is None else np.cumsum(np.asarray(static, float))
+    at_rest = np.cumsum([] if static is None else static)
     need = f"have a share for each of {len(names)} slippers"
     require(static is None or np.shape(static) == (len(names),), "static", need, static)
-    edges = view.edges("distance")
+    middles = view.places(view.ds["distance"] - view.ds.attrs["window [m]"] / 2)
     with page(len(loads), 1, 1.6 * len(loads) + 0.7, view.ds, sharex=True) as axes:
         for ax, (name, load) in zip(axes, loads.items(), strict=True):
             # windows that are lost have no share
             mean = np.abs(load.rolling(distance=over, center=True, min_periods=1).mean().where(load.notnull()))
             shares = (mean / mean.sum("slipper")).transpose("slipper", "distance").values
-            ax.stackplot(
-                (edges[1:] + edges[:-1]) / 2, shares, labels=names, colors=point_colors(len(names)), alpha=0.6, lw=0
-            )
-            ax.set(ylabel=f"share of the\n{name}", ylim=(0, 1), xlim=edges[[0, -1]])
+            ax.stackplot(middles, shares, labels=names, colors=point_colors(len(names)), alpha=0.6, lw=0)
+            ax.set(ylabel=f"share of the\n{name}", ylim=(0, 1), xlim=view.edges("distance")[[0, -1]])
         for share in at_rest[:-1]:
             axes[0].axhline(share, color="black", ls="--", lw=0.9, label="at rest")
         axes[-1].set_xlabel(name_label(view.quantity("distance")))

@@ -199,8 +199,7 @@ class Cases(Grid):
         motion = start.motion if isinstance(start, State) else start
         # what the grid does not vary is the same in all cases
         alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
-        of_start = {name: values for name, values in flat.items() if name in STARTS}
-        varying = {name: np.asarray(values, float) for name, values in of_start.items()}
+        varying = {name: np.asarray(values, float) for name, values in flat.items() if name in STARTS}
         starts = dataclasses.replace(jax.tree.map(alike, motion), **varying)
         self.starts = starts
         if isinstance(start, State):
@@ -272,16 +271,12 @@ def path_grid(scene: Scene, path: Mapping[str, object]) -> tuple[Grid, str, np.n
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
-    require(
-        isinstance(path, Mapping) and len(path) == 1,
-        "path",
-        "name one parameter with increasing values",
-        path,
-    )
+    need = "name one parameter with increasing values"
+    require(isinstance(path, Mapping) and len(path) == 1, "path", need, path)
     grid = Grid(scene, path)
     name, values = next(iter(grid.axes.items()))
     increase = name not in STARTS and not np.any(np.diff(values) <= 0)
-    require(increase, "path", "name one parameter with increasing values", path)
+    require(increase, "path", need, path)
     return grid, name, values
 
 
