@@ -41,7 +41,6 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     heights = [0.6, 0.6, *[1.0] * (rows - 2)]
     with page(rows, 1, 2.0 * sum(heights), height_ratios=heights) as axes:
         lower = axes[-1]
-        top = 0.0
         draw_irregularity(axes[:2], scene, distance, units)
         # spectra in the colours of the displacements
         for width, ax in zip((1.6, 0.6), axes, strict=False):
@@ -53,7 +52,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
                 # the one below is wider, so that equal ones do not hide each other
                 drawn = {"color": line.get_color(), "label": line.get_label()}
                 lower.loglog(spectrum.frequency[seen], density, lw=width, **drawn)
-                top = max(top, float(density.max()))
+        top = lower.dataLim.ymax
         slope = float(scene.track.steepest_slope)
         # the wavenumbers to which the slipper responds, unless the rail is straight
         if slope > 0:
