@@ -301,9 +301,8 @@ def _decay(residual, windows, floor):
     if len(k) < 6:
         return _Decay()
     y = np.log(envelope[k])
-    slope, offset = np.polyfit(k, y, 1)
-    spread = np.sum((y - y.mean()) ** 2)
-    fit = 1 - np.sum((y - offset - slope * k) ** 2) / spread if spread > 0 else 0.0
+    slope = np.polyfit(k, y, 1)[0]
+    fit = np.corrcoef(k, y)[0, 1] ** 2 if np.ptp(y) > 0 else 0.0
     # a decay to zero has the same rate in both halves
     half = len(k) // 2
     first = np.polyfit(k[:half], y[:half], 1)[0]
@@ -351,10 +350,10 @@ def _neighbours(x):
     doi:10.1016/0167-2789(93)90009-P). The median distance of nearest neighbours. For states of the second half, the
     median distance to the nearest state of the first half over that to the nearest state of the second half.
     """
+    import scipy.spatial  # here, because importing it takes time
+
     periods = len(x)
-    distance = np.zeros((periods, periods))
-    for state in x.T:  # one state at a time, to save memory
-        np.maximum(distance, np.abs(state[:, None] - state), out=distance)
+    distance = scipy.spatial.distance.cdist(x, x, "chebyshev")
     tiny = 1e-12 * distance.max()
     ahead = min(30, periods // 5)
     # nearest neighbours of states that can be followed ahead: near in space, but ten periods apart in time (Theiler)
