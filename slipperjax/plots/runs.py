@@ -199,15 +199,13 @@ def _kept(ds: xr.Dataset, lost: np.ndarray) -> xr.Dataset:
     """Return a run without the numbers of the windows that are `lost`, and of the stretches that have such."""
     if not lost.any():
         return ds
-    masks = {"distance": xr.DataArray(~lost, dims="distance")}
+    good = {"distance": ~lost}
     if "stretch" in ds.dims:
-        gone = np.unique(stretch_of_windows(ds)[lost])
-        masks["stretch"] = xr.DataArray(~np.isin(np.arange(ds.sizes["stretch"]), gone), dims="stretch")
-    kept = {}
-    for name, values in ds.data_vars.items():
-        for dim in masks.keys() & set(values.dims):
-            kept[name] = values.where(masks[dim])
-    return ds.assign(kept)
+        good["stretch"] = ~np.isin(np.arange(ds.sizes["stretch"]), stretch_of_windows(ds)[lost])
+    for dim, mask in good.items():
+        along = ds[[name for name, values in ds.data_vars.items() if dim in values.dims]]
+        ds = ds.assign(along.where(xr.DataArray(mask, dims=dim)))
+    return ds
 
 
 def stretch_of_windows(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:

@@ -55,17 +55,15 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
         for name, slipper, rail, color in zip(names, slippers, rails, colors, strict=True):
             x, y, _ = (0.0 if place is None else float(place) for place in slipper.place)
             across = np.asarray(slipper.section.points)[:, 0]
+            low, high = across.min(), across.max()
             half = float(slipper.length) / 2
-            ax.axhspan(rail + across.min(), rail + across.max(), **RAIL_STYLE)
+            ax.axhspan(rail + low, rail + high, **RAIL_STYLE)
             ax.plot([0, x], [0, y], lw=0.8, color=SLIPPER_STYLE["edgecolor"])
-            ax.fill_between(
-                [x - half, x + half], y + across.min(), y + across.max(), **SLIPPER_STYLE | {"facecolor": color}
-            )
-            # on the side away from the centre of mass
-            side = -1 if y < 0 else 1
-            place = (x, y + side * np.max(side * across))
-            style = dict(ha="center", va="bottom" if side > 0 else "top", fontsize=7)
-            ax.annotate(name, place, (0, 3 * side), textcoords="offset points", **style)
+            ax.fill_between([x - half, x + half], y + low, y + high, **SLIPPER_STYLE | {"facecolor": color})
+            # the name is on the side away from the centre of mass
+            edge, space, align = (y + low, -3, "top") if y < 0 else (y + high, 3, "bottom")
+            style = dict(textcoords="offset points", ha="center", va=align, fontsize=7)
+            ax.annotate(name, (x, edge), (0, space), **style)
         ax.plot(0, 0, "o", ms=6, mfc="white", mec="black", label="centre of mass")
         ax.set_aspect("equal", "datalim")
         ax.margins(0.2)

@@ -121,18 +121,19 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
     )
 }
 """Records of numbers for runs, besides those of `RECORDS`."""
-DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
+DEFAULT = (
+    *("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force"),
+    *(f"peak_{name}" for name in ACCELERATIONS),
+)
 """Records of each window by default; with friction `friction_work`, with a mass on it `spring_force`, and of a sled
 `slipper_force` and `slipper_roll`, too."""
-PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
-"""Greatest accelerations, kept of each window by default."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 """Records of each stretch."""
 
 
 def default_records(scene: Scene) -> list[str]:
     """Return the names of the records that a run keeps of each window by default."""
-    names = [*DEFAULT, *PEAKS]
+    names = list(DEFAULT)
     names += ["friction_work"] * (scene.friction is not None)
     names += ["spring_force"] * (scene.sled is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
