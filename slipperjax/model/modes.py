@@ -112,7 +112,8 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     A CSV file has a line of names, `frequency [Hz], damping, left1 x, left1 y, left1 z, right1 x, ...`, with the
     names of the mounts, and a line for each mode. An npz file of NumPy has arrays `frequency` [Hz], `damping` and
     `shapes` (modes, mounts, 3), and may have `mounts`, their names, and `places` [m] with `place_shapes`, as `Modes`.
-    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`.
+    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`. Those
+    along x may be left out everywhere, which takes less time where modes hardly move the slippers along the rail.
 
     **Arguments:** `file`: its path; `mounts`: names of the sled's mounts in their order, as `sled.names`; None for
     those of the file in its order.
@@ -169,13 +170,15 @@ def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[
     table.wanted = {name: own.get(name, "kg^-0.5") for name in table.wanted}
     # without names of mounts those of the file, in its order
     mounts = mounts or list(dict.fromkeys(name[:-2] for name in table.columns if name not in own))
-    columns = {name: [f"{name}_{axis}".lower() for axis in "xyz"] for name in mounts}
+    # without any x, shapes are along y and z
+    axes = "xyz" if any(name.endswith("_x") for name in table.columns) else "yz"
+    columns = {name: [f"{name}_{axis}".lower() for axis in axes] for name in mounts}
     for name in own:
         if name not in table.columns:
             table.fault(f"must have a column {name}")
     absent = [name for name, of_mount in columns.items() if not table.columns.keys() >= set(of_mount)]
     if absent or not columns:
-        table.fault(f"must have the shapes x, y and z of {listed(absent) or 'mounts'}, as in left1 x")
+        table.fault(f"must have the shapes {listed(list(axes))} of {listed(absent) or 'mounts'}, as in left1 y")
     if "frequency" in table.columns:
         values = table.columns["frequency"].values
         for k in np.flatnonzero(np.diff(values) < 0):

@@ -33,7 +33,7 @@ class Mount(ShapeChecked):
     play: Float[Array, " faces"] | None = field("m", not_negative, default=None)
     """Play of each face in place of that of the section [m]."""
     name: str = eqx.field(static=True, default="")
-    """Name in results; empty for the rail's, with a number: "left1"."""
+    """Name in results; empty for the rail's, with a number: "left1", or "slipper1" without one."""
 
     def __repr__(self) -> str:
         return super().__repr__().replace(", name=''", "").replace(", rail=''", "").replace("(rail=''", "(")
@@ -41,8 +41,9 @@ class Mount(ShapeChecked):
     def __check_init__(self):
         for name in ("rail", "name"):
             text = getattr(self, name)
-            need = "be a word of letters, digits and _"
-            require(isinstance(text, str) and (not text or text.isidentifier() or text.isalnum()), name, need, text)
+            # a number is a mount's place in paths of parameters
+            need = "be a word of letters, digits and _, the first no digit"
+            require(isinstance(text, str) and (not text or text.isidentifier()), name, need, text)
         if self.section is not None:
             instance("section", self.section, Section, "a slipperjax.Section")
 
@@ -118,7 +119,7 @@ class Sled(AbstractBody):
         names = []
         for mount in self.mounts:
             counts[mount.rail] = counts.get(mount.rail, 0) + 1
-            names.append(mount.name or f"{mount.rail}{counts[mount.rail]}")
+            names.append(mount.name or f"{mount.rail or 'slipper'}{counts[mount.rail]}")
         return tuple(names)
 
     @property

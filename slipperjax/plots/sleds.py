@@ -60,9 +60,10 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
             ax.axhspan(rail + low, rail + high, **RAIL_STYLE)
             ax.plot([0, x], [0, y], lw=0.8, color=SLIPPER_STYLE["edgecolor"])
             ax.fill_between([x - half, x + half], y + low, y + high, **SLIPPER_STYLE | {"facecolor": color})
-            # the name is on the side away from the centre of mass
-            edge, space, align = (y + low, -3, "top") if y < 0 else (y + high, 3, "bottom")
-            style = dict(textcoords="offset points", ha="center", va=align, fontsize=7)
+            # the name is between the rails, where there is room
+            edge, space, align = (y + low, -3, "top") if y > 0 else (y + high, 3, "bottom")
+            over_lines = dict(facecolor="white", edgecolor="none", alpha=0.8, pad=1)
+            style = dict(textcoords="offset points", ha="center", va=align, fontsize=7, bbox=over_lines)
             ax.annotate(name, (x, edge), (0, space), **style)
         ax.plot(0, 0, "o", ms=6, mfc="white", mec="black", label="centre of mass")
         ax.set_aspect("equal", "datalim")

@@ -40,6 +40,18 @@ def test_shapes_are_found_by_the_names_of_mounts(made, tmp_path):
         np.testing.assert_array_equal(modes.shapes, SHAPES[:, order])
 
 
+def test_shapes_along_the_rail_may_be_left_out(tmp_path):
+    rows = [", ".join(map(str, row.ravel())) for row in SHAPES[..., 1:]]
+    head = ", ".join(f"{name} {axis}" for name in NAMES for axis in "yz")
+    file = tmp_path / "fe.csv"
+    file.write_text(f"frequency [Hz], damping, {head}\n50, 0.01, {rows[0]}\n80, 0.02, {rows[1]}\n")
+    np.testing.assert_array_equal(sj.load_modes(file, NAMES).shapes, SHAPES[..., 1:])
+    file = arrays(tmp_path, mounts=NAMES, shapes=SHAPES[..., 1:])
+    np.testing.assert_array_equal(sj.load_modes(file, NAMES).shapes, SHAPES[..., 1:])
+    with pytest.raises(ValueError, match=r"`shapes` must be along y and z, or x, y and z, but is shape \(2, 3, 1\)"):
+        sj.Modes(**ARRAYS | {"shapes": SHAPES[..., 2:]})
+
+
 def test_other_units_of_mass_and_places_besides_the_mounts(tmp_path):
     # a modal mass of one tonne
     modes = sj.load_modes(table(tmp_path, ("left2 z", "left2 z [tonne^-0.5]")))
@@ -54,7 +66,7 @@ def test_other_units_of_mass_and_places_besides_the_mounts(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ([("left2 y", "left2 u")], "fe.csv: must have the shapes x, y and z of left2"),
+        ([("left2 y", "left2 u")], "fe.csv: must have the shapes x, y and z of left2, as in left1 y"),
         ([("damping", "zeta")], "fe.csv: must have a column damping"),
         ([("0.08,", "0.04,")], "fe.csv, line 3: frequency 0.04 is below that of the mode before"),
         ([("0.01,", "-0.01,")], "fe.csv: Argument `damping` must be zero or positive"),

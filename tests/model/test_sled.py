@@ -252,6 +252,24 @@ def energy(scene, state):
     return 0.5 * moving + body.mass * 9.81 * m.z + 0.4 * 1e8 * jnp.sum(depth**2.5)
 
 
+def test_shapes_without_those_along_the_rail_are_those_of_zero():
+    zeros = np.zeros((4, len(CORNERS), 1))
+    # by which shapes along the rail move modes
+    friction = sj.Coulomb(0.2)
+    scene = dataclasses.replace(SPRINGS, contact=PAPER.contact, track=rail(1, 1), friction=friction)
+
+    def rates(shapes):
+        sled = dataclasses.replace(SLED, modes=dataclasses.replace(BEAM, shapes=shapes))
+        start = sj.Motion(v_z=-0.3, v_y=0.2, w_x=0.3)
+        end = sj.simulate(dataclasses.replace(scene, slipper=sled), 2, steps_per_period=800, start=start).end
+        return end.motion.modes.rate
+
+    one, other, moved = (rates(np.concatenate([*x, BEAM.shapes], axis=-1)) for x in ([], [zeros], [zeros + 0.02]))
+    largest = np.abs(one).max()
+    assert np.abs(one - moved).max() > 1e-3 * largest
+    np.testing.assert_allclose(one, other, atol=1e-9 * largest)  # measured equal
+
+
 @pytest.mark.parametrize("solver", ["ImpulseRK4", "RK4", "Tsit5"])
 def test_elastic_sleds_keep_their_energy(solver):
     scene = dataclasses.replace(SPRINGS, slipper=ELASTIC)
