@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,8 +34,11 @@ from .step_size import contact_depth
 
 CENTRING = 1e-6
 """Force that leads a slipper to the middle of its play where nothing else holds it, at one play over its load [1]."""
-MOST_ITERATIONS = 200
-"""Of 4000 slippers with six decades of stiffness 3997 found their rest, the slowest after 92, the mean after 13."""
+SOFT_ITERATIONS = 14
+"""In each of the first ones contacts have twice the stiffness of the one before."""
+MOST_ITERATIONS = 300
+"""Of 4000 slippers with six decades of stiffness all found their rest, the slowest after 68, the mean after 22; of
+4000 places of sleds on four slippers 3998, the slowest after 176, the mean after 33."""
 LEAST_APPROACH = 1e-9
 """Rate beyond that of the rail from which on a contact of a slipper at rest approaches [m/s]."""
 
@@ -287,19 +291,24 @@ class _Search(NamedTuple):
 
 def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
     """Return the end of the search for the equilibrium."""
-    # the residual beside its derivatives, by one program
-    along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u), (unknown,), (way,))
-    linearised = jax.vmap(along, (None, 0), (None, 1))
 
     def improve(at: _Search) -> _Search:
-        residual, slope = linearised(at.unknown, jnp.eye(at.unknown.size))
+        # soft contacts share the load before few of them carry it
+        soft = 2.0 ** jnp.minimum(at.count - SOFT_ITERATIONS, 0)
+        eased = eqx.tree_at(lambda s: s.contact.stiffness, scene, soft * scene.contact.stiffness)
+        # the residual beside its derivatives, by one program
+        along = lambda unknown, way: jax.jvp(lambda u: _residual(eased, epoch, scales, u), (unknown,), (way,))
+        residual, slope = jax.vmap(along, (None, 0), (None, 1))(at.unknown, jnp.eye(at.unknown.size))
         full = -_newton_step(slope, residual)
         # an open slipper falls by a part of its play in each iteration; one that goes to and fro takes shorter ones
         most = jnp.where(jnp.dot(full, at.step) < 0, 0.5 * at.most, jnp.minimum(1.05 * at.most, 1.0))
+        # where they have become so short that it would stop between two contacts, it leaves by a long one
+        most = jnp.where(at.most < 1e-2, 1.0, most)
         step = full * jnp.minimum(1.0, most / jnp.maximum(jnp.max(jnp.abs(full)), 1e-300))
         return _Search(at.unknown + step, step, most, residual, slope, at.count + 1)
 
-    go_on = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) & (at.count < MOST_ITERATIONS)
+    moves = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) | (at.count <= SOFT_ITERATIONS)
+    go_on = lambda at: moves(at) & (at.count < MOST_ITERATIONS)
     one = jnp.ones_like(scales.pose)
     first = _Search(0 * one, one, jnp.asarray(0.5), one, jnp.eye(one.size), jnp.zeros((), int))
     return jax.lax.while_loop(go_on, improve, first)

@@ -337,7 +337,7 @@ def test_derivatives_in_both_modes(name):
     [
         (
             lambda: with_mounts(PAPER, sj.Mount(0.1), sj.Mount(0.0)),
-            "`mounts` must not overlap on a rail, but is 1 and",
+            "`mounts` must not overlap on a rail, but is slipper1 and",
         ),
         (lambda: sj.Sled(**BODY, mounts=[]), "`mounts` must be one slipperjax.Mount"),
         (lambda: dataclasses.replace(SPRINGS, slipper=PAPER.slipper), "`track` must be one rail for a Slipper"),
