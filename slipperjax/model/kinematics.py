@@ -157,11 +157,16 @@ def share_of_scale(scene: Scene) -> Float[Array, ""]:
 
 def accuracy_scales(scene: Scene) -> Motion:
     """Return the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
-    displacements and attitude in proportion, because an error of the size of the play leaves nothing right."""
+    displacements and attitude in proportion, because an error of the size of the play leaves nothing right; and with
+    contact points farther than 0.1 m from the centre of mass attitude and spin in proportion, because they move."""
     share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
-    scales = _of_slipper(MOTION_SCALES)
-    # the first five are displacements and attitude
-    return Motion(*(share * s for s in scales[:5]), *scales[5:])
+    body = scene.slipper
+    # where the scale of the attitude moves a point by that of displacements; a quaternion is half an angle
+    lever = MOTION_SCALES.z / (2 * MOTION_SCALES.q_x)
+    near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
+    y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
+    turned = [share * near * q for q in attitude]
+    return Motion(share * y, share * z, *turned, v_y, v_z, near * w_x, near * w_y, near * w_z)
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
