@@ -165,8 +165,8 @@ def accuracy_scales(scene: Scene) -> Motion:
     lever = MOTION_SCALES.z / (2 * MOTION_SCALES.q_x)
     near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
     y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
-    turned = [share * near * q for q in attitude]
-    return Motion(share * y, share * z, *turned, v_y, v_z, near * w_x, near * w_y, near * w_z)
+    q_x, q_y, q_z = (share * near * q for q in attitude)
+    return Motion(share * y, share * z, q_x, q_y, q_z, v_y, v_z, near * w_x, near * w_y, near * w_z)
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
@@ -543,7 +543,7 @@ def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
     at_points = [value.ravel() for value in spread(each, *of_slippers)]
     # those off the diagonal count twice
     terms = [(1 + (j < k)) * normal[j] * normal[k] for j, k in pairs]
-    return sum(term * entry for term, entry in zip(terms, at_points, strict=True))
+    return jnp.asarray(sum(term * entry for term, entry in zip(terms, at_points, strict=True)))
 
 
 def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"]:

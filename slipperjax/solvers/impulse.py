@@ -168,11 +168,13 @@ def _corrected(
 
     def along(y: Array, z: Array, *turn: Array) -> Array:
         """Return how far, or how fast, the points move along their normals with the body and its modes, the last."""
-        if m.modes is None:
-            return sum(d * part for d, part in zip(directions, (y, z, *turn), strict=True))
-        (move,) = carried(frame, (y, z, turn[3]))
-        along = (*frame.normal[-len(move) :], *lever)
-        return sum(d * part for d, part in zip(along, (*move, *turn[:3]), strict=True))
+        moves = [y, z]
+        if m.modes is not None:
+            *turn, modal = turn
+            (moves,) = carried(frame, (y, z, modal))
+        # of shapes along the rail three axes, otherwise two
+        parts = zip((*frame.normal[-len(moves) :], *lever), (*moves, *turn), strict=True)
+        return jnp.asarray(sum(d * part for d, part in parts))
 
     modal_rate = [] if m.modes is None else [m.modes.rate]
     rate = store(along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity)
