@@ -170,10 +170,9 @@ def _corrected(
         """Return how far, or how fast, the points move along their normals with the body and its modes, the last."""
         moves = [y, z]
         if m.modes is not None:
-            *turn, modal = turn
-            (moves,) = carried(frame, (y, z, modal))
+            (moves,) = carried(frame, (y, z, turn[3]))
         # of shapes along the rail three axes, otherwise two
-        parts = zip((*frame.normal[-len(moves) :], *lever), (*moves, *turn), strict=True)
+        parts = zip((*frame.normal[-len(moves) :], *lever), (*moves, *turn[:3]), strict=True)
         return jnp.asarray(sum(d * part for d, part in parts))
 
     modal_rate = [] if m.modes is None else [m.modes.rate]
