@@ -223,6 +223,21 @@ tests/flow/test_loads.py -k shares_in_contact
 -of_time = lambda share, place: share if paces is None else paces[place] * share
 +of_time = lambda share, place: share if paces is None else period * share
 
+a sled at rest sought on contacts that are stiff from the first
+tests/model/test_starts.py -k sleds_find_their_rest
+-SOFT_ITERATIONS = 14
++SOFT_ITERATIONS = 0
+
+rotations of sleds judged as if their slippers were near
+tests/model/test_paths.py -k turn_far_slippers
+-    q_x, q_y, q_z = (share * near * q for q in attitude)
++    q_x, q_y, q_z = (share * q for q in attitude)
+
+slippers moved by modes across the rail only
+tests/sweeps/test_independent_sled.py -k elastic_sled
+-        rate = rate + n_x * v_x[0]
++        rate = rate + 0 * v_x[0]
+
 errors judged by a millimetre of less play
 tests/flow/test_loads.py -k beside_the_play
 -return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))

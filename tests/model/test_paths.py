@@ -172,6 +172,15 @@ def test_errors_are_judged_by_the_play_where_it_is_less_than_a_scale(play, share
         np.testing.assert_array_equal(scales, usual)
 
 
+def test_rotations_that_turn_far_slippers_are_judged_by_how_far_these_move():
+    """Ends of slippers 1.3 m from the centre of mass; those of the paper's are 0.1 m from it."""
+    sled = sj.Sled(400.0, (80.0, 320.0, 380.0), [sj.Mount(x=1.2), sj.Mount(x=-1.2)])
+    scene = dataclasses.replace(sj.paper_scene(), slipper=sled)
+    scales, usual = (np.array(jax.tree.leaves(s)) for s in (accuracy_scales(scene), MOTION_SCALES))
+    near = [0.1 / 1.3] * 3
+    np.testing.assert_allclose(scales, usual * np.array([1.0, 1.0, *near, 1.0, 1.0, *near]), rtol=1e-12)
+
+
 def test_scales_of_states_stand_in_one_place():
     np.testing.assert_array_equal(COORDINATE_SCALES, SCALES)
     # a rotation of 10 mrad has the scaled size 1, in Euler angles and in the quaternion
