@@ -526,9 +526,14 @@ def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]])
     for k, (y, z, _) in enumerate(moves, 1):
         of_slippers[k * axes - 2] += y
         of_slippers[k * axes - 1] += z
-    each = frame.normal[0].shape[-1] // len(frame.shapes[0])
-    at_points = [value.ravel() for value in spread(each, *of_slippers)]
+    at_points = _of_all_points(frame, of_slippers)
     return [at_points[k : k + axes] for k in range(0, len(at_points), axes)]
+
+
+def _of_all_points(frame: RailFrame, of_slippers: Sequence[Array]) -> list[Array]:
+    """Return values of each slipper as those of its points, each of shape (points,)."""
+    each = frame.normal[0].shape[-1] // len(of_slippers[0])
+    return [value.ravel() for value in spread(each, *of_slippers)]
 
 
 def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
@@ -539,8 +544,7 @@ def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
     pairs = [(j, k) for j in axes for k in axes[j:]]
     # of each slipper a symmetric matrix, for all its points alike
     of_slippers = sums(*(frame.shapes[j] * frame.shapes[k] for j, k in pairs))
-    each = frame.normal[0].shape[-1] // len(frame.shapes[0])
-    at_points = [value.ravel() for value in spread(each, *of_slippers)]
+    at_points = _of_all_points(frame, of_slippers)
     # those off the diagonal count twice
     terms = [(1 + (j < k)) * normal[j] * normal[k] for j, k in pairs]
     return jnp.asarray(sum(term * entry for term, entry in zip(terms, at_points, strict=True)))
