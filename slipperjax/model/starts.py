@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -242,16 +241,16 @@ def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, " u
     return Motion(*(m + s for m, s in zip(_middle(scene, epoch), scaled, strict=False)), modes=modes)
 
 
-def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
+def _wrench(scene: Scene, epoch: Array, motion: Motion, share: Real) -> list[Array]:
     """Return force along y and z [N], moment about x, y and z [N m] and forces on modes [N kg^-0.5] of a slipper
     that stands there.
 
-    The forces of contacts are elastic, because nothing approaches.
+    The forces of contacts are elastic, because nothing approaches; a share of them acts.
     """
     frame = rail_frame(scene, epoch)
     now = contacts(frame, motion)
     still = jnp.zeros_like(now.gap)
-    force = scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
+    force = share * scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
     acting = Acting(frame, now, _with_parts(scene, motion), force)
     rates = motion_rates(scene, acting, scene.travel(epoch))
     j_x, j_y, j_z = scene.slipper.inertia
@@ -260,9 +259,11 @@ def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
     return [mass * rates.v_y, mass * rates.v_z, j_x * rates.w_x, j_y * rates.w_y, j_z * rates.w_z, *modal]
 
 
-def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, " unknowns"]:
+def _residual(
+    scene: Scene, epoch: Array, scales: _Scales, unknown: Array, share: Real = 1.0
+) -> Float[Array, " unknowns"]:
     """Return the work of forces and moments over the scales of a slipper's pose, over that of its load [1]."""
-    wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown)))
+    wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown), share))
     # twice the quaternion is the angle
     ways = scales.pose * np.append([1.0, 1.0, 2.0, 2.0, 2.0], np.ones(unknown.size - 5))
     return wrench * ways / (scales.pose[0] * scales.load) - CENTRING * unknown
@@ -295,9 +296,8 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
     def improve(at: _Search) -> _Search:
         # soft contacts share the load before few of them carry it
         soft = 2.0 ** jnp.minimum(at.count - SOFT_ITERATIONS, 0)
-        eased = eqx.tree_at(lambda s: s.contact.stiffness, scene, soft * scene.contact.stiffness)
         # the residual beside its derivatives, by one program
-        along = lambda unknown, way: jax.jvp(lambda u: _residual(eased, epoch, scales, u), (unknown,), (way,))
+        along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u, soft), (unknown,), (way,))
         residual, slope = jax.vmap(along, (None, 0), (None, 1))(at.unknown, jnp.eye(at.unknown.size))
         full = -_newton_step(slope, residual)
         # an open slipper falls by a part of its play in each iteration; one that goes to and fro takes shorter ones
