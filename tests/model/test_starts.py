@@ -151,12 +151,15 @@ def test_sleds_find_their_rest_on_two_rails():
 
     def start(seed, epoch):
         at = dataclasses.replace(scene, track=dataclasses.replace(track, seed=seed).prepared())
-        return state_and_penetration(at, sj.AtRest(), epoch)[0].motion.z
+        motion = state_and_penetration(at, sj.AtRest(), epoch)[0].motion
+        return jnp.stack([motion.w_x, motion.w_y, motion.w_z])
 
     epochs = np.linspace(30.0, 580.0, 40) / float(scene.wavelength)
     found = jax.jit(jax.vmap(jax.vmap(start, (None, 0)), (0, None)))(np.arange(10.0), epochs)
     # measured all; of 800 such 800, and 680 with contacts that are stiff from the first
-    assert int(np.isfinite(found).sum()) >= found.size - 1
+    assert int(np.isfinite(found).all(axis=-1).sum()) >= len(epochs) * 10 - 1
+    # they turn with the rails, measured 1.5 rad/s; where hardly anything holds the yaw, its equilibrium turns by 340
+    np.testing.assert_array_less(np.abs(np.nan_to_num(found)), 2.0)
 
 
 def test_a_slipper_without_rest_is_said():
