@@ -375,7 +375,9 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
                 lines[-1].append(stated.replace(" degrees", "°"))
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
-        lines[-1].append(f"on a {ds.attrs['track']}")
+        # RandomTrack and RandomRails are "a random track" and "random rails"
+        words = re.sub("(?<=[a-z])(?=[A-Z])", " ", ds.attrs["track"]).lower()
+        lines[-1].append(f"on {words}" if words.endswith("s") else f"on a {words}")
     if full and len(waves):
         lines[-1].append(f"$L_X$ = {' and '.join(f'{w:.4g}' for w in waves)} m")
     return "\n".join(", ".join(line) for line in lines if line)

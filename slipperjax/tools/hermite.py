@@ -11,13 +11,6 @@ from .types import Real
 
 Values = TypeVar("Values", np.ndarray, Array)
 
-REFINEMENTS = 2
-"""Corrections of the first guess of a zero.
-
-Over touchdowns on sled rails at default steps, the error of the slope at the zero is 1e-15 in the median, 6e-7 in 1 %
-and 2e-3 in 0.1 % of them; with one correction 1e-7, 1e-3 and 0.06.
-"""
-
 
 class Cubic(NamedTuple):
     """Cubics ((cube x + square) x + slope) x + start of x from 0 to 1; arrays of one shape, of NumPy or JAX."""
@@ -85,9 +78,14 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     """Return the x in [0, 1] at which cubics cross from the side of zero where they start to that where they end.
 
     Cubics may have further zeros, at which they cross back: one that starts at zero, that moves away from it first,
-    or that turns after the crossing. The first guess is the zero of the parabola through the start, its slope, and
-    the end that crosses in the right direction. Where the cubic runs the wrong way at a guess, the next one is on the
-    chord to the end beyond zero; elsewhere it is a step of Newton's method.
+    or that turns after the crossing. The first guess is the zero, in the right direction, of the parabola through the
+    start, its slope, and the end; the second that of the parabola that osculates there; then follows a step of
+    Halley's method. Both corrections are of third order, and the parabola's goes over a turn to the zero beyond.
+
+    Over 800,000 touchdowns and openings of a sled on random rails at default steps, the error of the gap's rate at
+    the zero is 2e-16 m/s in 99 % of them, 3e-13 in 0.1 %, above 1e-3 in 5, and 0.024 at most. With two steps of
+    Newton's method it is 7e-9, 3e-6, in 90, and 0.11, where gaps nearly touch zero before they cross: those are
+    latched as touchdowns without any rate, with forces up to ten times too high.
 
     Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not cross zero.
 
@@ -95,24 +93,24 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     """
     start = cubic.start
     slope = cubic.slope
-    bend = start + slope - end  # of the parabola start + slope x - bend x^2
-    root = jnp.sqrt(jnp.maximum(slope * slope + 4 * bend * start, 0.0))
-    # minus the parabola's slope at its zero: its sign picks the zero of the right direction
-    root = jnp.where(start < end, -root, root)
-    leaves = slope * root > 0
-    # two forms of one solution, of which one has no cancellation
-    x = jnp.where(leaves, slope + root, 2 * start) / jnp.where(leaves, 2 * bend, root - slope)
-    for _ in range(REFINEMENTS):
-        value = cubic.value(x)
-        steep = cubic.slope_at(x)
-        passed = value * root < 0  # beyond the zero
-        along = steep * root < 0  # runs the right way
-        # Newton's step, or that on the chord from the guess to the start or the end
-        over = jnp.where(along, value, value * jnp.where(passed, x, x - 1))
-        under = jnp.where(along, steep, value - jnp.where(passed, start, end))
-        x = x - over / under
+    falls = start > end
+    x = _to_zero(start, slope, end - start - slope, falls)
+    x = x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls)
+    value = cubic.value(x)
+    steep = cubic.slope_at(x)
+    x = x - value * steep / (steep * steep - value * (3 * cubic.cube * x + cubic.square))
     # x is NaN where start, slope and end are zero: the comparison is false then
     return jnp.where(wanted & (x >= 0), jnp.minimum(x, 1.0), 0.0)
+
+
+def _to_zero(value: Array, slope: Array, bend: Array, falls: Bool[Array, "..."]) -> Array:
+    """Return the distance to the zero of value + slope d + bend d^2 at which it falls, or rises."""
+    root = jnp.sqrt(jnp.maximum(slope * slope - 4 * bend * value, 0.0))
+    # the slope at that zero; without one it is no matter, the next guess is twice as far as Newton's
+    root = jnp.where(falls, -root, root)
+    # two forms of one solution, of which one has no cancellation
+    away = slope * root < 0
+    return jnp.where(away, root - slope, -2 * value) / jnp.where(away, 2 * bend, slope + root)
 
 
 @sign_change.defjvp

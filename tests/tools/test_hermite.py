@@ -65,12 +65,12 @@ def right_zeros(start, slope, square, cube):
 
 # greatest errors in all, in 99 % and in the median, about three times what was measured
 GREATEST = {
-    "falls": (4e-5, 5e-7, 1e-10),
-    "rises first": (2e-4, 2e-5, 1e-8),
-    "turns": (8e-4, 2e-5, 1e-10),
-    "leaves zero": (9e-4, 4e-4, 1e-6),
+    "falls": (2e-14, 3e-15, 3e-16),
+    "rises first": (5e-13, 2e-14, 1e-15),
+    "turns": (6e-10, 2e-14, 1e-16),
+    "leaves zero": (6e-12, 2e-12, 3e-16),
     "begins to fall": (1e-15, 1e-15, 1e-15),
-    "hesitates": (0.3, 0.3, 0.04),  # triple zeros, nearly, at which Newton's method is slow
+    "hesitates": (0.15, 0.1, 2e-3),  # triple zeros, nearly
 }
 
 
@@ -84,7 +84,6 @@ def test_the_zero_is_that_in_the_direction_of_the_change(kind, sign):
     found = np.asarray(sign_change(cubic, last, jnp.ones(COUNT, bool)))
     # where there are two of them, either is one
     error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(numbers.T, found, strict=True)])
-    print(kind, np.quantile(error, (1.0, 0.99, 0.5)))
     assert np.all(np.quantile(error, (1.0, 0.99, 0.5)) <= GREATEST[kind])
     # nowhere does it go the other way
     assert np.all(sign * cubic.slope_at(found) <= 0)
@@ -92,10 +91,7 @@ def test_the_zero_is_that_in_the_direction_of_the_change(kind, sign):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless(sign):
-    """Cubics that fall through zero and rise towards it again: Newton's method alone goes to where they end.
-
-    Two corrections of such a guess are few, but go the right way.
-    """
+    """Cubics that fall through zero and rise towards it again."""
     rng, uniform = np.random.default_rng(2), lambda low, high: rng.uniform(low, high, COUNT)
     ends = uniform(0.1, 0.3), uniform(0.0, 0.2), -uniform(0.1, 0.3), uniform(1.5, 3.0)
     cubic = Cubic.through(*ends)
@@ -106,9 +102,22 @@ def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless(sign):
     signed = Cubic(*(jnp.asarray(sign * part) for part in cubic))
     found = np.asarray(sign_change(signed, jnp.asarray(sign * ends[2]), jnp.ones(COUNT, bool)))
     error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(np.stack(cubic).T, found, strict=True)])
-    # measured 0.098 and 0.44; by Newton's method alone 0.32 and 0.94
-    assert np.median(error) < 0.2
-    assert np.mean(error > 0.2) < 0.6
+    # measured 0.0026 and 0.017; by Newton's method 0.32 and 1
+    assert np.median(error) < 0.01
+    assert np.max(error) < 0.05
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_path_that_nearly_touches_zero_before_it_crosses(sign):
+    """A gap over a step of a sled on random rails, in micrometres: at 0.88 of the step it falls through zero.
+
+    Two steps of Newton's method from the first guess end at 0.67, where it falls more than three times as fast.
+    """
+    ends = 8.47446, -16.6054, -0.0424738, 0.982105
+    cubic = Cubic(*(jnp.asarray(sign * part) for part in Cubic.through(*ends)))
+    found = sign_change(cubic, jnp.asarray(sign * ends[2]), jnp.array(True))
+    (zero,) = right_zeros(*Cubic.through(*ends))
+    np.testing.assert_allclose(found, zero, rtol=1e-8)  # measured 1.6e-9
 
 
 def test_no_zero_is_looked_for_where_none_is_wanted():
