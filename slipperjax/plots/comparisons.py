@@ -41,7 +41,7 @@ class Comparison(NamedTuple):
         for name in along:
             q = chosen.of(quantity_of(name, ds))
             values = q.shown(np.broadcast_to(flat[name].values, flat.sizes["design"]))
-            words.append([f"{q.name.replace('_', ' ')} {value:.4g} {q.display_unit}" for value in values])
+            words.append([_stated(f"{q.name.replace('_', ' ')} {value:.4g}", q) for value in values])
         labels = [", ".join(parts) for parts in zip(*words, strict=True)]
         return cls(flat, labels, chosen.of(quantity_of(ds.attrs["record"], ds.rename(runs=ds.attrs["record"]))))
 
@@ -52,10 +52,15 @@ class Comparison(NamedTuple):
             for part in (name, "stderr" if name == "value" else f"{name}_stderr")
         )
         if not np.isfinite(error):
-            return f"{value:.3g} {self.quantity.display_unit} with an unknown error"
+            return _stated(f"{value:.3g}", self.quantity) + " with an unknown error"
         # two digits of the error
         digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 3
-        return f"{value:.{digits}f} +- {error:.{digits}f} {self.quantity.display_unit}"
+        return _stated(f"{value:.{digits}f} +- {error:.{digits}f}", self.quantity)
+
+
+def _stated(text: str, quantity: Quantity) -> str:
+    """Return numbers of a quantity and its unit, which pure numbers have none of."""
+    return text if quantity.display_unit == "1" else f"{text} {quantity.display_unit}"
 
 
 def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
