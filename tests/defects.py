@@ -223,6 +223,11 @@ tests/flow/test_loads.py -k shares_in_contact
 -of_time = lambda share, place: share if paces is None else paces[place] * share
 +of_time = lambda share, place: share if paces is None else period * share
 
+a sled at rest turns after each change of a small force
+tests/model/test_starts.py -k sleds_find_their_rest
+-    held = search.slope - HOLD * jnp.eye(search.unknown.size)
++    held = search.slope
+
 a sled at rest sought on contacts that are stiff from the first
 tests/model/test_starts.py -k sleds_find_their_rest
 -SOFT_ITERATIONS = 14
@@ -481,13 +486,18 @@ tests/model/test_tracks.py -k short_waves
 
 touchdowns are looked for from the chord
 tests/tools/test_hermite.py -k direction
--    x = jnp.where(leaves, slope + root, 2 * start) / jnp.where(leaves, 2 * bend, root - slope)
+-    x = _to_zero(start, slope, end - start - slope, falls)
 +    x = start / jnp.where(start == end, 1.0, start - end)
 
 touchdowns where gaps rise
 tests/tools/test_hermite.py -k way_back
--        along = steep * root < 0
-+        along = steep != 0
+-    root = jnp.where(falls, -root, root)
++    root = jnp.where(falls, root, -root)
+
+touchdowns of gaps that nearly touch before
+tests/tools/test_hermite.py -k nearly_touches
+-    x = x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls)
++    x = x - cubic.value(x) / cubic.slope_at(x)
 
 the memory between adaptive steps is that at their end
 tests/solvers/test_adaptive.py -k records_of
