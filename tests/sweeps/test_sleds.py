@@ -120,11 +120,11 @@ def test_derivatives_of_a_quantile_over_rails_are_those_of_its_differences():
     names = ["clearance", "slipper.mounts.left1.x"]
     # 80 m, in which starts are forgotten, and the next 80 m
     ensemble = sj.design.RailEnsemble(members=8000, transient=10, periods=10, quantile=0.95)
-    ds = sj.design.sensitivities(scene, "peak_force", names, ensemble=ensemble, start="rest", reach=1 / 3)
+    ds = sj.design.sensitivities(scene, "peak_force", names, ensemble=ensemble, start=sj.Motion(), reach=1 / 3)
     rails = {"track.seed": np.arange(20_000, 23_000)}
 
     def forces(name, value):
-        run = sj.run(scene.replace(**{name: value}), rails, length=160.0, record="peak_force", start="rest")
+        run = sj.run(scene.replace(**{name: value}), rails, length=160.0, record="peak_force", start=sj.Motion())
         return run["peak_force"].isel(distance=slice(80, None)).max(("distance", "slipper", "end", "point")).values
 
     draws = [slice(None), *np.random.default_rng(0).integers(0, 3000, (300, 3000))]
