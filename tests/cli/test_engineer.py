@@ -79,8 +79,8 @@ def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
 @pytest.mark.filterwarnings("default")
 @pytest.mark.slow  # three minutes
 def test_the_whole_day_prints_what_the_page_says(folder, capsys):
-    """All words: numbers of chaotic motions, and the point that is hit hardest, are others on other processors."""
-    plain = lambda text: re.sub(r"\b[A-J]#", "#", re.sub(r"[-+]?\d[\d.e+]*", "#", " ".join(text.split())))
+    """All words: numbers of chaotic motions are others on other processors."""
+    plain = lambda text: re.sub(r"[-+]?\d[\d.e+]*", "#", " ".join(text.split()))
     printed = ""
     for kind, block in BLOCKS:
         if kind == "toml":
