@@ -6,6 +6,7 @@ from . import (
     cli as cli,
     design as design,
     explorer as explorer,
+    fitting as fitting,
     flow as flow,
     model as model,
     orbits as orbits,
@@ -17,6 +18,8 @@ from . import (
 )
 from .design.optimise import optimise_design as optimise_design
 from .explorer.launch import explore as explore
+from .fitting.fit import fit as fit
+from .fitting.sensors import Sensor as Sensor
 from .flow.datasets import (
     load_environment as load_environment,
     load_run as load_run,

@@ -14,14 +14,14 @@ import pytest
 import slipperjax
 
 ROOT = Path(slipperjax.__file__).parent
-ROOMS = "tools; model analysis; solvers; flow; orbits plots; sweeps; studies design bench explorer; cli"
+ROOMS = "tools; model analysis; solvers; flow; orbits plots; sweeps; studies design fitting bench explorer; cli"
 FLOORS = [set(rooms.split()) for rooms in ROOMS.split(";")]
 BY_NAME = {"import_module", "__import__", "find_spec", "load", "attach"}
 """Functions of importlib and of lazy loaders, whose texts name modules."""
-EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
+EXPORTING = {"analysis", "design", "fitting", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
 # JAX alone below; these read and write labelled data, pictures and files
 HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "bokeh"}
-MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "bench", "explorer", "cli")
+MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "fitting", "bench", "explorer", "cli")
 MAY_BE_HEAVY += (
     "accessor",
     "tools.progress",

@@ -4,6 +4,7 @@ import io
 from collections.abc import Sequence, Set
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,7 +13,7 @@ from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.tables import Table, TableError
-from ..tools.types import Numbers, Real
+from ..tools.types import AnyArray, Numbers, Real
 
 
 class Modes(ShapeChecked):
@@ -87,6 +88,19 @@ class Modes(ShapeChecked):
     def count(self) -> int:
         """Number of modes."""
         return self.frequency.shape[-1]
+
+    def check_place(self, place: AnyArray) -> None:
+        """Raise `ValueError` unless a place is one of the modes' `places` [m]."""
+        need = "be places of the modes, see slipperjax.Modes"
+        require(self.places is not None, "places", need, place)
+        apart = np.linalg.norm(np.asarray(self.places) - np.asarray(place), axis=1).min()
+        # a millimetre is no other place
+        require(apart < 1e-3, "places", f"{need}, the nearest is {apart:.3g} m away", place)
+
+    def shape_at(self, place: AnyArray) -> Float[Array, "modes 3"]:
+        """Return the shapes at the nearest of the `places` to one [kg^-0.5]."""
+        apart = jnp.sum((self.places - place) ** 2, axis=1)
+        return self.place_shapes[:, jnp.argmin(apart)]
 
     def __check_init__(self):
         count = self.frequency.shape[-1:]

@@ -329,4 +329,5 @@ def at_values(scene: AnyScene, names: Sequence[str], values: Numbers) -> AnyScen
 
 def values_of(scene: eqx.Module, names: tuple[str, ...]) -> Float[Array, " parameters"]:
     """Return the values of named parameters [their SI units]."""
-    return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])
+    values = [jnp.asarray(parameter(name, scene).of(scene), float) for name in names]
+    return jnp.stack(values) if values else jnp.zeros(0)

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, check_quality, vibration_environment
 from ..flow.datasets import load_base, varied_names
 from ..flow.status import is_lost
-from ..model.modes import Modes
 from ..model.scene import Scene
 from ..tools.checks import finite, number, positive, require, warn
 from ..tools.columns import column
@@ -117,7 +116,7 @@ def check_environment(
     at = at.reshape(-1, 3)
     if scene.slipper.modes is not None:
         for place in at:
-            _shape_at(scene.slipper.modes, place)
+            scene.slipper.modes.check_place(place)
     check_quality(quality)
     if window is not None:
         number(positive, "window", window, "s")
@@ -184,19 +183,8 @@ def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> n
     total = of_centre + np.cross(angular, arms) + np.cross(spin, np.cross(spin, arms))
     modes = scene.slipper.modes
     if modes is not None:
-        total = total + modal @ np.stack([_shape_at(modes, place) for place in places])
+        total = total + modal @ np.stack([np.asarray(modes.shape_at(place)) for place in places])
     return np.moveaxis(total, -1, 2)
-
-
-def _shape_at(modes: Modes, place: np.ndarray) -> Float[np.ndarray, "modes 3"]:
-    """Return the shapes of modes at a place [kg^-0.5]."""
-    need = "be places of the modes, see slipperjax.Modes"
-    require(modes.places is not None and modes.place_shapes is not None, "places", need, place)
-    apart = np.linalg.norm(np.asarray(modes.places) - place, axis=1)
-    nearest = int(np.argmin(apart))
-    # a millimetre is no other place
-    require(apart[nearest] < 1e-3, "places", f"{need}, the nearest is {apart[nearest]:.3g} m away", place)
-    return np.asarray(modes.place_shapes)[:, nearest]
 
 
 def _dataset(found: VibrationEnvironment, places: np.ndarray) -> xr.Dataset:

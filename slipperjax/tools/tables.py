@@ -56,10 +56,11 @@ class Table:
     and a warning names them.
     """
 
-    def __init__(self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str]):
+    def __init__(self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str], *, holes: bool = False):
         """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
         numbers, or a function that returns them for the names that a file has; `aliases`: names of columns by other
-        names. Names here are in small letters, with underscores between words.
+        names. Names here are in small letters, with underscores between words; `holes`: whether numbers may be
+        missing, which are NaN then, and no fault.
 
         **Raises:** `TableError` for a file that has no table. Other faults are raised by `si`.
         """
@@ -67,6 +68,7 @@ class Table:
         self._wanted_of = wanted if callable(wanted) else lambda names: wanted
         self.wanted = self._wanted_of(frozenset())
         self.aliases = aliases
+        self.holes = holes
         self.columns: dict[str, Column] = {}
         self.faults: list[tuple[int, str]] = []
         # what a row is called in errors, and the number of each
@@ -235,7 +237,8 @@ class Table:
         if words is None:
             return np.nan
         if words in MISSING:
-            self.fault(f"`{column.name}` has no number", line)
+            if not self.holes:
+                self.fault(f"`{column.name}` has no number", line)
             return np.nan
         before = 0.0
         after = words
@@ -288,7 +291,7 @@ class Table:
         for key, array in arrays.items():
             values = np.asarray(array.values, float)
             self.numbers = list(range(len(values)))
-            for k in np.flatnonzero(~np.isfinite(values)):
+            for k in np.flatnonzero(~np.isfinite(values)) if not self.holes else ():
                 self.fault(f"`{key}` has no number", int(k))
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
         return unread

@@ -1,0 +1,394 @@
+"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..flow.period_map import advance
+from ..flow.record import RecordSet
+from ..flow.simulate import dynamic_steps
+from ..flow.stepping import ConstantSteps
+from ..model.dynamics import State
+from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.parameters import at_values, values_of
+from ..model.quantities import MOTION_NUMBERS
+from ..model.scene import Scene
+from ..sweeps.grid import VECTOR_LANES, Cases, filled
+from ..sweeps.run import gather, heed_interrupts
+from ..tools.batching import Batched
+from ..tools.compile import as_argument, jit
+from ..tools.limits import cores
+from ..tools.types import Real
+from .channels import ChannelRecord, Channels, begin, push
+from .measured import MeasuredRun
+from .sensors import Rig
+from .unknowns import Unknown
+
+SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
+CALL = 10
+"""Forcing periods in one call of the program that follows a motion without derivatives."""
+SHIFTS = 8
+"""Recurrences of the rail among which a first guess is looked for."""
+
+
+class Windows(NamedTuple):
+    """Measured runs, cut into windows of equal length, with arrays that are filled up where there are fewer samples."""
+
+    run: Int[np.ndarray, " windows"]
+    """Index of the run of each window."""
+    lag: Int[np.ndarray, " windows"]
+    """Forcing periods from where the run begins to where the window does."""
+    periods: int
+    """Of each window."""
+    time: Float[np.ndarray, "windows sensors samples"]
+    """Of the samples since the run began [s]."""
+    value: Float[np.ndarray, "windows sensors samples"]
+    known: Float[np.ndarray, "windows sensors samples"]
+    """One for samples, and zero for what fills up."""
+
+    @classmethod
+    def of(cls, runs: Sequence[MeasuredRun], scenes: Sequence[Scene], origin: float, window: int | None) -> "Windows":
+        """Cut runs of some scenes into windows.
+
+        **Arguments:** `origin`: forcing periods from distance zero to where runs begin; `window`: forcing periods of
+        each, or of fewer where runs are shorter; None for one as long as the longest run.
+        """
+        passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
+        whole = max(max(np.ceil(one[-1] - 1e-9) for one in every if len(one)) for every in passed)
+        periods = int(whole if window is None else min(window, whole))
+        rows = []
+        for number, every in enumerate(passed):
+            end = max(one[-1] for one in every if len(one))
+            for lag in range(0, max(int(np.ceil(end - 1e-9)), 1), periods):
+                rows.append((number, lag))
+        run, lag = np.array(rows).T
+        # a sample belongs to the window in which the model passes it
+        parts = []
+        for number, first in rows:
+            inside = [(one >= first) & (one < first + periods + 1e-9 * (first + periods >= one[-1:].sum())) for one in passed[number]]
+            parts.append(inside)
+        most = max(int(mask.sum()) for part in parts for mask in part)
+        shape = len(rows), len(passed[0]), most
+        time, value, known = (np.zeros(shape) for _ in range(3))
+        for w, part in enumerate(parts):
+            for s, mask in enumerate(part):
+                signal = runs[run[w]].signals[s]
+                if signal is not None:
+                    count = int(mask.sum())
+                    time[w, s, :count] = signal.time[mask]
+                    value[w, s, :count] = signal.value[mask]
+                    known[w, s, :count] = 1.0
+        return cls(run, lag, periods, time, value, known)
+
+    @property
+    def count(self) -> int:
+        return len(self.run)
+
+
+def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
+    """Return for each sensor the forcing periods that have passed at its samples since the run began."""
+    since = lambda periods: np.asarray(scene.seconds(origin + periods) - scene.seconds(origin))
+    most = 1.0
+    while since(most) <= run.end:
+        most *= 2
+    grid = np.linspace(0.0, most, 4097)
+    times = since(grid)
+    return [np.empty(0) if one is None else np.interp(one.time, times, grid) for one in run.signals]
+
+
+class Course(NamedTuple):
+    """Runs of the model, one for each start and window."""
+
+    reading: Float[np.ndarray, "starts windows sensors samples"]
+    slope: Float[np.ndarray, "starts windows sensors samples directions"]
+    """By the parameters, and by the ten numbers of the window's start in their scales."""
+    end: Float[np.ndarray, "starts windows 10"]
+    """Numbers of the motion at the end [scales]."""
+    end_slope: Float[np.ndarray, "starts windows 10 directions"]
+
+
+@dataclass(frozen=True)
+class Model:
+    """How the model repeats measured runs, with other values of its parameters."""
+
+    scene: Scene
+    rig: Rig
+    unknowns: tuple[Unknown, ...]
+    settings: tuple[dict[str, float], ...]
+    """Known parameters of each run by name [SI units]."""
+    windows: Windows
+    origin: float
+    """Forcing periods from distance zero to where runs begin."""
+    steps: int
+    samples: int
+    """Instants in each forcing period, between which signals are interpolated."""
+    solver: diffrax.AbstractSolver
+    start: Motion | State
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Unknown parameters of the scene."""
+        return tuple(one.name for one in self.unknowns if not one.of_sensors)
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Unknown numbers of sensors."""
+        return tuple(one.name for one in self.unknowns if one.of_sensors)
+
+    @property
+    def stepping(self) -> ConstantSteps:
+        return dynamic_steps(self.steps, most=2 * self.steps)
+
+    def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
+        """Return parameters from their levels."""
+        return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.unknowns)], axis=1)
+
+    def scene_of(self, run: int) -> Scene:
+        """Return the scene of a run."""
+        settings = self.settings[run]
+        return self.scene.replace(**settings) if settings else self.scene
+
+    def cases(
+        self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
+    ) -> Cases:
+        """Return a case for each start and window, with the settings of its run and the motion that it begins with.
+
+        **Arguments:** `numbers`: of the motions [scales].
+        """
+        count, windows = len(values), self.windows
+        grid = {}
+        for name in dict.fromkeys(name for one in self.settings for name in one):
+            own = float(self.scene.value(name))
+            grid[name] = np.tile([self.settings[k].get(name, own) for k in windows.run], count)
+        grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.names)}
+        start = numbers.reshape(-1, len(SIZES)) * SIZES
+        # a grid has one list at least
+        cases = Cases(self.scene, grid | {"y": start[:, 0]}, self.start, product=False)
+        parts = cases.starts.motion if isinstance(cases.starts, State) else cases.starts
+        cases.starts = Motion(*start.T, sled=parts.sled, modes=parts.modes)
+        return cases
+
+    def course(
+        self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
+    ) -> Course:
+        """Run the model from some starts, and differentiate it. Arguments as of `cases`."""
+        windows = self.windows
+        cases = self.cases(values, numbers)
+        window = np.tile(np.arange(windows.count), len(values))
+        of_sensors = np.repeat(values[:, len(self.names) :], windows.count, axis=0)
+
+        def work(index: np.ndarray) -> list[np.ndarray]:
+            of = window[index]
+            scenes, starts = cases.take(index)
+            epoch = self.origin + windows.lag[of]
+            now = begin(scenes, State(starts, None), epoch, names=self.names)
+            seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
+            slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.channel_slopes)]
+            for k in range(windows.periods):
+                heed_interrupts()
+                how = dict(names=self.names, samples=self.samples, solver=self.solver)
+                now = push(scenes, now.state, now.slopes, epoch + k, self.stepping, **how)
+                seen.append(jax.tree.map(np.asarray, now.channels))
+                slopes.append(jax.tree.map(np.asarray, now.channel_slopes))
+            reading, slope = readings(
+                scenes,
+                self.rig,
+                of_sensors[index],
+                jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *seen),
+                jax.tree.map(lambda *parts: np.concatenate(parts, axis=2), *slopes),
+                epoch,
+                self.origin,
+                windows.time[of],
+                names=self.names,
+                sensor_names=self.sensor_names,
+                samples=self.samples,
+            )
+            end = np.stack([getattr(now.state.motion, name) for name in MOTION_NUMBERS], axis=-1)
+            # the first numbers of a state are those of its motion
+            end_slope = np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
+            return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
+
+        parts = _in_groups(cases.count, work)
+        reading, slope, end, end_slope = (a.reshape(len(values), windows.count, *a.shape[1:]) for a in parts)
+        # numbers of sensors do not move the body
+        at = [len(self.names)] * len(self.sensor_names)
+        end_slope = np.insert(end_slope, at, 0.0, axis=-1)
+        for array in (slope, end_slope):
+            array[..., -len(SIZES) :] *= SIZES
+        return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
+
+    def guesses(
+        self, values: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
+    ) -> tuple[Float[np.ndarray, "starts windows 10"], Float[np.ndarray, " starts"]]:
+        """Return motions with which the windows may begin [scales], and how far they are from the samples.
+
+        Of the motion to which each start settles, they are those after which the next periods are most like the
+        record. On rails that do not recur there is one place, and nothing settles.
+        """
+        windows = self.windows
+        recurrence = float(np.max(np.asarray(self.scene.recurrence)))
+        recurs = np.isfinite(recurrence)
+        every = max(int(recurrence), 1) if recurs else 1
+        shifts = np.arange(SHIFTS if recurs else 1) * every
+        settle = -(-transient // every) * every if recurs else 0
+        total = settle + int(windows.lag.max() + shifts[-1]) + windows.periods
+        cases = self.cases(values, np.zeros((len(values), windows.count, len(SIZES))))
+        window = np.tile(np.arange(windows.count), len(values))
+        of_sensors = np.repeat(values[:, len(self.names) :], windows.count, axis=0)
+
+        def work(index: np.ndarray) -> list[np.ndarray]:
+            of = window[index]
+            scenes, _ = cases.take(index)
+            seen = self._followed(scenes, len(index), settle, total)
+            best = np.full(len(index), np.inf)
+            numbers = np.zeros((len(index), len(SIZES)))
+            for shift in shifts:
+                first = (windows.lag[of] + shift) * self.samples
+                at = first[:, None] + np.arange(windows.periods * self.samples + 1)
+                part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
+                reading = values_read(
+                    scenes,
+                    self.rig,
+                    of_sensors[index],
+                    part,
+                    self.origin + windows.lag[of],
+                    self.origin,
+                    windows.time[of],
+                    sensor_names=self.sensor_names,
+                    samples=self.samples,
+                )
+                off = (np.asarray(reading) - windows.value[of]) / noise[:, None] * windows.known[of]
+                far = np.sum(off**2, axis=(1, 2))
+                better = far < best
+                best[better] = far[better]
+                numbers[better] = part.motion[better, 0] / SIZES
+            return [numbers, best]
+
+        numbers, far = _in_groups(cases.count, work)
+        shape = len(values), windows.count
+        return numbers.reshape(*shape, -1), far.reshape(shape).sum(axis=1)
+
+    def _followed(self, scenes: Batched[Scene], lanes: int, settle: int, total: int) -> Channels:
+        """Return the channels of motions from the start, which have settled for some of `total` forcing periods."""
+        own = self.start if isinstance(self.start, State) else State(self.start, None)
+        starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (lanes, *np.shape(a))), own)
+        now = begin(scenes, starts, np.full(lanes, self.origin), names=self.names)
+        return followed(
+            scenes, now.state, now.channels, self.origin, self.stepping, self.solver, self.samples, settle, total
+        )
+
+
+def followed(
+    scenes: Batched[Scene],
+    states: State,
+    first: Channels,
+    origin: float,
+    stepping: ConstantSteps,
+    solver: diffrax.AbstractSolver,
+    samples: int,
+    settle: int,
+    total: int,
+) -> Channels:
+    """Return the channels of motions after `settle` of `total` forcing periods, (lanes, instants, ...).
+
+    **Arguments:** `first`: channels of the states, at `origin` forcing periods from distance zero.
+    """
+    kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
+    for passed in range(0, total, CALL):
+        heed_interrupts()
+        used = min(CALL, total - passed)
+        how = dict(solver=solver, periods=CALL, records=RecordSet((ChannelRecord(samples),)))
+        ran = advance(scenes, states, origin + passed, stepping, used=as_argument(used), **how)
+        states = ran.state
+        # periods and samples in one row, without the periods that are not used
+        row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * samples, *a.shape[3:])
+        kept.append(jax.tree.map(row, ran.samples[0]))
+        if passed + used <= settle:
+            kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
+    seen = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
+    # of the call in which the motion has settled, the rest
+    return jax.tree.map(lambda a: a[:, settle % CALL * samples if settle < total else -1 :], seen)
+
+
+def _in_groups(count: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
+    """Return the arrays that `work` gives for the indices of cases, in groups of equal size on all cores."""
+    groups = np.split(np.arange(count), range(VECTOR_LANES, count, VECTOR_LANES))
+    parts: list[list[np.ndarray]] = [[]] * len(groups)
+
+    def one(k: int) -> None:
+        made = work(filled(groups[k], VECTOR_LANES))
+        parts[k] = [array[: len(groups[k])] for array in made]
+
+    gather([functools.partial(one, k) for k in range(len(groups))], cores())
+    return [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+
+
+def _read(scene: Scene, rig: Rig, seen: Channels, epoch: Real, origin: Real, at: Array, samples: int) -> Array:
+    """Return what all sensors read in a run at some times since it began at `origin`, (sensors, samples)."""
+    instants = epoch + jnp.arange(seen.motion.shape[0]) / samples
+    time = scene.seconds(instants) - scene.seconds(origin)
+    modes = scene.slipper.modes
+    return jnp.stack([sensor.read(seen, time, at[k], modes) for k, sensor in enumerate(rig.sensors)])
+
+
+@functools.partial(jit, static_argnames=("sensor_names", "samples"))
+def values_read(
+    scenes: Batched[Scene],
+    rig: Rig,
+    of_sensors: Float[Array, "runs numbers"],
+    seen: Channels,
+    epoch: Float[Array, " runs"],
+    origin: Real,
+    at: Float[Array, "runs sensors samples"],
+    *,
+    sensor_names: tuple[str, ...],
+    samples: int,
+) -> Float[Array, "runs sensors samples"]:
+    """Return what sensors read in some runs."""
+
+    def one(scene: Scene, q: Array, seen: Channels, epoch: Real, at: Array) -> Array:
+        return _read(scene, at_values(rig, sensor_names, q), seen, epoch, origin, at, samples)
+
+    return scenes.map(one, of_sensors, seen, epoch, at)
+
+
+@functools.partial(jit, static_argnames=("names", "sensor_names", "samples"))
+def readings(
+    scenes: Batched[Scene],
+    rig: Rig,
+    of_sensors: Float[Array, "runs numbers"],
+    seen: Channels,
+    seen_slopes: Channels,
+    epoch: Float[Array, " runs"],
+    origin: Real,
+    at: Float[Array, "runs sensors samples"],
+    *,
+    names: tuple[str, ...],
+    sensor_names: tuple[str, ...],
+    samples: int,
+) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"]]:
+    """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts."""
+
+    def one(scene: Scene, q: Array, seen: Channels, slopes: Channels, epoch: Real, at: Array) -> tuple[Array, Array]:
+        p = values_of(scene, names)
+        # numbers of sensors change no channel
+        none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
+        slopes = jax.tree.map(none, slopes)
+        directions = slopes.motion.shape[0]
+
+        def read(p: Array, q: Array, seen: Channels) -> Array:
+            rig_now = at_values(rig, sensor_names, q)
+            return _read(at_values(scene, names, p), rig_now, seen, epoch, origin, at, samples)
+
+        push = lambda dp, dq, seen_along: jax.jvp(read, (p, q, seen), (dp, dq, seen_along))
+        along = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size)
+        return jax.vmap(push, out_axes=(None, 0))(*along, slopes)
+
+    return scenes.map(one, of_sensors, seen, seen_slopes, epoch, at)

@@ -1,0 +1,112 @@
+"""Parameters of a scene from measured signals."""
+
+from collections.abc import Mapping, Sequence
+
+import diffrax
+import numpy as np
+
+from ..flow.simulate import beginning, check_rail
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.modes import Modes
+from ..model.scene import Scene, check_scene
+from ..model.step_size import given_steps
+from ..solvers.named import resolve_solver
+from ..tools.checks import instance, known, number, positive, require, whole
+from ..tools.progress import bar as progress_bar
+from .course import Windows
+from .measured import measured_runs
+from .method import AbstractMethod, Problem
+from .result import Fit
+from .sensors import Rig, Sensor
+from .trajectories import Trajectories
+from .unknowns import unknowns_of
+
+
+def fit(
+    scene: Scene,
+    measured: object,
+    unknowns: Mapping[str, object],
+    sensors: Sequence[Sensor],
+    *,
+    method: AbstractMethod | None = None,
+    frozen: Sequence[str] = (),
+    begin: float | None = None,
+    start: Motion | State | None = None,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    confidence: float = 0.9,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Fit:
+    """Find parameters of a scene, and of sensors, from signals that were measured in one run or several.
+
+    ```python
+    sensors = [sj.Sensor("front", place=(0.05, 0.0, 0.0)), sj.Sensor("side", direction="y")]
+    unknowns = {"stiffness": (1e7, 1e9), "restitution": (0.5, 0.95), "sensors.front.gain": scipy.stats.norm(1.0, 0.05)}
+    found = sj.fit(scene, "measured.csv", unknowns, sensors)
+    ```
+
+    **Arguments:**
+
+    - `measured`: a run or several, each an `xarray.Dataset` or a file. A dataset has a variable for each sensor, by
+        its name and with an attribute `units`, along a coordinate of times. A CSV file has a column of times and
+        one for each sensor, such as `time [s], front [g]`. Times count from where the run is at `begin`. Sensors may
+        have times of their own, and samples may be missing. Scalar coordinates, or columns of one value, that are
+        named as parameters, such as `speed [m/s]`, are those of this run.
+    - `unknowns`: by name or path in the scene, or "sensors.NAME.gain", .bias, .delay, .cutoff, .place.0,
+        .direction.0: a low and a high bound, or a frozen distribution of `scipy.stats`. Between bounds all values are
+        equally likely before; if they are far apart, all their logarithms. The scene's own value must be allowed.
+    - `frozen`: names of `unknowns` that keep the scene's value.
+    - `method`: `Trajectories()` by default, for periodic motions and short records; `Features()` in chaos.
+    - `begin`: where runs begin [m], `start`, `solver`: as for `simulate`. `steps_per_period`: by default what the
+        scene needs, and at the end what the estimates need.
+    - `confidence`: probability of the intervals; `seed`: of the points that are tried first.
+
+    **Returns:** a `Fit`; look at its `status`, and at what is `untold` and `unexplained`.
+
+    **Raises:** `ValueError` that names the argument which is wrong; `KeyboardInterrupt` after Ctrl-C.
+    """
+    known("scene", check_scene(scene))
+    rig = Rig.of(sensors)
+    for sensor in rig.sensors:
+        _check_place(sensor, scene.slipper.modes)
+    method = Trajectories() if method is None else method
+    instance("method", method, AbstractMethod, "a method of slipperjax.fitting")
+    runs = measured_runs(measured, rig)
+    origin, first = beginning(scene, begin, start)
+    confidence = number(positive, "confidence", confidence)
+    require(confidence < 1, "confidence", "be below 1", confidence)
+    problem = Problem(
+        scene=scene,
+        rig=rig,
+        unknowns=unknowns_of(scene, rig, unknowns, frozen),
+        runs=runs,
+        origin=float(scene.epoch_at(origin)),
+        steps=None if steps_per_period is None else given_steps(steps_per_period),
+        solver=resolve_solver(scene, solver),
+        start=first,
+        seed=whole("seed", seed, 0),
+    )
+    windows = Windows.of(runs, problem.scenes, problem.origin, None)
+    check_rail(scene, windows.periods, origin)
+    for sensor in rig.sensors:
+        _check_rate(sensor, problem, windows)
+    with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:
+        posterior = method.fitted(problem, lambda text: bar.set_description_str(text))
+    return Fit(problem, method, posterior, confidence)
+
+
+def _check_place(sensor: Sensor, modes: Modes | None) -> None:
+    """Raise `ValueError` where an elastic body is not known at a sensor's place."""
+    if modes is not None and sensor.measures in ("acceleration", "displacement"):
+        modes.check_place(np.asarray(sensor.place))
+
+
+def _check_rate(sensor: Sensor, problem: Problem, windows: Windows) -> None:
+    """Raise `ValueError` where a filter is given with a speed that changes, or at frequencies that steps do not have."""
+    if sensor.cutoff is None:
+        return
+    for scene in problem.scenes:
+        steady = scene.travel(0.0).acceleration is None
+        require(steady, "cutoff", "be None at a speed that changes", np.asarray(sensor.cutoff))

@@ -1,0 +1,129 @@
+"""Measured signals: of runs in datasets of xarray and in files, with units, gaps and rates of their own."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from ..model.parameters import PARAMETERS
+from ..tools.checks import require
+from ..tools.files import content_of, user_path
+from ..tools.tables import Table
+from ..tools.units import unit_factor
+from .sensors import Rig, Sensor
+
+FEWEST = 8
+"""Samples that a signal needs."""
+
+
+class Signal(NamedTuple):
+    """What a sensor has measured in a run, without missing samples."""
+
+    time: Float[np.ndarray, " samples"]
+    """Since the run was where it is said to begin [s]."""
+    value: Float[np.ndarray, " samples"]
+    """In the sensor's unit."""
+
+
+class MeasuredRun(NamedTuple):
+    """The signals of a run, in the order of the sensors; None for those that it lacks."""
+
+    signals: tuple[Signal | None, ...]
+    settings: dict[str, float]
+    """Parameters that are known of this run, such as its speed, by name [SI units]."""
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample [s]."""
+        return max(float(one.time[-1]) for one in self.signals if one is not None)
+
+
+def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
+    """Return measured runs from a dataset or a file, or several.
+
+    **Raises:** `ValueError` for signals that no sensor has, without units or times, and sensors without any signal;
+    `OSError` for files that cannot be read.
+    """
+    single = isinstance(measured, xr.Dataset | str | os.PathLike)
+    need = "be a dataset or a file, or a list of them"
+    require(single or isinstance(measured, Sequence), "measured", need, measured)
+    every = [measured] if single else list(measured)
+    require(every, "measured", "have one run or more", shown="none")
+    runs = []
+    for one in every:
+        require(isinstance(one, xr.Dataset | str | os.PathLike), "measured", need, one)
+        runs.append(_of_dataset(one, rig) if isinstance(one, xr.Dataset) else _of_file(one, rig))
+    for k, sensor in enumerate(rig.sensors):
+        has = any(run.signals[k] is not None for run in runs)
+        require(has, "measured", f"have the signal of each sensor, such as {sensor.name}", shown="without it")
+    return tuple(runs)
+
+
+def _of_file(file: str | os.PathLike[str], rig: Rig) -> MeasuredRun:
+    """Read the signals of a CSV or netCDF file: a time, a column for each sensor, and columns of known parameters."""
+    path = user_path(file, "measured")
+    settings = {name: "" if q.unit == "1" else q.unit for name, q in PARAMETERS.items()}
+    wanted = settings | {"time": "s"} | {sensor.name: sensor.unit for sensor in rig.sensors}
+    table = Table(path, content_of(path), wanted, {"t": "time", "seconds": "time"}, holes=True)
+    if "time" in table.columns:
+        table.check_rising("time")
+    else:
+        table.fault("must have a column `time`")
+    columns = table.si()
+    known = {name: _constant(name, values) for name, values in columns.items() if name in settings}
+    return _run({s.name: (columns["time"], columns[s.name]) for s in rig.sensors if s.name in columns}, rig, known)
+
+
+def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
+    """Read the signals of a dataset: a variable for each sensor, along a coordinate of times, and scalar coordinates
+    of known parameters."""
+    strange = [str(name) for name in ds.data_vars if name not in rig.names]
+    need = f"have signals of the sensors {', '.join(rig.names)} alone"
+    require(not strange, "measured", need, shown=f"{', '.join(strange)}, too")
+    signals = {}
+    for sensor in rig.sensors:
+        if sensor.name in ds:
+            array = ds[sensor.name]
+            need = f"have {sensor.name} along one dimension, with a coordinate of times"
+            require(array.ndim == 1 and array.dims[0] in ds.coords, "measured", need, shown=f"along {array.dims}")
+            time = ds[array.dims[0]]
+            values = [_in_si(part, unit) for part, unit in ((time, "s"), (array, sensor.unit))]
+            require(np.all(np.diff(values[0]) > 0), "measured", f"have increasing times of {sensor.name}", shown="others")
+            signals[sensor.name] = values
+    known = {}
+    for name, value in ds.coords.items():
+        if name in PARAMETERS and value.ndim == 0:
+            unit = PARAMETERS[str(name)].unit
+            known[str(name)] = float(value) * (1.0 if unit == "1" else unit_factor(str(name), value.attrs.get("units", unit), unit))
+    return _run(signals, rig, known)
+
+
+def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
+    """Return the values of a variable that has an attribute `units`, in an SI unit."""
+    given = array.attrs.get("units")
+    require(given, "measured", f"have an attribute `units` of {array.name}, such as {unit}", shown="without it")
+    return np.asarray(array.values, float) * unit_factor(str(array.name), str(given), unit)
+
+
+def _constant(name: str, values: np.ndarray) -> float:
+    """Return the value of a column that must have one alone."""
+    found = np.unique(values[np.isfinite(values)])
+    require(len(found) == 1, "measured", f"have one value of {name}, which a run keeps", shown=f"{len(found)} values")
+    return float(found[0])
+
+
+def _run(signals: Mapping[str, Sequence[np.ndarray]], rig: Rig, known: dict[str, float]) -> MeasuredRun:
+    found = [_signal(sensor, *signals[sensor.name]) if sensor.name in signals else None for sensor in rig.sensors]
+    require(any(found), "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
+    return MeasuredRun(tuple(found), known)
+
+
+def _signal(sensor: Sensor, time: np.ndarray, value: np.ndarray) -> Signal:
+    good = np.isfinite(value) & np.isfinite(time)
+    need = f"have {FEWEST} samples or more of {sensor.name}"
+    require(good.sum() >= FEWEST, "measured", need, shown=str(good.sum()))
+    require(time[good][0] >= 0, "measured", f"have times of {sensor.name} from zero on", shown=f"{time[good][0]:g} s")
+    return Signal(time[good], value[good])

@@ -1,0 +1,162 @@
+"""Sensors on a slipper or a sled: what they read of its motion, with gain, bias, delay and filter."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..model.kinematics import Motion, rotation
+from ..model.modes import Modes
+from ..tools.checks import finite, instance, one_of, positive, require
+from ..tools.compile import as_argument
+from ..tools.fields import ShapeChecked, field
+from ..tools.types import AnyArray, Real
+from .channels import Channels
+
+AXES = ("x", "y", "z")
+UNITS = {"acceleration": "m/s^2", "displacement": "m", "angular_velocity": "rad/s", "force": "N"}
+"""Units of what a sensor can measure."""
+
+
+def _direction(value: object) -> AnyArray:
+    """Return a direction as a vector, from the name of an axis or three numbers."""
+    if isinstance(value, str):
+        return as_argument(np.eye(3)[AXES.index(one_of("direction", value, AXES))])
+    return finite("direction")(value)
+
+
+class Sensor(ShapeChecked):
+    """A sensor on the body: an accelerometer, a displacement gauge, a gyroscope, or load cells under all slippers.
+
+    It reads gain (signal + bias), late by `delay`, behind a low-pass filter where it has a `cutoff`. All of its
+    numbers may be found by `slipperjax.fit`, by paths such as "sensors.front.gain".
+    """
+
+    name: str = eqx.field(static=True)
+    """Of its signal among the measured ones."""
+    measures: str = eqx.field(static=True, default="acceleration")
+    """ "acceleration" of the place, without gravity [m/s^2]; its "displacement" from where a body in the middle of its
+    play on an undisturbed rail has it [m]; "angular_velocity" [rad/s]; "force" of all contacts together [N]."""
+    place: Float[Array, "3"] = field("m", finite, default=(0.0, 0.0, 0.0))
+    """From the centre of mass [m]; of an elastic body one of its modes' places."""
+    direction: Float[Array, "3"] = eqx.field(converter=_direction, default="z")
+    """Axis of the body, or a vector of any length."""
+    gain: Float[Array, ""] = field("1", finite, default=1.0)
+    bias: Float[Array, ""] = field("", finite, default=0.0)
+    """In the unit of the signal."""
+    delay: Float[Array, ""] = field("s", finite, default=0.0)
+    cutoff: Float[Array, ""] | None = field("Hz", positive, default=None)
+    """Frequency above which a Butterworth filter of second order suppresses the signal [Hz]."""
+    noise: float | None = eqx.field(static=True, default=None)
+    """Standard deviation of its noise, in the unit of the signal; None: what the model does not explain."""
+
+    def __check_init__(self):
+        require(isinstance(self.name, str) and self.name.isidentifier(), "name", "be a word", self.name)
+        one_of("measures", self.measures, UNITS)
+        if self.noise is not None:
+            positive("noise", self.unit)(self.noise)
+        if isinstance(self.direction, jax.core.Tracer):
+            return
+        length = np.linalg.norm(np.asarray(self.direction))
+        require(length > 0, "direction", "be a vector", shown="zero")
+        across = self.measures not in ("displacement", "force") or self.direction[0] == 0
+        need = f"be across the rail for a {self.measures}, such as y or z"
+        require(across, "direction", need, np.asarray(self.direction))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the signal."""
+        return UNITS[self.measures]
+
+    def signal(self, seen: Channels, modes: Modes | None = None) -> Float[Array, ""]:
+        """Return what it would read at an instant without gain, bias, delay and filter [`unit`]."""
+        axis = self.direction / jnp.linalg.norm(self.direction)
+        motion = Motion(*seen.motion)
+        spin = jnp.stack([motion.w_x, motion.w_y, motion.w_z])
+        if self.measures == "angular_velocity":
+            return jnp.dot(axis, spin)
+        if self.measures == "force":
+            return jnp.dot(axis[1:], seen.force)
+        shape = jnp.zeros((seen.modal.shape[-1], 3)) if modes is None else modes.shape_at(self.place)
+        deflection, modal = seen.modal @ shape
+        # the motion along x is prescribed
+        if self.measures == "displacement":
+            turned = jnp.array(rotation(motion)) @ (self.place + deflection) - self.place
+            return jnp.dot(axis, turned + jnp.stack([jnp.zeros(()), motion.y, motion.z]))
+        of_centre = jnp.concatenate([jnp.zeros(1), seen.acceleration[:2]])
+        turning = jnp.cross(seen.acceleration[2:], self.place) + jnp.cross(spin, jnp.cross(spin, self.place))
+        return jnp.dot(axis, of_centre + turning + modal)
+
+    def read(
+        self, seen: Channels, time: Float[Array, " instants"], at: Float[Array, " samples"], modes: Modes | None = None
+    ) -> Float[Array, " samples"]:
+        """Return what it reads at some times.
+
+        **Arguments:** `seen`: channels at instants of equal distances; `time` of them, and times `at` which it is
+        read, both from the same zero [s].
+        """
+        signal = jax.vmap(lambda now: self.signal(now, modes))(seen)
+        if self.cutoff is not None:
+            last = time.shape[0] - 1
+            signal = low_pass(signal, self.cutoff * (time[last] - time[0]) / last)
+        at = at - self.delay
+        # the place of each sample, counted in instants
+        before = jnp.clip(jnp.searchsorted(jax.lax.stop_gradient(time), jax.lax.stop_gradient(at)) - 1, 0, len(time) - 2)
+        place = before + (at - time[before]) / (time[before + 1] - time[before])
+        return self.gain * (interpolated(signal, place) + self.bias)
+
+
+def interpolated(values: Float[Array, " instants"], place: Float[Array, " samples"]) -> Float[Array, " samples"]:
+    """Return values at places counted in instants, by the cubic through the four around each."""
+    last = values.shape[0] - 1
+    first = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(int) - 1, 0, last - 3)
+    x = place - first
+    a, b, c, d = (values[first + k] for k in range(4))
+    # Lagrange's polynomials on 0, 1, 2 and 3
+    outer = (1 - x) * (2 - x) / 6
+    inner = x * (3 - x) / 2
+    return a * outer * (3 - x) + b * inner * (2 - x) - c * inner * (1 - x) + d * outer * x
+
+
+def low_pass(signal: Float[Array, " instants"], cutoff: Real) -> Float[Array, " instants"]:
+    """Return a signal behind a Butterworth filter of second order, made by the bilinear transformation.
+
+    It begins as if the first value had lasted. **Arguments:** `cutoff`: frequency times the step [1], below 1/2.
+    """
+    warped = jnp.tan(jnp.pi * cutoff)
+    scale = 1 / (1 + np.sqrt(2.0) * warped + warped**2)
+    ahead = warped**2 * scale
+    back_1 = 2 * (warped**2 - 1) * scale
+    back_2 = (1 - np.sqrt(2.0) * warped + warped**2) * scale
+
+    def step(last, x):
+        (x_1, x_2), (y_1, y_2) = last
+        y = ahead * (x + 2 * x_1 + x_2) - back_1 * y_1 - back_2 * y_2
+        return ((x, x_1), (y, y_1)), y
+
+    begin = (signal[0], signal[0])
+    return jax.lax.scan(step, (begin, begin), signal)[1]
+
+
+class Rig(eqx.Module):
+    """Sensors as one module, whose numbers have paths such as "sensors.front.gain"."""
+
+    sensors: tuple[Sensor, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(sensor.name for sensor in self.sensors)
+
+    @classmethod
+    def of(cls, sensors: object) -> "Rig":
+        """Return sensors that were given; raises `ValueError` where they are no list of sensors of different names."""
+        listed = instance("sensors", sensors, Sequence, "a list of slipperjax.Sensor")
+        require(len(listed), "sensors", "have one or more", shown="none")
+        for sensor in listed:
+            instance("sensors", sensor, Sensor, "a list of slipperjax.Sensor")
+        rig = cls(tuple(listed))
+        require(len(set(rig.names)) == len(rig.names), "sensors", "have different names", ", ".join(rig.names))
+        return rig

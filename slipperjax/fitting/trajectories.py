@@ -1,0 +1,229 @@
+"""Fits of trajectories: least squares of the differences from the samples, by exact derivatives, from many starts."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..model.step_size import default_steps_per_period
+from ..tools.checks import whole
+from .course import SIZES, Course, Model, Windows
+from .method import AbstractMethod, Posterior, Problem
+from .search import Found, search
+from .unknowns import spread
+
+START_REACH = 3.0
+"""How far starts are from those of the first guess, as standard deviation [scales of the motion]."""
+CONTINUITY = 1e-3
+"""How far motions may jump where one window ends and the next begins, as standard deviation [scales]."""
+SAMPLES = 40
+"""Instants in each forcing period, at least, between which signals are interpolated."""
+FIRST_NOISE = 0.1
+"""Noise over the RMS of a signal, of which nothing is known yet [1]."""
+ROUGH = 0.01
+"""Share of the sum of squares that is no gain in the first search [1]."""
+ROUNDS = 4
+"""Most searches, after each of which the noise is estimated anew."""
+LIKELY = 9.0
+"""Sum of squares over the least of all up to which another minimum is likely, three standard deviations."""
+CANDIDATES = 2
+"""Points that are looked at for each start."""
+
+
+@dataclass(frozen=True)
+class Trajectories(AbstractMethod):
+    """Fit the model's signals to the measured ones, sample by sample, along motions whose starts are found, too.
+
+    For periodic motions and for short records. In chaos no motion stays near a record for long: see `Features`, or
+    give a `window`.
+    """
+
+    starts: int = 16
+    """Searches at once, from the points most like the record of a cover of the priors."""
+    window: int | None = None
+    """Forcing periods after which a motion begins anew, where the last one ended (multiple shooting). None: never."""
+    transient: int = 100
+    """Forcing periods after which a motion is taken as a first guess."""
+
+    def __post_init__(self):
+        whole("starts", self.starts, 1)
+        whole("transient", self.transient, 0)
+        if self.window is not None:
+            whole("window", self.window, 1)
+
+    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
+        model = self._model(problem)
+        given = np.array([np.nan if sensor.noise is None else sensor.noise for sensor in problem.rig.sensors])
+        noise = np.where(np.isnan(given), FIRST_NOISE * _rms(model.windows), given)
+        # the scene's own values, and others
+        own = [one.level(float(one.parameter.of(problem.rig if one.of_sensors else problem.scene))) for one in problem.unknowns]
+        levels = np.vstack([own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
+        shown("first guesses")
+        guess, far = model.guesses(model.values(levels), self.transient, noise)
+        best = np.argsort(far, kind="stable")[: self.starts]
+        guess = guess[best]
+        points = np.hstack([levels[best], guess.reshape(len(best), -1)])
+        found = Found.none(points)
+        for number in range(ROUNDS):
+            fit = Fitting(model, guess, noise)
+            # roughly from all starts, then from the few minima that they have found
+            found = search(fit.rows, points, shown, rough=0.0 if number else ROUGH)
+            lead = found.lead
+            now = np.where(np.isnan(given), fit.noise_left(found.point[lead]), given)
+            needed = max(default_steps_per_period(fit.scene(found.point[lead], run)) for run in range(len(problem.runs)))
+            if number and np.all(np.abs(now / noise - 1) < 0.02) and needed <= model.steps:
+                break
+            noise = now
+            model = dataclasses.replace(model, steps=max(needed, model.steps))
+            # with another noise, those that are less likely may become the likeliest
+            kept = found.distinct(found.cost[lead])
+            points, guess = found.point[kept], guess[kept]
+        return Fitting(model, guess, noise).posterior(found, shown)
+
+    def _model(self, problem: Problem) -> Model:
+        scenes = problem.scenes
+        windows = Windows.of(problem.runs, scenes, problem.origin, self.window)
+        steps = problem.steps or max(map(default_steps_per_period, scenes))
+        samples = next(k for k in range(min(SAMPLES, steps), steps + 1) if steps % k == 0)
+        settings = tuple(run.settings for run in problem.runs)
+        return Model(
+            problem.scene,
+            problem.rig,
+            problem.unknowns,
+            settings,
+            windows,
+            problem.origin,
+            steps,
+            samples,
+            problem.solver,
+            problem.start,
+        )
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """The least squares of a model, whose unknowns are levels of its parameters and numbers of its starts."""
+
+    model: Model
+    guess: Float[np.ndarray, "starts windows 10"]
+    noise: Float[np.ndarray, " sensors"]
+
+    def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
+        count = len(self.model.unknowns)
+        return points[:, :count], points[:, count:].reshape(len(points), self.model.windows.count, len(SIZES))
+
+    def course(self, points: Float[np.ndarray, "starts unknowns"]) -> Course:
+        """Return the model's runs at some points."""
+        levels, numbers = self.split(points)
+        return self.model.course(self.model.values(levels), numbers)
+
+    def rows(
+        self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray
+    ) -> tuple[Float[np.ndarray, "starts rows"], Float[np.ndarray, "starts rows unknowns"]]:
+        """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
+        `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
+        levels, numbers = self.split(points)
+        course = self.course(points)
+        per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(self.model.unknowns)], axis=1)
+        parts = [
+            self._differences(course, per_level),
+            self._jumps(course, numbers, per_level),
+            self._priors(levels, numbers - self.guess[index]),
+        ]
+        residuals, slopes = zip(*parts, strict=True)
+        return np.concatenate(residuals, axis=1), np.concatenate(slopes, axis=1)
+
+    def _differences(self, course: Course, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        windows = self.model.windows
+        weight = windows.known / self.noise[:, None]
+        difference = ((course.reading - windows.value) * weight).reshape(len(per_level), windows.count, -1)
+        slope = (course.slope * weight[..., None]).reshape(*difference.shape, -1)
+        return self._placed(difference, slope, per_level)
+
+    def _jumps(self, course: Course, numbers: np.ndarray, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        run = self.model.windows.run
+        # of the windows that are followed by one of the same run
+        on = np.append(run[1:] == run[:-1], False)
+        after = np.roll(numbers, -1, axis=1)
+        weight = on[:, None] / CONTINUITY
+        residual, slope = self._placed((course.end - after) * weight, course.end_slope * weight[..., None], per_level)
+        ten = len(SIZES)
+        first = len(self.model.unknowns)
+        for window in np.flatnonzero(on):
+            rows = ten * window + np.arange(ten)
+            slope[:, rows, first + ten + rows] -= 1 / CONTINUITY
+        return residual, slope
+
+    def _priors(self, levels: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        away = away.reshape(len(levels), -1)
+        weight = np.append(np.ones(levels.shape[1]), np.full(away.shape[1], 1 / START_REACH))
+        residual = np.hstack([levels, away]) * weight
+        return residual, np.broadcast_to(np.diag(weight), (*residual.shape, len(weight)))
+
+    def _placed(self, value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return values (starts, windows, rows) and slopes by a window's own directions as those by all unknowns."""
+        starts, windows, rows = value.shape
+        own = per_level.shape[1]
+        every = np.zeros((starts, windows, rows, own + windows * len(SIZES)))
+        every[..., :own] = slope[..., :own] * per_level[:, None, None]
+        for k in range(windows):
+            at = own + len(SIZES) * k
+            every[:, k, :, at : at + len(SIZES)] = slope[:, k, :, own:]
+        return value.reshape(starts, -1), every.reshape(starts, windows * rows, -1)
+
+    def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
+        """Return the RMS of what the model leaves of each signal, with a part of the unknowns taken off its samples."""
+        windows = self.model.windows
+        left = (self.course(point[None]).reading[0] - windows.value) * windows.known
+        count = windows.known.sum(axis=(0, 2))
+        free = count - point.size * count / count.sum()
+        return np.sqrt(np.sum(left**2, axis=(0, 2)) / np.maximum(free, 1.0))
+
+    def scene(self, point: Float[np.ndarray, " unknowns"], run: int):
+        """Return the scene of a run with a point's parameters."""
+        values = self.model.values(self.split(point[None])[0])[0]
+        return self.model.scene_of(run).replace(**dict(zip(self.model.names, values, strict=False)))
+
+    def posterior(self, found: Found, shown: Callable[[str], object]) -> Posterior:
+        """Return what the searches tell of the parameters."""
+        model = self.model
+        lead = found.lead
+        point = found.point[lead]
+        own = len(model.unknowns)
+        slope = found.slope[lead]
+        every = np.linalg.inv(slope.T @ slope)
+        # of the data alone, with the starts unknown
+        total = slope.T @ slope - np.diag(np.append(np.ones(own), np.zeros(point.size - own)))
+        of_starts = np.linalg.solve(total[own:, own:], total[own:, :own])
+        shown("errors")
+        # by half the step, along the steepest way
+        finer = Fitting(dataclasses.replace(model, steps=2 * model.steps), self.guess[[lead]], self.noise)
+        rows, slopes = self.rows(point[None], np.array([lead]))
+        change = finer.rows(point[None], np.array([0]))[0] - rows
+        shift = -np.linalg.lstsq(slopes[0], change[0], rcond=None)[0] / np.sqrt(np.diag(every))
+        rng = np.random.default_rng(0)
+        draws = rng.multivariate_normal(point, every, 16)
+        likely = self.course(np.vstack([point, draws])).reading
+        return Posterior(
+            level=point[:own],
+            covariance=every[:own, :own],
+            information=total[:own, :own] - total[:own, own:] @ of_starts,
+            converged=bool(found.converged[lead]),
+            minima=found.point[found.distinct(LIKELY)[1:], :own],
+            step_change=shift[:own],
+            noise=self.noise,
+            windows=model.windows,
+            reading=likely[0],
+            draws=likely[1:],
+            start=self.split(point[None])[1][0] * SIZES,
+        )
+
+
+def _rms(windows: Windows) -> Float[np.ndarray, " sensors"]:
+    count = windows.known.sum(axis=(0, 2))
+    mean = np.sum(windows.value * windows.known, axis=(0, 2)) / count
+    square = np.sum((windows.value - mean[:, None]) ** 2 * windows.known, axis=(0, 2)) / count
+    return np.maximum(np.sqrt(square), 1e-12)

@@ -1,0 +1,122 @@
+"""Numbers that a fit looks for: parameters of the scene and of the sensors, and what is known of them before."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..model.parameters import Parameter, checked_parameters, parameter
+from ..model.scene import Scene
+from ..tools.checks import require
+from ..tools.types import AnyArray
+from .sensors import Rig
+
+WIDE = 5.0
+"""Ratio of bounds above which values between them are equally likely by their logarithms."""
+OF_SENSORS = "sensors."
+
+
+class Unknown(NamedTuple):
+    """A number to find, and its prior distribution.
+
+    Its `level` is the standard normal deviate of the same probability, so that all priors are alike: a distribution
+    of levels of mean 0 and standard deviation 1, which never leaves the bounds.
+    """
+
+    parameter: Parameter
+    unit: str
+    prior: Any
+    """A frozen distribution of `scipy.stats`."""
+
+    @property
+    def name(self) -> str:
+        return self.parameter.name
+
+    @property
+    def of_sensors(self) -> bool:
+        return self.name.startswith(OF_SENSORS)
+
+    def value(self, level: AnyArray) -> np.ndarray:
+        """Return the values of some levels."""
+        from scipy.stats import norm
+
+        # from the nearer tail, where shares are exact
+        return np.where(level < 0, self.prior.ppf(norm.cdf(level)), self.prior.isf(norm.sf(level)))
+
+    def level(self, value: AnyArray) -> np.ndarray:
+        """Return the levels of some values; infinite beyond the bounds."""
+        from scipy.stats import norm
+
+        low = self.prior.cdf(value)
+        return np.where(low < 0.5, norm.ppf(low), norm.isf(self.prior.sf(value)))
+
+    def slope(self, level: AnyArray) -> np.ndarray:
+        """Return the derivative of the value by the level."""
+        from scipy.stats import norm
+
+        return norm.pdf(level) / self.prior.pdf(self.value(level))
+
+
+def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = ()) -> tuple[Unknown, ...]:
+    """Return what is to be found, first parameters of the scene, then those of sensors.
+
+    **Arguments:** `priors`: by name or path, a low and a high bound or a distribution; `frozen`: names among them that
+    keep their value.
+
+    **Raises:** `ValueError` for unknown names, and for bounds that are none or exclude the scene's own value.
+    """
+    given = isinstance(priors, Mapping) and bool(priors)
+    require(given, "unknowns", 'be bounds by name, such as {"stiffness": (1e8, 1e10)}', priors)
+    for name in frozen:
+        require(name in priors, "frozen", f"be some of {', '.join(map(str, priors))}", name)
+    names = [name for name in priors if name not in frozen]
+    require(names, "unknowns", "leave something to find", shown="all frozen")
+    own = [name for name in names if not str(name).startswith(OF_SENSORS)]
+    found = []
+    for one in checked_parameters(own, scene) if own else []:
+        found.append(_unknown(one, one.unit, priors[one.name], float(one.of(scene))))
+    for name in names:
+        if name not in own:
+            one = parameter(name, rig)
+            value = one.of(rig)
+            require(value is not None, name, "be a number that the sensor has", shown="None")
+            unit = one.unit
+            if name.endswith(".bias"):
+                unit = rig.sensors[rig.names.index(name.split(".")[1])].unit
+            found.append(_unknown(one, unit, priors[name], float(value)))
+    return tuple(found)
+
+
+def _unknown(one: Parameter, unit: str, given: object, value: float) -> Unknown:
+    """Return an unknown with bounds or a distribution, which must allow the scene's own value."""
+    from scipy.stats import loguniform, uniform
+
+    need = "have a low and a high bound, or a frozen distribution of scipy.stats"
+    prior: Any = given
+    if not hasattr(given, "ppf"):
+        try:
+            ends = np.asarray(one.check(given), float)
+        except ValueError:
+            raise
+        require(ends.shape == (2,) and ends[0] < ends[1], one.name, need, given)
+        low, high = map(float, ends)
+        prior = loguniform(low, high) if low > 0 and high > WIDE * low else uniform(low, high - low)
+    try:
+        low, high = map(float, prior.support())
+        inside = low < value < high
+    except (TypeError, AttributeError):
+        raise ValueError(f"Argument `{one.name}` must {need}, but has {given}.") from None
+    need = f"have bounds on both sides of the scene's own value, {value:.6g} {unit}".rstrip()
+    require(inside, one.name, need, shown=f"{low:g} to {high:g}")
+    return Unknown(one, unit, prior)
+
+
+def spread(unknowns: Sequence[Unknown], count: int, seed: int) -> Float[np.ndarray, "count unknowns"]:
+    """Return levels that cover the priors evenly, by Sobol's points."""
+    from scipy.stats import norm, qmc
+
+    engine = qmc.Sobol(len(unknowns), rng=np.random.default_rng(seed))
+    points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
+    # not in the farthest tails, from which a fit moves slowly
+    return norm.ppf(0.02 + 0.96 * points)
