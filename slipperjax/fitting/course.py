@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import diffrax
@@ -13,17 +13,17 @@ from jaxtyping import Array, Float, Int
 
 from ..flow.period_map import advance
 from ..flow.record import RecordSet
-from ..flow.simulate import dynamic_steps
-from ..flow.stepping import ConstantSteps
+from ..flow.stepping import SampledSteps
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
-from ..sweeps.grid import VECTOR_LANES, Cases, filled
+from ..solvers.latching import calls_lapack
+from ..sweeps.grid import VECTOR_LANES, Cases
 from ..sweeps.run import gather, heed_interrupts
 from ..tools.batching import Batched
-from ..tools.compile import as_argument, jit
+from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
 from .channels import ChannelRecord, Channels, begin, push
@@ -32,6 +32,8 @@ from .sensors import Rig
 from .unknowns import Unknown
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
+LANES = 4
+"""Runs in one call with derivatives: few, so that some searches use all cores."""
 CALL = 10
 """Forcing periods in one call of the program that follows a motion without derivatives."""
 SHIFTS = 8
@@ -127,6 +129,7 @@ class Model:
     origin: float
     """Forcing periods from distance zero to where runs begin."""
     steps: int
+    """In each forcing period, a multiple of `samples`."""
     samples: int
     """Instants in each forcing period, between which signals are interpolated."""
     solver: diffrax.AbstractSolver
@@ -143,17 +146,22 @@ class Model:
         return tuple(one.name for one in self.unknowns if one.of_sensors)
 
     @property
-    def stepping(self) -> ConstantSteps:
-        return dynamic_steps(self.steps, most=2 * self.steps)
+    def stepping(self) -> SampledSteps:
+        return SampledSteps(self.samples, as_argument(self.steps // self.samples))
 
     def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
         """Return parameters from their levels."""
         return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.unknowns)], axis=1)
 
-    def scene_of(self, run: int) -> Scene:
-        """Return the scene of a run."""
-        settings = self.settings[run]
-        return self.scene.replace(**settings) if settings else self.scene
+    @property
+    def scenes(self) -> list[Scene]:
+        """The scene of each run."""
+        return [self.scene.replace(**known) if known else self.scene for known in self.settings]
+
+    def with_steps(self, steps: int) -> "Model":
+        """Return the same with as many steps per period, or more."""
+        steps = max(-(-steps // self.samples) * self.samples, self.steps)
+        return self if steps == self.steps else replace(self, steps=steps)
 
     def cases(
         self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
@@ -215,7 +223,7 @@ class Model:
             end_slope = np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
             return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
 
-        parts = _in_groups(cases.count, work)
+        parts = _in_groups(cases.count, LANES, work)
         reading, slope, end, end_slope = (a.reshape(len(values), windows.count, *a.shape[1:]) for a in parts)
         # numbers of sensors do not move the body
         at = [len(self.names)] * len(self.sensor_names)
@@ -223,6 +231,23 @@ class Model:
         for array in (slope, end_slope):
             array[..., -len(SIZES) :] *= SIZES
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
+
+    def compile_ahead(self, values: Float[np.ndarray, "starts parameters"]) -> None:
+        """Compile the program of derivatives, the longest of all, while others are compiled and run."""
+        if calls_lapack(self.solver):
+            return  # which must not be called from two threads
+        index = np.arange(LANES) % len(values)
+        cases = self.cases(values, np.zeros((len(values), self.windows.count, len(SIZES))))
+        scenes, starts = cases.take(index)
+        epoch = np.full(len(index), self.origin)
+
+        def call() -> None:
+            now = begin(scenes, State(starts, None), epoch, names=self.names)
+            # no steps at all
+            how = dict(names=self.names, samples=self.samples, solver=self.solver)
+            push(scenes, now.state, now.slopes, epoch, SampledSteps(self.samples, as_argument(0)), **how)
+
+        ahead(call)
 
     def guesses(
         self, values: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
@@ -271,7 +296,7 @@ class Model:
                 numbers[better] = part.motion[better, 0] / SIZES
             return [numbers, best]
 
-        numbers, far = _in_groups(cases.count, work)
+        numbers, far = _in_groups(cases.count, VECTOR_LANES, work)
         shape = len(values), windows.count
         return numbers.reshape(*shape, -1), far.reshape(shape).sum(axis=1)
 
@@ -290,7 +315,7 @@ def followed(
     states: State,
     first: Channels,
     origin: float,
-    stepping: ConstantSteps,
+    stepping: SampledSteps,
     solver: diffrax.AbstractSolver,
     samples: int,
     settle: int,
@@ -317,13 +342,14 @@ def followed(
     return jax.tree.map(lambda a: a[:, settle % CALL * samples if settle < total else -1 :], seen)
 
 
-def _in_groups(count: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
-    """Return the arrays that `work` gives for the indices of cases, in groups of equal size on all cores."""
-    groups = np.split(np.arange(count), range(VECTOR_LANES, count, VECTOR_LANES))
+def _in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
+    """Return the arrays that `work` gives for the indices of cases, in groups of `lanes` on all cores."""
+    groups = np.split(np.arange(count), range(lanes, count, lanes))
     parts: list[list[np.ndarray]] = [[]] * len(groups)
 
     def one(k: int) -> None:
-        made = work(filled(groups[k], VECTOR_LANES))
+        # the last group is filled up with copies of its last case
+        made = work(groups[k][np.minimum(np.arange(lanes), len(groups[k]) - 1)])
         parts[k] = [array[: len(groups[k])] for array in made]
 
     gather([functools.partial(one, k) for k in range(len(groups))], cores())

@@ -15,14 +15,16 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
+from ..sweeps.grid import VECTOR_LANES, filled
+
 MOST_STEPS = 40
 """Points that a search tries from each start."""
-NEAR = 0.1
+NEAR = 0.2
 """Distance from the least squares, in standard errors, at which a search has converged."""
 STALLED = 0.5
 """The same where no more is gained: impacts that come or go leave kinks in a sum of squares."""
-GAIN = 0.01
-"""Change of the sum of squares that is none, that of a tenth of a standard error [1]."""
+GAIN = 0.02
+"""Change of the sum of squares that is none, that of a seventh of a standard error [1]."""
 PATIENCE = 4
 """Points without any gain after which a search stops; of a rough one half as many."""
 HOPELESS = 2.0
@@ -88,6 +90,12 @@ class Found(NamedTuple):
             return on
         return on & (self.cost < HOPELESS * self.cost[self.lead]) & (self.apart(self.point[self.lead]) > 1.0)
 
+    def nearest(self, more: float, most: int) -> Int[np.ndarray, " some"]:
+        """Return the indices of up to `most` points whose sum of squares is at most `more` above the least, the best
+        first."""
+        order = np.argsort(self.cost)[:most]
+        return order[self.cost[order] <= self.cost[self.lead] + more]
+
     def distinct(self, more: float) -> Int[np.ndarray, " minima"]:
         """Return the indices of the best and of others that are apart, whose sum of squares is at most `more` greater,
         the best first."""
@@ -131,9 +139,11 @@ def search(
     **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
     """
     best = Found.none(points, PATIENCE // 2 if rough else PATIENCE)
-    states = _begin(points)
-    accepted = now = points
-    local = Expansion(points.copy(), best.residual.copy(), best.slope.copy())
+    # a batch of few sizes, for programs that are compiled already
+    lanes = filled(np.arange(len(points)), VECTOR_LANES)
+    accepted = now = points[lanes]
+    states = _begin(now)
+    local = Expansion(now.copy(), best.residual[lanes], best.slope[lanes])
     for _ in range(MOST_STEPS):
         index = np.flatnonzero(best.active)
         seen = now[index], *compressed(*evaluate(now[index], index))

@@ -19,13 +19,19 @@ START_REACH = 3.0
 CONTINUITY = 1e-3
 """How far motions may jump where one window ends and the next begins, as standard deviation [scales]."""
 SAMPLES = 40
-"""Instants in each forcing period, at least, between which signals are interpolated."""
+"""Instants in each forcing period, or a multiple of it where samples are closer, between which signals are cubics."""
 FIRST_NOISE = 0.1
 """Noise over the RMS of a signal, of which nothing is known yet [1]."""
 ROUGH = 0.01
 """Share of the sum of squares that is no gain in the first search [1]."""
-ROUNDS = 4
-"""Most searches, after each of which the noise is estimated anew."""
+AT_ONCE = 4
+"""Searches that go on from where the first ones have led: they take as long as one."""
+DRAWS = 15
+"""Likely parameters whose signals are kept; with the estimate, two batches."""
+ROUNDS = 6
+"""Most searches, after each of which the noise is estimated anew, or steps are halved."""
+STEP_CHANGE = 0.2
+"""Change of an estimate by half the step that is no matter [standard errors]."""
 LIKELY = 9.0
 """Sum of squares over the least of all up to which another minimum is likely, three standard deviations."""
 CANDIDATES = 2
@@ -61,32 +67,37 @@ class Trajectories(AbstractMethod):
         own = [one.level(float(one.parameter.of(problem.rig if one.of_sensors else problem.scene))) for one in problem.unknowns]
         levels = np.vstack([own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
-        guess, far = model.guesses(model.values(levels), self.transient, noise)
+        values = model.values(levels)
+        model.compile_ahead(values)
+        guess, far = model.guesses(values, self.transient, noise)
         best = np.argsort(far, kind="stable")[: self.starts]
-        guess = guess[best]
-        points = np.hstack([levels[best], guess.reshape(len(best), -1)])
-        found = Found.none(points)
-        for number in range(ROUNDS):
-            fit = Fitting(model, guess, noise)
-            # roughly from all starts, then from the few minima that they have found
-            found = search(fit.rows, points, shown, rough=0.0 if number else ROUGH)
-            lead = found.lead
-            now = np.where(np.isnan(given), fit.noise_left(found.point[lead]), given)
-            needed = max(default_steps_per_period(fit.scene(found.point[lead], run)) for run in range(len(problem.runs)))
-            if number and np.all(np.abs(now / noise - 1) < 0.02) and needed <= model.steps:
+        fit = Fitting(model, guess[best], noise)
+        points = np.hstack([levels[best], guess[best].reshape(len(best), -1)])
+        # roughly from all starts, then from the few minima that they have found
+        found = search(fit.rows, points, shown, rough=ROUGH)
+        kept = found.nearest(found.cost[found.lead], AT_ONCE)
+        steps = 2 * model.steps
+        noise = np.where(np.isnan(given), fit.noise_left(found.point[found.lead]), given)
+        for _ in range(ROUNDS):
+            steps = max(steps, fit.needed(found.point[found.lead]))
+            fit = Fitting(model.with_steps(steps), fit.guess[kept], noise)
+            found = search(fit.rows, found.point[kept], shown)
+            kept = found.distinct(LIKELY)
+            shown("errors")
+            change, left = fit.checked(found)
+            if np.abs(change).max() > STEP_CHANGE:
+                # more steps, until they are no matter
+                steps = 2 * fit.model.steps
+            elif np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02)):
                 break
-            noise = now
-            model = dataclasses.replace(model, steps=max(needed, model.steps))
-            # with another noise, those that are less likely may become the likeliest
-            kept = found.distinct(found.cost[lead])
-            points, guess = found.point[kept], guess[kept]
-        return Fitting(model, guess, noise).posterior(found, shown)
+            noise = np.where(np.isnan(given), left, given)
+        return fit.posterior(found, kept, change)
 
     def _model(self, problem: Problem) -> Model:
         scenes = problem.scenes
         windows = Windows.of(problem.runs, scenes, problem.origin, self.window)
         steps = problem.steps or max(map(default_steps_per_period, scenes))
-        samples = next(k for k in range(min(SAMPLES, steps), steps + 1) if steps % k == 0)
+        steps = -(-steps // SAMPLES) * SAMPLES
         settings = tuple(run.settings for run in problem.runs)
         return Model(
             problem.scene,
@@ -96,7 +107,7 @@ class Trajectories(AbstractMethod):
             windows,
             problem.origin,
             steps,
-            samples,
+            SAMPLES,
             problem.solver,
             problem.start,
         )
@@ -127,7 +138,7 @@ class Fitting:
         `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
         levels, numbers = self.split(points)
         course = self.course(points)
-        per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(self.model.unknowns)], axis=1)
+        per_level = self._per_level(points)
         parts = [
             self._differences(course, per_level),
             self._jumps(course, numbers, per_level),
@@ -135,6 +146,10 @@ class Fitting:
         ]
         residuals, slopes = zip(*parts, strict=True)
         return np.concatenate(residuals, axis=1), np.concatenate(slopes, axis=1)
+
+    def _per_level(self, points: Float[np.ndarray, "starts unknowns"]) -> Float[np.ndarray, "starts parameters"]:
+        """Return derivatives of the parameters by their levels."""
+        return np.stack([one.slope(points[:, k]) for k, one in enumerate(self.model.unknowns)], axis=1)
 
     def _differences(self, course: Course, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         windows = self.model.windows
@@ -176,19 +191,39 @@ class Fitting:
 
     def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
         """Return the RMS of what the model leaves of each signal, with a part of the unknowns taken off its samples."""
+        return self._noise_of(self.course(point[None]), point.size)
+
+    def _noise_of(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
         windows = self.model.windows
-        left = (self.course(point[None]).reading[0] - windows.value) * windows.known
+        left = (course.reading[0] - windows.value) * windows.known
         count = windows.known.sum(axis=(0, 2))
-        free = count - point.size * count / count.sum()
+        free = count - unknowns * count / count.sum()
         return np.sqrt(np.sum(left**2, axis=(0, 2)) / np.maximum(free, 1.0))
 
-    def scene(self, point: Float[np.ndarray, " unknowns"], run: int):
-        """Return the scene of a run with a point's parameters."""
+    def needed(self, point: Float[np.ndarray, " unknowns"]) -> int:
+        """Return the steps per period that a point's parameters need."""
         values = self.model.values(self.split(point[None])[0])[0]
-        return self.model.scene_of(run).replace(**dict(zip(self.model.names, values, strict=False)))
+        own = dict(zip(self.model.names, values, strict=False))
+        return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.scenes)
 
-    def posterior(self, found: Found, shown: Callable[[str], object]) -> Posterior:
-        """Return what the searches tell of the parameters."""
+    def checked(self, found: Found) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " sensors"]]:
+        """Return what half the step changes at the best point [standard errors], and what it leaves of each signal."""
+        point = found.point[found.lead]
+        slope = found.slope[found.lead]
+        finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point[None])
+        coarse = self.course(point[None])
+        weight = self.model.windows.known / self.noise[:, None]
+        change = ((finer.reading - coarse.reading) * weight).ravel()
+        _, by = self._differences(coarse, self._per_level(point[None]))
+        every = np.linalg.inv(slope.T @ slope)
+        shift = -every @ (by[0].T @ change) / np.sqrt(np.diag(every))
+        return shift[: len(self.model.unknowns)], self._noise_of(coarse, point.size)
+
+    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> Posterior:
+        """Return what the searches tell of the parameters.
+
+        **Arguments:** `kept`: indices of the minima; `change`: of `step_change`.
+        """
         model = self.model
         lead = found.lead
         point = found.point[lead]
@@ -198,22 +233,16 @@ class Fitting:
         # of the data alone, with the starts unknown
         total = slope.T @ slope - np.diag(np.append(np.ones(own), np.zeros(point.size - own)))
         of_starts = np.linalg.solve(total[own:, own:], total[own:, :own])
-        shown("errors")
-        # by half the step, along the steepest way
-        finer = Fitting(dataclasses.replace(model, steps=2 * model.steps), self.guess[[lead]], self.noise)
-        rows, slopes = self.rows(point[None], np.array([lead]))
-        change = finer.rows(point[None], np.array([0]))[0] - rows
-        shift = -np.linalg.lstsq(slopes[0], change[0], rcond=None)[0] / np.sqrt(np.diag(every))
         rng = np.random.default_rng(0)
-        draws = rng.multivariate_normal(point, every, 16)
+        draws = rng.multivariate_normal(point, every, DRAWS)
         likely = self.course(np.vstack([point, draws])).reading
         return Posterior(
             level=point[:own],
             covariance=every[:own, :own],
             information=total[:own, :own] - total[:own, own:] @ of_starts,
             converged=bool(found.converged[lead]),
-            minima=found.point[found.distinct(LIKELY)[1:], :own],
-            step_change=shift[:own],
+            minima=found.point[kept[1:], :own],
+            step_change=change,
             noise=self.noise,
             windows=model.windows,
             reading=likely[0],

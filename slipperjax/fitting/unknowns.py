@@ -14,6 +14,8 @@ from .sensors import Rig
 
 WIDE = 5.0
 """Ratio of bounds above which values between them are equally likely by their logarithms."""
+FARTHEST = 6.0
+"""Level beyond which values hardly change."""
 OF_SENSORS = "sensors."
 
 
@@ -55,6 +57,8 @@ class Unknown(NamedTuple):
         """Return the derivative of the value by the level."""
         from scipy.stats import norm
 
+        # in the farthest tails both densities vanish
+        level = np.clip(level, -FARTHEST, FARTHEST)
         return norm.pdf(level) / self.prior.pdf(self.value(level))
 
 

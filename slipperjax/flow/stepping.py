@@ -173,6 +173,54 @@ class ConstantSteps(AbstractStepping):
         return in_one_kernel(loop, (carry, jax.tree.map(repeated, ends_of(carry))))
 
 
+class SampledSteps(AbstractStepping):
+    """Steps of equal length whose number is an argument of the program, and states at a few of their ends alone.
+
+    Arrays have no room for states that no record wants. It is differentiated in forward mode only.
+    """
+
+    samples: int = eqx.field(static=True)
+    """Instants in a forcing period at which records get states."""
+    each: Whole
+    """Steps from one instant to the next."""
+
+    @property
+    def number(self) -> Whole:
+        return self.samples
+
+    def prepared(self, solver):
+        return differentiable(solver, diffrax.ForwardMode())
+
+    def begin(self, terms, solver, state, args):
+        carries = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
+        return solver.init(terms, 0.0, 1 / (self.samples * self.each), state, args) if carries else None
+
+    def period(self, terms, solver, state, solver_state, args, inside):
+        total = self.samples * self.each
+        begins = solver_state is None
+        if begins:
+            solver_state = solver.init(terms, 0.0, 1 / total, state, args)
+
+        def step(j, carry):
+            k, state, solver_state, failed = carry
+            ends = k / total, (k + 1) / total
+            state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
+            return k + 1.0, state, solver_state, failed | (result != diffrax.RESULTS.successful)
+
+        def sampled(carry, _):
+            carry = jax.lax.fori_loop(0, jnp.asarray(self.each).astype(int), step, carry)
+            return carry, carry[1]
+
+        scanned = lambda carry: jax.lax.scan(sampled, carry, None, self.samples)
+        first = jnp.zeros(()), state, solver_state, jnp.zeros((), bool)
+        (_, end, solver_state, failed), states = in_one_kernel(scanned, first)
+        states = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), state, states)
+        return Period(end, states, None, total, failed, None if begins else solver_state)
+
+    def finer(self):
+        return SampledSteps(self.samples, 2 * self.each)
+
+
 class ControlledSteps(AbstractStepping):
     """Steps that a step size controller chooses; states inside a period are interpolated at equal intervals."""
 
