@@ -1,7 +1,17 @@
 """Fitting: parameters from measured signals, with honest intervals."""
 
 from .course import Windows as Windows
+from .features import (
+    AbstractFeature as AbstractFeature,
+    BandRms as BandRms,
+    ContactFraction as ContactFraction,
+    CorrelationIntegral as CorrelationIntegral,
+    ImpactRate as ImpactRate,
+    Peaks as Peaks,
+)
+from .likelihood import FeaturePosterior as FeaturePosterior, Features as Features
 from .method import AbstractMethod as AbstractMethod, Posterior as Posterior, Problem as Problem
 from .result import Fit as Fit
 from .sensors import Sensor as Sensor
+from .signals import SignalPosterior as SignalPosterior
 from .trajectories import Trajectories as Trajectories

@@ -19,6 +19,7 @@ from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
+from ..model.step_size import default_steps_per_period
 from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
 from ..sweeps.run import gather, heed_interrupts
@@ -26,8 +27,9 @@ from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
-from .channels import ChannelRecord, Channels, begin, push
+from .channels import ChannelRecord, Channels, Pushed, begin, push
 from .measured import MeasuredRun
+from .method import Problem
 from .sensors import Rig
 from .unknowns import Unknown
 
@@ -63,30 +65,28 @@ class Windows(NamedTuple):
         each, or of fewer where runs are shorter; None for one as long as the longest run.
         """
         passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
-        whole = max(max(np.ceil(one[-1] - 1e-9) for one in every if len(one)) for every in passed)
-        periods = int(whole if window is None else min(window, whole))
-        rows = []
-        for number, every in enumerate(passed):
-            end = max(one[-1] for one in every if len(one))
-            for lag in range(0, max(int(np.ceil(end - 1e-9)), 1), periods):
-                rows.append((number, lag))
-        run, lag = np.array(rows).T
+        ends = [max(one[-1] for one in every if one.size) for every in passed]
+        # rounding may put the last sample behind the end
+        whole = [max(int(np.ceil(end - 1e-9)), 1) for end in ends]
+        periods = max(whole) if window is None else min(window, max(whole))
+        counts = [-(-length // periods) for length in whole]
+        run = np.repeat(np.arange(len(runs)), counts)
+        lag = np.concatenate([np.arange(count) for count in counts]) * periods
         # a sample belongs to the window in which the model passes it
-        parts = []
-        for number, first in rows:
-            inside = [(one >= first) & (one < first + periods + 1e-9 * (first + periods >= one[-1:].sum())) for one in passed[number]]
-            parts.append(inside)
-        most = max(int(mask.sum()) for part in parts for mask in part)
-        shape = len(rows), len(passed[0]), most
-        time, value, known = (np.zeros(shape) for _ in range(3))
-        for w, part in enumerate(parts):
-            for s, mask in enumerate(part):
+        inside = []
+        for number, first in zip(run, lag, strict=True):
+            last = counts[number] - 1
+            inside.append([np.minimum(one // periods, last) == first // periods for one in passed[number]])
+        most = max(int(mask.sum()) for masks in inside for mask in masks)
+        time, value, known = np.zeros((3, len(run), len(passed[0]), most))
+        for w, masks in enumerate(inside):
+            for s, mask in enumerate(masks):
                 signal = runs[run[w]].signals[s]
+                count = int(mask.sum())
+                known[w, s, :count] = 1.0
                 if signal is not None:
-                    count = int(mask.sum())
                     time[w, s, :count] = signal.time[mask]
                     value[w, s, :count] = signal.value[mask]
-                    known[w, s, :count] = 1.0
         return cls(run, lag, periods, time, value, known)
 
     @property
@@ -112,11 +112,11 @@ class Course(NamedTuple):
     slope: Float[np.ndarray, "starts windows sensors samples directions"]
     """By the parameters, and by the ten numbers of the window's start in their scales."""
     end: Float[np.ndarray, "starts windows 10"]
-    """Numbers of the motion at the end [scales]."""
+    """Numbers of the motion where the next window's run begins [scales]."""
     end_slope: Float[np.ndarray, "starts windows 10 directions"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Model:
     """How the model repeats measured runs, with other values of its parameters."""
 
@@ -128,12 +128,36 @@ class Model:
     windows: Windows
     origin: float
     """Forcing periods from distance zero to where runs begin."""
+    lead: int
+    """Forcing periods before a window in which the model runs already, so that its contacts have begun."""
     steps: int
     """In each forcing period, a multiple of `samples`."""
     samples: int
     """Instants in each forcing period, between which signals are interpolated."""
     solver: diffrax.AbstractSolver
     start: Motion | State
+
+    @classmethod
+    def of(cls, problem: Problem, windows: Windows) -> "Model":
+        """Return the model of a fit."""
+        # of the scene's own values, and of those in the middle
+        middle = {one.name: float(one.value(np.zeros(()))) for one in problem.unknowns if not one.of_sensors}
+        scenes = [*problem.scenes, *(scene.replace(**middle) for scene in problem.scenes)]
+        samples = max(map(default_steps_per_period, scenes))
+        steps = problem.steps or samples
+        return cls(
+            scene=problem.scene,
+            rig=problem.rig,
+            unknowns=problem.unknowns,
+            settings=tuple(run.settings for run in problem.runs),
+            windows=windows,
+            origin=problem.origin,
+            lead=problem.lead,
+            steps=-(-steps // samples) * samples,
+            samples=samples,
+            solver=problem.solver,
+            start=problem.start,
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -163,6 +187,15 @@ class Model:
         steps = max(-(-steps // self.samples) * self.samples, self.steps)
         return self if steps == self.steps else replace(self, steps=steps)
 
+    def with_samples(self, samples: int) -> "Model":
+        """Return the same with other instants, a multiple of those it has."""
+        return replace(self, samples=samples).with_steps(self.steps)
+
+    @property
+    def epoch(self) -> Float[np.ndarray, " windows"]:
+        """Forcing periods from distance zero to where the model's run of each window begins."""
+        return self.origin - self.lead + self.windows.lag
+
     def cases(
         self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
     ) -> Cases:
@@ -184,9 +217,15 @@ class Model:
         return cases
 
     def course(
-        self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
+        self,
+        values: Float[np.ndarray, "starts parameters"],
+        numbers: Float[np.ndarray, "starts windows 10"],
+        stride: int = 1,
     ) -> Course:
-        """Run the model from some starts, and differentiate it. Arguments as of `cases`."""
+        """Run the model from some starts, and differentiate it.
+
+        **Arguments:** as of `cases`; `stride`: of the instants between which signals are interpolated.
+        """
         windows = self.windows
         cases = self.cases(values, numbers)
         window = np.tile(np.arange(windows.count), len(values))
@@ -195,35 +234,34 @@ class Model:
         def work(index: np.ndarray) -> list[np.ndarray]:
             of = window[index]
             scenes, starts = cases.take(index)
-            epoch = self.origin + windows.lag[of]
+            epoch = self.epoch[of]
             now = begin(scenes, State(starts, None), epoch, names=self.names)
             seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
             slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.channel_slopes)]
-            for k in range(windows.periods):
+            for k in range(windows.periods + self.lead):
                 heed_interrupts()
                 how = dict(names=self.names, samples=self.samples, solver=self.solver)
                 now = push(scenes, now.state, now.slopes, epoch + k, self.stepping, **how)
                 seen.append(jax.tree.map(np.asarray, now.channels))
                 slopes.append(jax.tree.map(np.asarray, now.channel_slopes))
+                if k + 1 == windows.periods:
+                    end, end_slope = _motions(now)
             reading, slope = readings(
                 scenes,
                 self.rig,
                 of_sensors[index],
-                jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *seen),
-                jax.tree.map(lambda *parts: np.concatenate(parts, axis=2), *slopes),
+                jax.tree.map(lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *seen),
+                jax.tree.map(lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *slopes),
                 epoch,
                 self.origin,
                 windows.time[of],
                 names=self.names,
                 sensor_names=self.sensor_names,
-                samples=self.samples,
+                samples=self.samples // stride,
             )
-            end = np.stack([getattr(now.state.motion, name) for name in MOTION_NUMBERS], axis=-1)
-            # the first numbers of a state are those of its motion
-            end_slope = np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
             return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
 
-        parts = _in_groups(cases.count, LANES, work)
+        parts = in_groups(cases.count, LANES, work)
         reading, slope, end, end_slope = (a.reshape(len(values), windows.count, *a.shape[1:]) for a in parts)
         # numbers of sensors do not move the body
         at = [len(self.names)] * len(self.sensor_names)
@@ -239,7 +277,7 @@ class Model:
         index = np.arange(LANES) % len(values)
         cases = self.cases(values, np.zeros((len(values), self.windows.count, len(SIZES))))
         scenes, starts = cases.take(index)
-        epoch = np.full(len(index), self.origin)
+        epoch = np.full(len(index), self.origin - self.lead)
 
         def call() -> None:
             now = begin(scenes, State(starts, None), epoch, names=self.names)
@@ -263,7 +301,8 @@ class Model:
         every = max(int(recurrence), 1) if recurs else 1
         shifts = np.arange(SHIFTS if recurs else 1) * every
         settle = -(-transient // every) * every if recurs else 0
-        total = settle + int(windows.lag.max() + shifts[-1]) + windows.periods
+        length = windows.periods + self.lead
+        total = settle + int(windows.lag.max() + shifts[-1]) + length
         cases = self.cases(values, np.zeros((len(values), windows.count, len(SIZES))))
         window = np.tile(np.arange(windows.count), len(values))
         of_sensors = np.repeat(values[:, len(self.names) :], windows.count, axis=0)
@@ -276,14 +315,14 @@ class Model:
             numbers = np.zeros((len(index), len(SIZES)))
             for shift in shifts:
                 first = (windows.lag[of] + shift) * self.samples
-                at = first[:, None] + np.arange(windows.periods * self.samples + 1)
+                at = first[:, None] + np.arange(length * self.samples + 1)
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
                 reading = values_read(
                     scenes,
                     self.rig,
                     of_sensors[index],
                     part,
-                    self.origin + windows.lag[of],
+                    self.epoch[of],
                     self.origin,
                     windows.time[of],
                     sensor_names=self.sensor_names,
@@ -296,7 +335,7 @@ class Model:
                 numbers[better] = part.motion[better, 0] / SIZES
             return [numbers, best]
 
-        numbers, far = _in_groups(cases.count, VECTOR_LANES, work)
+        numbers, far = in_groups(cases.count, VECTOR_LANES, work)
         shape = len(values), windows.count
         return numbers.reshape(*shape, -1), far.reshape(shape).sum(axis=1)
 
@@ -304,10 +343,18 @@ class Model:
         """Return the channels of motions from the start, which have settled for some of `total` forcing periods."""
         own = self.start if isinstance(self.start, State) else State(self.start, None)
         starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (lanes, *np.shape(a))), own)
-        now = begin(scenes, starts, np.full(lanes, self.origin), names=self.names)
+        first = self.origin - self.lead
+        now = begin(scenes, starts, np.full(lanes, first), names=self.names)
         return followed(
-            scenes, now.state, now.channels, self.origin, self.stepping, self.solver, self.samples, settle, total
+            scenes, now.state, now.channels, first, self.stepping, self.solver, self.samples, settle, total
         )
+
+
+def _motions(now: Pushed) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of motions, (runs, 10), and their derivatives, (runs, 10, directions)."""
+    numbers = np.stack([getattr(now.state.motion, name) for name in MOTION_NUMBERS], axis=-1)
+    # the first numbers of a state are those of its motion
+    return numbers, np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
 
 
 def followed(
@@ -342,7 +389,7 @@ def followed(
     return jax.tree.map(lambda a: a[:, settle % CALL * samples if settle < total else -1 :], seen)
 
 
-def _in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
+def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
     """Return the arrays that `work` gives for the indices of cases, in groups of `lanes` on all cores."""
     groups = np.split(np.arange(count), range(lanes, count, lanes))
     parts: list[list[np.ndarray]] = [[]] * len(groups)

@@ -11,7 +11,6 @@ from ..model.kinematics import Motion
 from ..model.modes import Modes
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
-from ..solvers.explicit import RK4
 from ..solvers.named import resolve_solver
 from ..tools.checks import instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar
@@ -62,7 +61,7 @@ def fit(
     - `method`: `Trajectories()` by default, for periodic motions and short records; `Features()` in chaos.
     - `begin`: where runs begin [m], `start`: as for `simulate`. `steps_per_period`: by default what the scene needs;
         more are taken until half the step changes no estimate by a fifth of its standard error. `solver`: as for
-        `simulate`, by default `RK4()`, whose derivatives are the quickest.
+        `simulate`; of trajectories by default `RK4()`, whose derivatives are the quickest.
     - `confidence`: probability of the intervals; `seed`: of the points that are tried first.
 
     **Returns:** a `Fit`; look at its `status`, and at what is `untold` and `unexplained`.
@@ -85,8 +84,9 @@ def fit(
         unknowns=unknowns_of(scene, rig, unknowns, frozen),
         runs=runs,
         origin=float(scene.epoch_at(origin)),
+        lead=_lead(scene, origin),
         steps=None if steps_per_period is None else given_steps(steps_per_period),
-        solver=_solver(scene, solver),
+        solver=method.solver(scene) if solver is None else resolve_solver(scene, solver),
         start=first,
         seed=whole("seed", seed, 0),
     )
@@ -99,12 +99,10 @@ def fit(
     return Fit(problem, method, posterior, confidence)
 
 
-def _solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
-    """Return the solver; by default the one whose derivatives are the quickest, to compile and to compute.
-
-    It needs more steps, which a fit takes where they change its estimates.
-    """
-    return RK4() if solver is None else resolve_solver(scene, solver)
+def _lead(scene: Scene, begin: float) -> int:
+    """Return forcing periods before a record in which the model runs already: one, unless the rail begins there."""
+    steady = scene.travel(0.0).acceleration is None
+    return int(steady and float(begin) - float(scene.wavelength) >= float(scene.track.begin))
 
 
 def _check_place(sensor: Sensor, modes: Modes | None) -> None:

@@ -8,11 +8,12 @@ import diffrax
 import numpy as np
 from jaxtyping import Float
 
+from ..flow.record import Labelled
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.parameters import at_values
 from ..model.scene import Scene
-from .course import Windows
+from ..solvers.named import resolve_solver
 from .measured import MeasuredRun
 from .sensors import Rig
 from .unknowns import Unknown
@@ -28,6 +29,8 @@ class Problem:
     runs: tuple[MeasuredRun, ...]
     origin: float
     """Forcing periods from distance zero to where runs begin."""
+    lead: int
+    """Forcing periods before that in which the model runs already; none where the rail begins."""
     steps: int | None
     """Per forcing period; None for what the scene needs."""
     solver: diffrax.AbstractSolver
@@ -44,6 +47,12 @@ class Problem:
         """Unknown parameters of the scene."""
         return tuple(one.name for one in self.unknowns if not one.of_sensors)
 
+    @property
+    def own(self) -> Float[np.ndarray, " parameters"]:
+        """Levels of the values that scene and sensors have."""
+        parts = [(one, self.rig if one.of_sensors else self.scene) for one in self.unknowns]
+        return np.array([float(one.level(float(one.parameter.of(part)))) for one, part in parts])
+
     def scene_at(self, values: Mapping[str, float]) -> Scene:
         """Return the scene with values of the unknowns by name."""
         return self.scene.replace(**{name: values[name] for name in self.names})
@@ -54,8 +63,8 @@ class Problem:
         return at_values(self.rig, names, np.array([values[name] for name in names]))
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, kw_only=True)
+class Posterior(abc.ABC):
     """What is known of the parameters after a fit, by their levels, see `Unknown`."""
 
     level: Float[np.ndarray, " parameters"]
@@ -66,37 +75,32 @@ class Posterior:
     minima: Float[np.ndarray, "minima parameters"]
     """Others that are about as likely."""
     step_change: Float[np.ndarray, " parameters"]
-    """What half the step changes [standard errors]."""
-    noise: Float[np.ndarray, " sensors"]
-    """Standard deviations of what the model does not explain."""
-    windows: Windows
-    reading: Float[np.ndarray, "windows sensors samples"]
-    """The signals of the model."""
-    draws: Float[np.ndarray, "draws windows sensors samples"]
-    """Those of parameters and starts that are as likely."""
-    start: Float[np.ndarray, "windows 10"]
-    """Numbers of the motions with which windows begin [SI units]."""
+    """What half the step changes [standard errors]; NaN where that is not known."""
+    start: Motion
+    """With which the model's first run begins, `Problem.lead` periods before the record."""
 
-    def ends(self, confidence: float) -> np.ndarray:
-        """Return the levels between which each parameter is with some probability, (2, parameters)."""
+    def ends(self, confidence: float) -> Float[np.ndarray, "2 parameters"]:
+        """Return the levels between which each parameter is with some probability."""
         from scipy.stats import norm
 
         reach = norm.ppf(0.5 + confidence / 2) * np.sqrt(np.diag(self.covariance))
         return np.stack([self.level - reach, self.level + reach])
 
-    def left(self, sensor: int) -> Float[np.ndarray, " samples"]:
-        """Return what the model leaves of a sensor's signals, one window after the other [its unit]."""
-        known = self.windows.known[:, sensor] > 0
-        return (self.windows.value - self.reading)[:, sensor][known]
+    @abc.abstractmethod
+    def unexplained(self, rig: Rig) -> list[str]:
+        """Return in words what the model does not explain of the signals."""
 
-    @property
-    def noise_left(self) -> Float[np.ndarray, " sensors"]:
-        """RMS of what the model leaves of each sensor's signals [its unit]."""
-        return np.array([np.sqrt(np.mean(self.left(k) ** 2)) for k in range(len(self.noise))])
+    @abc.abstractmethod
+    def label(self, rig: Rig) -> Labelled:
+        """Return variables and coordinates of a dataset: what the method compares."""
 
 
 class AbstractMethod(abc.ABC):
     """A method of fitting."""
+
+    def solver(self, scene: Scene) -> diffrax.AbstractSolver:
+        """Return the solver that runs have by default."""
+        return resolve_solver(scene, None)
 
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:

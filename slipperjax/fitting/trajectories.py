@@ -3,23 +3,25 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from ..model.kinematics import Motion
 from ..model.step_size import default_steps_per_period
+from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from .course import SIZES, Course, Model, Windows
-from .method import AbstractMethod, Posterior, Problem
+from .method import AbstractMethod, Problem
 from .search import Found, search
+from .signals import SignalPosterior
 from .unknowns import spread
 
 START_REACH = 3.0
 """How far starts are from those of the first guess, as standard deviation [scales of the motion]."""
 CONTINUITY = 1e-3
 """How far motions may jump where one window ends and the next begins, as standard deviation [scales]."""
-SAMPLES = 40
-"""Instants in each forcing period, or a multiple of it where samples are closer, between which signals are cubics."""
 FIRST_NOISE = 0.1
 """Noise over the RMS of a signal, of which nothing is known yet [1]."""
 ROUGH = 0.01
@@ -30,8 +32,8 @@ DRAWS = 15
 """Likely parameters whose signals are kept; with the estimate, two batches."""
 ROUNDS = 6
 """Most searches, after each of which the noise is estimated anew, or steps are halved."""
-STEP_CHANGE = 0.2
-"""Change of an estimate by half the step that is no matter [standard errors]."""
+NO_MATTER = 0.2
+"""Change of an estimate by half the step, or by interpolation, that is no matter [standard errors]."""
 LIKELY = 9.0
 """Sum of squares over the least of all up to which another minimum is likely, three standard deviations."""
 CANDIDATES = 2
@@ -59,13 +61,17 @@ class Trajectories(AbstractMethod):
         if self.window is not None:
             whole("window", self.window, 1)
 
-    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
-        model = self._model(problem)
+    def solver(self, scene):
+        # which is the quickest to compile and to differentiate; where its steps matter, there will be more of them
+        return RK4()
+
+    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
+        windows = Windows.of(problem.runs, problem.scenes, problem.origin, self.window)
+        model = Model.of(problem, windows)
         given = np.array([np.nan if sensor.noise is None else sensor.noise for sensor in problem.rig.sensors])
         noise = np.where(np.isnan(given), FIRST_NOISE * _rms(model.windows), given)
         # the scene's own values, and others
-        own = [one.level(float(one.parameter.of(problem.rig if one.of_sensors else problem.scene))) for one in problem.unknowns]
-        levels = np.vstack([own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
+        levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
         values = model.values(levels)
         model.compile_ahead(values)
@@ -76,41 +82,35 @@ class Trajectories(AbstractMethod):
         # roughly from all starts, then from the few minima that they have found
         found = search(fit.rows, points, shown, rough=ROUGH)
         kept = found.nearest(found.cost[found.lead], AT_ONCE)
-        steps = 2 * model.steps
         noise = np.where(np.isnan(given), fit.noise_left(found.point[found.lead]), given)
+        model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
-            steps = max(steps, fit.needed(found.point[found.lead]))
-            fit = Fitting(model.with_steps(steps), fit.guess[kept], noise)
+            model = model.with_steps(fit.needed(found.point[found.lead]))
+            fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
             kept = found.distinct(LIKELY)
             shown("errors")
-            change, left = fit.checked(found)
-            if np.abs(change).max() > STEP_CHANGE:
-                # more steps, until they are no matter
-                steps = 2 * fit.model.steps
-            elif np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02)):
+            now = fit.checked(found)
+            # more steps and instants, until they are no matter
+            if np.abs(now.by_step).max() > NO_MATTER:
+                model = model.with_steps(2 * model.steps)
+            if np.abs(now.by_instants).max() > NO_MATTER:
+                model = model.with_samples(2 * model.samples)
+            if model is fit.model and np.all(np.isfinite(given) | (np.abs(now.noise / noise - 1) < 0.02)):
                 break
-            noise = np.where(np.isnan(given), left, given)
-        return fit.posterior(found, kept, change)
+            noise = np.where(np.isnan(given), now.noise, given)
+        return fit.posterior(found, kept, now.by_step)
 
-    def _model(self, problem: Problem) -> Model:
-        scenes = problem.scenes
-        windows = Windows.of(problem.runs, scenes, problem.origin, self.window)
-        steps = problem.steps or max(map(default_steps_per_period, scenes))
-        steps = -(-steps // SAMPLES) * SAMPLES
-        settings = tuple(run.settings for run in problem.runs)
-        return Model(
-            problem.scene,
-            problem.rig,
-            problem.unknowns,
-            settings,
-            windows,
-            problem.origin,
-            steps,
-            SAMPLES,
-            problem.solver,
-            problem.start,
-        )
+
+class Checked(NamedTuple):
+    """How exact an estimate is."""
+
+    by_step: Float[np.ndarray, " parameters"]
+    """What half the step changes [standard errors]."""
+    by_instants: Float[np.ndarray, " parameters"]
+    """What the interpolation of signals changes [standard errors]."""
+    noise: Float[np.ndarray, " sensors"]
+    """What the model leaves of each signal [its unit]."""
 
 
 @dataclass(frozen=True)
@@ -206,20 +206,26 @@ class Fitting:
         own = dict(zip(self.model.names, values, strict=False))
         return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.scenes)
 
-    def checked(self, found: Found) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " sensors"]]:
-        """Return what half the step changes at the best point [standard errors], and what it leaves of each signal."""
-        point = found.point[found.lead]
+    def checked(self, found: Found) -> "Checked":
+        """Return what the best point leaves, and how exact it is."""
+        point = found.point[[found.lead]]
         slope = found.slope[found.lead]
-        finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point[None])
-        coarse = self.course(point[None])
-        weight = self.model.windows.known / self.noise[:, None]
-        change = ((finer.reading - coarse.reading) * weight).ravel()
-        _, by = self._differences(coarse, self._per_level(point[None]))
         every = np.linalg.inv(slope.T @ slope)
-        shift = -every @ (by[0].T @ change) / np.sqrt(np.diag(every))
-        return shift[: len(self.model.unknowns)], self._noise_of(coarse, point.size)
+        course = self.course(point)
+        _, by = self._differences(course, self._per_level(point))
 
-    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> Posterior:
+        def shift(other: Course) -> np.ndarray:
+            change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
+            moved = every @ (by[0].T @ change.ravel()) / np.sqrt(np.diag(every))
+            return -moved[: len(self.model.unknowns)]
+
+        finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
+        levels, numbers = self.split(point)
+        fewer = self.model.course(self.model.values(levels), numbers, stride=2)
+        # at kinks cubics are of first order
+        return Checked(shift(finer), shift(fewer) / 2, self._noise_of(course, point.size))
+
+    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what the searches tell of the parameters.
 
         **Arguments:** `kept`: indices of the minima; `change`: of `step_change`.
@@ -236,7 +242,7 @@ class Fitting:
         rng = np.random.default_rng(0)
         draws = rng.multivariate_normal(point, every, DRAWS)
         likely = self.course(np.vstack([point, draws])).reading
-        return Posterior(
+        return SignalPosterior(
             level=point[:own],
             covariance=every[:own, :own],
             information=total[:own, :own] - total[:own, own:] @ of_starts,
@@ -247,7 +253,7 @@ class Fitting:
             windows=model.windows,
             reading=likely[0],
             draws=likely[1:],
-            start=self.split(point[None])[1][0] * SIZES,
+            start=Motion(*(self.split(point[None])[1][0, 0] * SIZES)),
         )
 
 

@@ -1,0 +1,155 @@
+"""Features of signals: numbers that tell of a motion without its phase, and that small disturbances leave as they are.
+
+All are about normally distributed over parts of a chaotic record. Signals are arrays (records, samples) at equal times.
+"""
+
+import abc
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..tools.checks import numbers, whole
+
+Signals = Float[np.ndarray, "records samples"]
+Values = Float[np.ndarray, "records features"]
+FEWEST = 0.5
+"""Counted in place of none [1]."""
+
+
+@dataclass(frozen=True)
+class AbstractFeature(abc.ABC):
+    """A kind of features."""
+
+    @abc.abstractmethod
+    def of(self, record: Float[np.ndarray, " samples"]) -> tuple[list[str], Callable[[Signals], Values]]:
+        """Return names of features, and a function of signals that computes them.
+
+        **Arguments:** `record`: the measured signal, from which thresholds are taken.
+        """
+
+
+@dataclass(frozen=True)
+class BandRms(AbstractFeature):
+    """Logarithms of the RMS in bands of frequency, equally wide on a logarithmic scale."""
+
+    bands: int = 6
+    """Up to half the sampling rate."""
+
+    def __post_init__(self):
+        whole("bands", self.bands, 1, 100)
+
+    def of(self, record):
+        def values(signals: Signals) -> Values:
+            count = signals.shape[1]
+            lines = np.abs(np.fft.rfft((signals - signals.mean(1, keepdims=True)) * np.hanning(count))) ** 2
+            # from the fourth line on, each band with one line or more
+            edges = np.unique(np.geomspace(4, count // 2 + 1, self.bands + 1).astype(int))
+            power = [lines[:, low:high].sum(axis=1) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+            return 0.5 * np.log(np.maximum(power, 1e-300)).T
+
+        return [f"band {k + 1}" for k in range(values(record[None]).shape[1])], values
+
+
+@dataclass(frozen=True)
+class Peaks(AbstractFeature):
+    """Logarithms of quantiles of a signal's magnitude about its mean."""
+
+    shares: tuple[float, ...] = (0.5, 0.9, 0.99)
+
+    def __post_init__(self):
+        numbers("shares", self.shares, 1)
+
+    def of(self, record):
+        def values(signals: Signals) -> Values:
+            size = np.abs(signals - signals.mean(1, keepdims=True))
+            return np.log(np.maximum(np.quantile(size, self.shares, axis=1).T, 1e-300))
+
+        return [f"{share:.3g} quantile" for share in self.shares], values
+
+
+@dataclass(frozen=True)
+class ImpactRate(AbstractFeature):
+    """Logarithm of how often a signal rises beyond some multiples of the RMS of the measured one."""
+
+    levels: tuple[float, ...] = (1.0, 2.0)
+
+    def __post_init__(self):
+        numbers("levels", self.levels, 1)
+
+    def of(self, record):
+        threshold = np.array(self.levels) * record.std()
+
+        def values(signals: Signals) -> Values:
+            beyond = (signals - signals.mean(1, keepdims=True))[:, None] > threshold[:, None]
+            rises = np.sum(beyond[..., 1:] & ~beyond[..., :-1], axis=2)
+            return np.log(rises + FEWEST)
+
+        return [f"rises beyond {level:g} rms" for level in self.levels], values
+
+
+@dataclass(frozen=True)
+class ContactFraction(AbstractFeature):
+    """Logarithms of the odds that a force is beyond some multiples of the RMS of the measured one, on either side."""
+
+    levels: tuple[float, ...] = (0.2,)
+
+    def __post_init__(self):
+        numbers("levels", self.levels, 1)
+
+    def of(self, record):
+        threshold = np.array(self.levels) * np.sqrt(np.mean(record**2))
+
+        def values(signals: Signals) -> Values:
+            inside = np.sum(np.abs(signals)[:, None] > threshold[:, None], axis=2)
+            return np.log((inside + FEWEST) / (signals.shape[1] - inside + FEWEST))
+
+        return [f"contact beyond {level:g} rms" for level in self.levels], values
+
+
+@dataclass(frozen=True)
+class CorrelationIntegral(AbstractFeature):
+    """Logarithms of the share of pairs of instants at which a signal and its past are nearer than some radii.
+
+    H. Haario, L. Kalachev, J. Hakkarainen, *Generalized correlation integral vectors: A distance concept for chaotic
+    dynamical systems*, Chaos 25 (2015) 063102, doi:10.1063/1.4921939.
+    """
+
+    shares: tuple[float, ...] = (0.03, 0.1, 0.3)
+    """Shares of pairs in the measured signal, by which radii are chosen."""
+    dimension: int = 4
+    """Values of the signal that make a point."""
+    instants: int = 200
+    """Points of each record, at equal intervals."""
+
+    def __post_init__(self):
+        numbers("shares", self.shares, 1)
+        whole("dimension", self.dimension, 1, 20)
+        whole("instants", self.instants, 10, 2000)
+
+    def of(self, record):
+        # the first zero of the autocorrelation is a fair delay
+        x = record - record.mean()
+        power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+        correlation = np.fft.irfft(power)[: len(x) // 4]
+        delay = max(int(np.argmax(correlation < 0)), 1) // 2 + 1
+
+        def distances(signals: Signals) -> Float[np.ndarray, "records pairs"]:
+            last = signals.shape[1] - (self.dimension - 1) * delay
+            at = np.linspace(0, last - 1, min(self.instants, last)).astype(int)
+            points = np.stack([signals[:, at + k * delay] for k in range(self.dimension)], axis=-1)
+            first, second = np.triu_indices(len(at), 1)
+            return np.abs(points[:, first] - points[:, second]).max(axis=-1)
+
+        radii = np.quantile(distances(record[None]), self.shares)
+
+        def values(signals: Signals) -> Values:
+            # one at a time, because pairs are many
+            apart = (distances(signal[None])[0] for signal in signals)
+            return np.array([[np.log((np.sum(d < r) + FEWEST) / d.size) for r in radii] for d in apart])
+
+        return [f"correlation integral {share:g}" for share in self.shares], values
+
+
+DEFAULT = (BandRms(), Peaks(), ImpactRate(), CorrelationIntegral())

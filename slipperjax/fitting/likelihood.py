@@ -1,0 +1,423 @@
+"""Fits of features: a normal likelihood of features, whose mean and covariance come from ensembles of runs.
+
+S. N. Wood, *Statistical inference for noisy nonlinear ecological dynamic systems*, Nature 466 (2010) 1102,
+doi:10.1038/nature09319. Here mean features are quadratic functions of the parameters, fitted to ensembles all over
+the region that the record leaves, so that chance in one ensemble is no matter.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..flow.period_map import advance
+from ..flow.record import Labelled
+from ..model.dynamics import State
+from ..model.kinematics import Motion, accuracy_scales
+from ..model.quantities import MOTION_NUMBERS
+from ..orbits.motions import recurs
+from ..sweeps.grid import Cases
+from ..sweeps.plan import PERIODS_PER_CALL
+from ..sweeps.run import heed_interrupts
+from ..tools.checks import instance, require, whole
+from ..tools.columns import column
+from ..tools.compile import as_argument
+from .channels import begin
+from .course import SIZES, Model, Windows, followed, in_groups, values_read
+from .features import DEFAULT, AbstractFeature
+from .measured import Signal
+from .method import AbstractMethod, Posterior, Problem
+from .sensors import Rig
+from .signals import densities
+from .unknowns import spread
+
+RIDGE = 1e-9
+"""Added to covariances, over their diagonals [1]."""
+WIDER = 2.0
+"""Standard deviations of proposals over those of the parameters as far as they are known."""
+DRAWS = 4000
+"""Likely parameters of a posterior."""
+SHOWN = 24
+"""Of these, whose densities are kept."""
+LANES = 32
+"""Runs in one call."""
+UNLIKELY = 1e-3
+"""Probability of features below which a model does not explain them."""
+
+
+@dataclass(frozen=True)
+class Features(AbstractMethod):
+    """Fit features of the signals, over ensembles of runs with other starts, and other rails where they are random.
+
+    For chaotic motions and random rails, where no trajectory stays near a record. Sensors need a `noise`, and the
+    speed must be constant.
+    """
+
+    features: tuple[AbstractFeature, ...] = DEFAULT
+    members: int = 16
+    """Runs at each proposal, with the same starts and rails at all."""
+    proposals: int = 64
+    """Parameters that are tried at once."""
+    rounds: int = 5
+    """Most times that they are."""
+    transient: int = 300
+    """Forcing periods before a run is like the record: transients may take 70 to halve."""
+
+    def __post_init__(self):
+        require(len(self.features), "features", "have one kind or more", shown="none")
+        for one in self.features:
+            instance("features", one, AbstractFeature, "kinds of features of slipperjax.fitting")
+        for name, least in (("members", 4), ("proposals", 16), ("rounds", 1), ("transient", 0)):
+            whole(name, getattr(self, name), least)
+
+    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
+        for sensor in problem.rig.sensors:
+            require(sensor.noise is not None, "noise", f"be given of the sensor {sensor.name} for features", None)
+        for scene in problem.scenes:
+            steady = scene.travel(0.0).acceleration is None
+            require(steady, "method", "be Trajectories() at a speed that changes", self)
+        ensemble = _Ensemble.of(self, problem)
+        target = ensemble.measured()
+        emulator = None
+        levels = spread(problem.unknowns, self.proposals, problem.seed)
+        levels[0] = problem.own
+        known = _Known(levels[:0], np.empty((0, len(target))), np.empty((0, len(target), len(target))))
+        converged = False
+        rng = np.random.default_rng(problem.seed)
+        for number in range(self.rounds):
+            shown(f"round {number + 1} of {self.rounds}")
+            known = known.with_more(levels, ensemble.features(levels, problem.seed))
+            before = emulator
+            emulator = _Emulator.of(known, target, before, self.members)
+            if before is not None:
+                moved = np.abs(emulator.mean - before.mean) / np.sqrt(np.diag(before.covariance))
+                narrowed = np.sqrt(np.diag(emulator.covariance) / np.diag(before.covariance))
+                converged = bool(moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25)
+                if converged:
+                    break
+            spread_ = rng.multivariate_normal(emulator.mean, WIDER**2 * emulator.covariance, self.proposals)
+            # beyond them all values are alike
+            levels = np.clip(spread_, -3.0, 3.0)
+        assert emulator is not None  # one round or more
+        draws = emulator.sample(rng, SHOWN)
+        signals = ensemble.signals(draws, 1, problem.seed + 1)
+        return FeaturePosterior(
+            level=emulator.mean,
+            covariance=emulator.covariance,
+            information=emulator.information,
+            converged=converged,
+            minima=np.empty((0, len(problem.unknowns))),
+            step_change=np.full(len(problem.unknowns), np.nan),
+            start=problem.start.motion if isinstance(problem.start, State) else problem.start,
+            draws=emulator.draws,
+            names=ensemble.names,
+            measured=target,
+            expected=emulator.at(emulator.mean),
+            spread=np.sqrt(np.diag(emulator.noise)),
+            excess=emulator.excess,
+            record=ensemble.record,
+            likely=signals[:, 0],
+            rate=ensemble.rate,
+        )
+
+
+class _Known(NamedTuple):
+    """Ensembles that have been run."""
+
+    level: Float[np.ndarray, "ensembles parameters"]
+    mean: Float[np.ndarray, "ensembles features"]
+    covariance: Float[np.ndarray, "ensembles features features"]
+    """Of single runs."""
+
+    def with_more(self, levels: np.ndarray, values: Float[np.ndarray, "ensembles members features"]) -> "_Known":
+        """Return these and further ensembles, but none with lost runs."""
+        good = np.isfinite(values).all(axis=(1, 2))
+        values = values[good]
+        away = values - values.mean(axis=1, keepdims=True)
+        covariance = np.einsum("emi,emj->eij", away, away) / (values.shape[1] - 1)
+        new = levels[good], values.mean(axis=1), covariance
+        return _Known(*(np.concatenate(both) for both in zip(self, new, strict=True)))
+
+
+@dataclass(frozen=True)
+class _Emulator:
+    """Mean features as quadratic functions of the levels near the likely ones, and what follows for these."""
+
+    centre: Float[np.ndarray, " parameters"]
+    scale: Float[np.ndarray, " parameters"]
+    weights: Float[np.ndarray, "terms features"]
+    noise: Float[np.ndarray, "features features"]
+    """Covariance of the features of a record."""
+    target: Float[np.ndarray, " features"]
+    mean: Float[np.ndarray, " parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    draws: Float[np.ndarray, "draws parameters"]
+
+    @classmethod
+    def of(cls, known: _Known, target: np.ndarray, before: "_Emulator | None", members: int) -> "_Emulator":
+        size = known.level.shape[1]
+        centre = np.zeros(size) if before is None else before.mean
+        scale = np.ones(size) if before is None else np.sqrt(np.diag(before.covariance)) * WIDER
+        z = (known.level - centre) / scale
+        # near ones count most
+        weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
+        terms = _terms(z)
+        root = np.sqrt(weight)[:, None]
+        weights, *_ = np.linalg.lstsq(terms * root, known.mean * root, rcond=None)
+        of_run = np.einsum("e,eij->ij", weight, known.covariance) / weight.sum()
+        of_run = of_run + RIDGE * np.diag(np.diag(of_run) + 1e-12)
+        # what a quadratic function leaves is uncertain, beyond the chance of ensembles
+        left = (known.mean - terms @ weights) * root
+        freedom = max(weight.sum() - terms.shape[1], 1.0)
+        misfit = left.T @ left / freedom
+        extra = np.maximum(np.diag(misfit) - np.diag(of_run) / members, 0.0)
+        noise = of_run + np.diag(extra)
+        found = cls(centre, scale, weights, noise, target, centre, np.diag(scale**2), np.empty((0, size)))
+        return found._sampled()
+
+    def at(self, level: np.ndarray) -> np.ndarray:
+        """Return expected features at levels."""
+        return _terms((level - self.centre) / self.scale) @ self.weights
+
+    def _logarithm(self, level: np.ndarray) -> np.ndarray:
+        """Return the logarithm of the posterior density, up to a constant."""
+        away = self.at(level) - self.target
+        chi = np.einsum("li,ij,lj->l", away, np.linalg.inv(self.noise), away)
+        # not far beyond the region of the ensembles
+        return -0.5 * (chi + np.sum(level**2, axis=1))
+
+    def _sampled(self) -> "_Emulator":
+        """Return the emulator with likely levels, by importance among normal ones, which come nearer in a few rounds."""
+        from scipy.stats import multivariate_t
+
+        rng = np.random.default_rng(0)
+        size = len(self.mean)
+        mean, covariance = self.mean, np.diag(np.minimum(self.scale, 1.0) ** 2)
+        level = np.zeros((1, size))
+        share = np.ones(1)
+        for _ in range(12):
+            proposal = multivariate_t(mean, covariance, df=6)
+            level = proposal.rvs(DRAWS, random_state=rng).reshape(DRAWS, size)
+            level = level[np.all(np.abs(level) < 4.0, axis=1)]
+            logarithm = self._logarithm(level) - proposal.logpdf(level)
+            share = np.exp(logarithm - logarithm.max())
+            # few that count for much would end the search: they share
+            share = np.minimum(share / share.sum(), 20.0 / DRAWS)
+            share /= share.sum()
+            mean = share @ level
+            covariance = np.einsum("l,li,lj->ij", share, level - mean, level - mean) + 1e-8 * np.eye(size)
+        chosen = rng.choice(len(level), DRAWS, p=share)
+        return dataclasses.replace(self, mean=mean, covariance=covariance, draws=level[chosen])
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return likely levels."""
+        return self.draws[rng.choice(len(self.draws), count)]
+
+    @property
+    def information(self) -> np.ndarray:
+        """Fisher's information of the features on the levels."""
+        step = 1e-3 * self.scale
+        slope = np.stack(
+            [(self.at(self.mean + h) - self.at(self.mean - h)) / (2 * h.sum()) for h in np.diag(step)], axis=-1
+        )
+        return slope.T @ np.linalg.solve(self.noise, slope)
+
+    @property
+    def excess(self) -> float:
+        """Probability that features are as far from the expected ones, or farther, by chance."""
+        from scipy.stats import chi2
+
+        away = self.at(self.mean) - self.target
+        freedom = max(len(self.target) - len(self.mean), 1)
+        return float(chi2.sf(away @ np.linalg.solve(self.noise, away), freedom))
+
+
+def _terms(z: np.ndarray) -> np.ndarray:
+    """Return the terms of a quadratic function of (..., parameters)."""
+    size = z.shape[-1]
+    products = [z[..., i] * z[..., j] for i in range(size) for j in range(i, size)]
+    return np.stack([np.ones(z.shape[:-1]), *(z[..., k] for k in range(size)), *products], axis=-1)
+
+
+@dataclass(frozen=True)
+class _Ensemble:
+    """Runs whose features are compared with those of the record."""
+
+    method: Features
+    model: Model
+    problem: Problem
+    rate: Float[np.ndarray, " sensors"]
+    """Samples per second [Hz]."""
+    records: tuple[Float[np.ndarray, " samples"], ...]
+    """The measured signal of each sensor, at equal times."""
+    kinds: tuple[tuple[Callable, ...], ...]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, method: Features, problem: Problem) -> "_Ensemble":
+        require(len(problem.runs) == 1, "measured", "be one run for features", shown=f"{len(problem.runs)} runs")
+        (run,) = problem.runs
+        rates, records, kinds, names = [], [], [], []
+        for sensor, signal in zip(problem.rig.sensors, run.signals, strict=True):
+            assert signal is not None  # of one run all are there
+            rate, record = _at_equal_times(sensor.name, signal)
+            made = [feature.of(record) for feature in method.features]
+            rates.append(rate)
+            records.append(record)
+            kinds.append(tuple(values for _, values in made))
+            names += [f"{sensor.name} {name}" for of_kind, _ in made for name in of_kind]
+        most = max(map(len, records))
+        time = np.zeros((1, len(records), most))
+        for k, record in enumerate(records):
+            time[0, k, : len(record)] = np.arange(len(record)) / rates[k]
+        periods = int(np.ceil(time.max() / float(problem.scenes[0].period)))
+        zero = np.zeros(1, int)
+        windows = Windows(zero, zero, periods, time, np.zeros_like(time), np.ones_like(time))
+        model = Model.of(problem, windows)
+        return cls(method, model, problem, np.array(rates), tuple(records), tuple(kinds), tuple(names))
+
+    @property
+    def record(self) -> Float[np.ndarray, "sensors samples"]:
+        """The record; sensors with fewer samples are filled up by NaN."""
+        most = max(map(len, self.records))
+        return np.stack([np.pad(r, (0, most - len(r)), constant_values=np.nan) for r in self.records])
+
+    def measured(self) -> Float[np.ndarray, " features"]:
+        """Return the features of the record."""
+        return self._values([record[None] for record in self.records])[0]
+
+    def _values(self, signals: Sequence[Float[np.ndarray, "runs samples"]]) -> Float[np.ndarray, "runs features"]:
+        every = [values(rows) for rows, kinds in zip(signals, self.kinds, strict=True) for values in kinds]
+        return np.concatenate(every, axis=1)
+
+    def features(self, levels: np.ndarray, seed: int) -> Float[np.ndarray, "ensembles members features"]:
+        """Return features of ensembles at some levels, NaN for lost runs."""
+        signals = self.signals(levels, self.method.members, seed)
+        flat = signals.reshape(-1, *signals.shape[2:])
+        good = np.isfinite(flat).all(axis=(1, 2))
+        found = np.full((len(flat), len(self.names)), np.nan)
+        rows = [flat[good, k, : len(record)] for k, record in enumerate(self.records)]
+        if good.any():
+            found[good] = self._values(rows)
+        return found.reshape(*signals.shape[:2], -1)
+
+    def signals(self, levels: np.ndarray, members: int, seed: int) -> Float[np.ndarray, "ensembles members sensors samples"]:
+        """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
+        method, model = self.method, self.model
+        values = np.repeat(model.values(levels), members, axis=0)
+        rng = np.random.default_rng(seed)
+        # velocities of a third of their scales, which chaos makes as different as they can be
+        change = 0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(model.scene)))
+        change[:, :5] = 0.0
+        own = model.start.motion if isinstance(model.start, State) else model.start
+        first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
+        numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
+        cases = self._cases(values, numbers, members, len(levels), seed)
+        of_sensors = values[:, len(model.names) :]
+        noise = np.array([sensor.noise for sensor in model.rig.sensors])[:, None]
+        deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
+        settle = method.transient
+
+        def work(index: np.ndarray) -> list[np.ndarray]:
+            scenes, starts = cases.take(index)
+            epoch = np.full(len(index), model.origin)
+            states = begin(scenes, State(starts, None), epoch, names=model.names).state
+            # nothing is recorded until the motion has settled
+            for passed in range(0, settle, PERIODS_PER_CALL):
+                heed_interrupts()
+                used = as_argument(min(PERIODS_PER_CALL, settle - passed))
+                how = dict(solver=model.solver, periods=PERIODS_PER_CALL, used=used)
+                states = advance(scenes, states, model.origin + passed, model.stepping, **how).state
+            epoch = epoch + settle
+            now = begin(scenes, states, epoch, names=model.names)
+            how = float(epoch[0]), model.stepping, model.solver, model.samples, 0, model.windows.periods
+            seen = followed(scenes, now.state, now.channels, *how)
+            at = np.broadcast_to(model.windows.time[0], (len(index), *model.windows.time.shape[1:]))
+            read = values_read(
+                scenes,
+                model.rig,
+                of_sensors[index],
+                seen,
+                epoch,
+                epoch[0],
+                at,
+                sensor_names=model.sensor_names,
+                samples=model.samples,
+            )
+            return [np.asarray(read)]
+
+        (read,) = in_groups(cases.count, LANES, work)
+        return read.reshape(len(levels), members, *read.shape[1:]) + noise * deviates
+
+    def _cases(self, values: np.ndarray, numbers: np.ndarray, members: int, count: int, seed: int) -> Cases:
+        """Return cases of all members, each on a rail of its own where rails are random."""
+        cases = self.model.cases(values, numbers)
+        track = self.model.scene.track
+        if recurs(self.model.scene) or not track.chosen_by:
+            return cases
+        path = f"track.{track.chosen_by}"
+        rails = np.tile(np.arange(members) + 1000 * (seed + 1), count)
+        on_rails = Cases(self.model.scene, cases.axes | {path: rails}, self.model.start, product=False)
+        on_rails.starts = cases.starts
+        return on_rails
+
+
+def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:
+    """Return a signal's rate [Hz], and its values at equal times.
+
+    **Raises:** `ValueError` where more than 5 % of the samples are missing, or there are fewer than 100.
+    """
+    rate = 1 / float(np.median(np.diff(signal.time)))
+    count = round(np.ptp(signal.time) * rate) + 1
+    missing = 1 - len(signal.time) / count
+    need = f"have 100 or more equal times of {sensor}, of which at most 5 % are missing, for features"
+    good = missing <= 0.05 and count >= 100
+    require(good, "measured", need, shown=f"{count} times, {100 * missing:.2g} % missing")
+    return rate, np.interp(signal.time[0] + np.arange(count) / rate, signal.time, signal.value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeaturePosterior(Posterior):
+    """What is known of the parameters, and the features that they make."""
+
+    draws: Float[np.ndarray, "draws parameters"]
+    """Likely levels."""
+    names: tuple[str, ...]
+    """Of the features."""
+    measured: Float[np.ndarray, " features"]
+    expected: Float[np.ndarray, " features"]
+    spread: Float[np.ndarray, " features"]
+    """Standard deviations of features of records such as the measured one."""
+    excess: float
+    """Probability that features are as far from the expected ones by chance [1]."""
+    record: Float[np.ndarray, "sensors samples"]
+    likely: Float[np.ndarray, "draws sensors samples"]
+    """Signals of the record, and of likely parameters."""
+    rate: Float[np.ndarray, " sensors"]
+
+    def ends(self, confidence: float) -> np.ndarray:
+        return np.quantile(self.draws, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
+
+    def unexplained(self, rig: Rig) -> list[str]:
+        if self.excess > UNLIKELY:
+            return []
+        far = np.argsort(-np.abs(self.measured - self.expected) / self.spread)[:3]
+        worst = ", ".join(self.names[k] for k in far)
+        return [f"the model does not explain the features (p = {self.excess:.1g}), least of all {worst}"]
+
+    def label(self, rig: Rig) -> Labelled:
+        data = {
+            "measured_feature": column("feature", self.measured, "", "mean feature of the record"),
+            "fitted_feature": column("feature", self.expected, "", "mean feature of the model"),
+            "feature_stderr": column("feature", self.spread, "", "standard deviation of such records"),
+        }
+        time = np.arange(self.record.shape[1]) / self.rate[:, None]
+        known = np.isfinite(self.record)
+        signals = np.nan_to_num(np.concatenate([self.record[None], self.likely]))
+        rows, coords = densities(time, known, signals)
+        return data | rows, coords | {"feature": list(self.names)}

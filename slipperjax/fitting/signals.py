@@ -1,0 +1,102 @@
+"""Signals of a fit beside the measured ones, as variables of a dataset, and what is left of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..analysis.environment import band_edges, window_densities
+from ..flow.record import Labelled
+from ..tools.columns import column
+from .course import Windows
+from .judged import unexplained, whiteness
+from .method import Posterior
+from .sensors import Rig
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalPosterior(Posterior):
+    """What is known of the parameters, and the signals that they make."""
+
+    noise: Float[np.ndarray, " sensors"]
+    """Standard deviations that the fit took for noise [the sensors' units]."""
+    windows: Windows
+    reading: Float[np.ndarray, "windows sensors samples"]
+    """The signals of the model."""
+    draws: Float[np.ndarray, "draws windows sensors samples"]
+    """Those of parameters and starts that are as likely."""
+
+    def left(self, sensor: int) -> Float[np.ndarray, " samples"]:
+        """Return what the model leaves of a sensor's signals, one window after the other [its unit]."""
+        known = self.windows.known[:, sensor] > 0
+        return (self.windows.value - self.reading)[:, sensor][known]
+
+    @property
+    def noise_left(self) -> Float[np.ndarray, " sensors"]:
+        """RMS of what the model leaves of each sensor's signals [its unit]."""
+        return np.array([np.sqrt(np.mean(self.left(k) ** 2)) for k in range(len(self.noise))])
+
+    @property
+    def whiteness(self) -> Float[np.ndarray, " sensors"]:
+        """For each sensor the probability that white noise is as correlated as what the model leaves [1]."""
+        return np.array([whiteness(self.left(k)) for k in range(len(self.noise))])
+
+    def unexplained(self, rig: Rig) -> list[str]:
+        parts = zip(rig.sensors, self.whiteness, self.noise_left, strict=True)
+        texts = [unexplained(one.name, float(white), float(left), one.noise) for one, white, left in parts]
+        return [text for text in texts if text]
+
+    def label(self, rig: Rig) -> Labelled:
+        windows = self.windows
+        over = ("window", "sensor", "sample")
+        low, high = np.quantile(self.draws, [0.05, 0.95], axis=0)
+
+        def signal(values: np.ndarray, text: str) -> tuple:
+            return column(over, np.where(windows.known > 0, values, np.nan), "", f"{text}, in the sensor's unit")
+
+        data = {
+            "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
+            "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
+            "seconds": column(over, np.where(windows.known > 0, windows.time, np.nan), "s", "time since the run began"),
+            "measured": signal(windows.value, "measured signal"),
+            "fitted": signal(self.reading, "signal of the model"),
+            "fitted_low": signal(low, "5 % quantile of likely signals"),
+            "fitted_high": signal(high, "95 % quantile of likely signals"),
+        }
+        # of the first window, with noise
+        rng = np.random.default_rng(0)
+        likely = self.draws[:, 0] + self.noise[:, None] * rng.normal(size=self.draws[:, 0].shape)
+        signals = [windows.value[0], *likely]
+        rows, coords = densities(windows.time[0], windows.known[0] > 0, np.array(signals))
+        return data | rows, coords | {"run": ("window", windows.run)}
+
+
+def densities(
+    time: Float[np.ndarray, "sensors samples"],
+    known: np.ndarray,
+    signals: Float[np.ndarray, "signals sensors samples"],
+) -> Labelled:
+    """Return power spectral densities of a measured signal and of likely ones, in third octaves.
+
+    **Arguments:** `known`: which samples there are; `signals`: the measured one first, then likely ones.
+    """
+    used = [k for k in range(len(time)) if known[k].sum() >= 8]
+    spans = {k: np.ptp(time[k][known[k]]) for k in used}
+    rates = {k: (known[k].sum() - 1) / spans[k] for k in used}
+    longest = max(spans.values())
+    top = max(rates.values()) / 2
+    edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
+    found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
+    for k in used:
+        at = time[k][known[k]]
+        # unequal samples become equal ones, of all signals alike
+        grid = np.linspace(at[0], at[-1], len(at))
+        equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
+        found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
+    along = ("sensor", "frequency")
+    text = "power spectral density, the square of the sensor's unit per Hz"
+    data = {"measured_density": column(along, found[0], "", f"{text}, measured")}
+    for name, share in (("density_low", 0.05), ("density", 0.5), ("density_high", 0.95)):
+        data[name] = column(along, np.quantile(found[1:], share, axis=0), "", f"{text}, {share:.0%} of likely ones")
+    middles = np.sqrt(edges[1:] * edges[:-1])
+    return data, {"frequency": column("frequency", middles, "Hz", "middle of a band")}
