@@ -19,11 +19,11 @@ from . import (
 from .design.optimise import optimise_design as optimise_design
 from .explorer.launch import explore as explore
 from .fitting.fit import fit as fit
-from .fitting.sensors import Sensor as Sensor
 from .flow.datasets import (
     load_environment as load_environment,
     load_run as load_run,
     load_scene as load_scene,
+    load_sensors as load_sensors,
     load_start as load_start,
 )
 from .flow.simulate import Trajectory as Trajectory, period_map as period_map, simulate as simulate
@@ -66,6 +66,7 @@ from .model.rails import SampledTrack as SampledTrack, TrackSet as TrackSet
 from .model.random_rails import RandomRails as RandomRails, RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.section import Section as Section
+from .model.sensors import Sensor as Sensor
 from .model.sled import Mount as Mount, Sled as Sled
 from .model.slipper import Slipper as Slipper
 from .model.starts import AtRest as AtRest, initial_state as initial_state

@@ -12,6 +12,5 @@ from .features import (
 from .likelihood import FeaturePosterior as FeaturePosterior, Features as Features
 from .method import AbstractMethod as AbstractMethod, Posterior as Posterior, Problem as Problem
 from .result import Fit as Fit
-from .sensors import Sensor as Sensor
 from .signals import SignalPosterior as SignalPosterior
 from .trajectories import Trajectories as Trajectories

@@ -13,47 +13,16 @@ from jaxtyping import Array, Float
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet, Unlabelled
 from ..flow.stepping import AbstractStepping
-from ..model.dynamics import Args, State, forces_at, newton_euler, resultants, wrench_directions
-from ..model.kinematics import Motion, RailFrame, contacts
+from ..model.dynamics import Args, State
+from ..model.kinematics import Motion
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
+from ..model.sensors import Channels, channels
 from ..model.starts import state_and_penetration
 from ..tools.batching import Batched
 from ..tools.compile import jit
-from ..tools.types import AnyArray, Real
-
-
-class Channels(NamedTuple):
-    """Motion, acceleration and load of the body at some instants, of which the signals of all sensors are made."""
-
-    motion: Float[AnyArray, "*instants 10"]
-    """The numbers of `Motion`, in SI units."""
-    acceleration: Float[AnyArray, "*instants 5"]
-    """Of the centre along y and z [m/s^2], and about the body's x, y and z [rad/s^2]."""
-    force: Float[AnyArray, "*instants 2"]
-    """Of all contacts together along y and z [N]."""
-    modal: Float[AnyArray, "*instants 2 modes"]
-    """Coordinates [m kg^0.5] and accelerations [m kg^0.5/s^2] of the modes."""
-
-
-def channels(args: Args, t: Real, state: State, frame: RailFrame | None = None) -> Channels:
-    """Return the channels of a state at time `t` [forcing periods]. **Arguments:** `frame`: `args.frame(t)`."""
-    scene, motion = args.scene, state.motion
-    frame = args.frame(t) if frame is None else frame
-    at = forces_at(scene, frame, contacts(frame, motion), state)
-    travel = args.travel(t)
-    wrench, _ = resultants(frame, [at.force * way for way in wrench_directions(scene, at, travel)])
-    rates = newton_euler(scene, motion, wrench, travel)
-    modal = jnp.zeros((2, 0))
-    if motion.modes is not None and rates.modes is not None:
-        modal = jnp.stack([motion.modes.coordinate, rates.modes.rate])
-    return Channels(
-        jnp.stack([getattr(motion, name) for name in MOTION_NUMBERS]),
-        jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
-        jnp.stack(wrench[:2]),
-        modal,
-    )
+from ..tools.types import Real
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
+from ..model.sensors import Rig
 from ..model.step_size import default_steps_per_period
 from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
@@ -30,7 +31,6 @@ from ..tools.types import Real
 from .channels import ChannelRecord, Channels, Pushed, begin, push
 from .measured import MeasuredRun
 from .method import Problem
-from .sensors import Rig
 from .unknowns import Unknown
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
@@ -43,7 +43,7 @@ SHIFTS = 8
 
 
 class Windows(NamedTuple):
-    """Measured runs, cut into windows of equal length, with arrays that are filled up where there are fewer samples."""
+    """Measured runs, cut into windows of equal length; arrays are filled up where there are fewer samples."""
 
     run: Int[np.ndarray, " windows"]
     """Index of the run of each window."""

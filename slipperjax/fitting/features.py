@@ -1,9 +1,10 @@
-"""Features of signals: numbers that tell of a motion without its phase, and that small disturbances leave as they are.
+"""Features of signals: numbers that tell of a motion without its phase, and that disturbances leave as they are.
 
-All are about normally distributed over parts of a chaotic record. Signals are arrays (records, samples) at equal times.
+All are about normally distributed over chaotic records. Signals are arrays (records, samples) at equal times.
 """
 
 import abc
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -46,7 +47,7 @@ class BandRms(AbstractFeature):
             lines = np.abs(np.fft.rfft((signals - signals.mean(1, keepdims=True)) * np.hanning(count))) ** 2
             # from the fourth line on, each band with one line or more
             edges = np.unique(np.geomspace(4, count // 2 + 1, self.bands + 1).astype(int))
-            power = [lines[:, low:high].sum(axis=1) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+            power = [lines[:, low:high].sum(axis=1) for low, high in itertools.pairwise(edges)]
             return 0.5 * np.log(np.maximum(power, 1e-300)).T
 
         return [f"band {k + 1}" for k in range(values(record[None]).shape[1])], values

@@ -10,6 +10,8 @@ LITTLE = 3.0
 standard error is half that of the bounds then."""
 PART = 0.35
 """Least share of a parameter in a direction, to be named."""
+LOUD = 1.2
+"""What is left over the noise that was given, above which a model does not explain a signal [1]."""
 STRANGE = 1e-3
 """Probability of residuals below which a model does not explain them."""
 
@@ -27,7 +29,7 @@ def untold(names: Sequence[str], information: Float[np.ndarray, "parameters para
             if len(named) == 1:
                 texts.append(f"the record tells little of {named[0]}")
             else:
-                texts.append(f"the record does not tell {named[0]} from {' and '.join(named[1:])}")
+                texts.append(f"the record does not tell {named[0]} from {' and '.join(map(str, named[1:]))}")
     return texts
 
 
@@ -49,11 +51,9 @@ def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
 
 def unexplained(sensor: str, probability: float, noise: float, given: float | None) -> str:
     """Return in words what a model leaves of a signal; empty where that is noise."""
-    strange = probability < STRANGE
-    loud = given is not None and noise > 1.2 * given
     parts = []
-    if strange:
+    if probability < STRANGE:
         parts.append(f"what is left is no white noise (p = {probability:.1g})")
-    if loud:
+    if given is not None and noise > LOUD * given:
         parts.append(f"it is {noise / given:.2g} times the noise")
     return f"the model does not explain {sensor}: {' and '.join(parts)}" if parts else ""

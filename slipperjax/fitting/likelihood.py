@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..flow.period_map import advance
 from ..flow.record import Labelled
 from ..model.dynamics import State
-from ..model.kinematics import Motion, accuracy_scales
+from ..model.kinematics import accuracy_scales
 from ..model.quantities import MOTION_NUMBERS
+from ..model.sensors import Rig
 from ..orbits.motions import recurs
 from ..sweeps.grid import Cases
 from ..sweeps.plan import PERIODS_PER_CALL
@@ -32,7 +32,6 @@ from .course import SIZES, Model, Windows, followed, in_groups, values_read
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractMethod, Posterior, Problem
-from .sensors import Rig
 from .signals import densities
 from .unknowns import spread
 
@@ -192,7 +191,7 @@ class _Emulator:
         return -0.5 * (chi + np.sum(level**2, axis=1))
 
     def _sampled(self) -> "_Emulator":
-        """Return the emulator with likely levels, by importance among normal ones, which come nearer in a few rounds."""
+        """Return the emulator with likely levels, by importance among others that come nearer in a few rounds."""
         from scipy.stats import multivariate_t
 
         rng = np.random.default_rng(0)
@@ -306,13 +305,17 @@ class _Ensemble:
             found[good] = self._values(rows)
         return found.reshape(*signals.shape[:2], -1)
 
-    def signals(self, levels: np.ndarray, members: int, seed: int) -> Float[np.ndarray, "ensembles members sensors samples"]:
+    def signals(
+        self, levels: np.ndarray, members: int, seed: int
+    ) -> Float[np.ndarray, "ensembles members sensors samples"]:
         """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
         method, model = self.method, self.model
         values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
-        change = 0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(model.scene)))
+        change = (
+            0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(model.scene)))
+        )
         change[:, :5] = 0.0
         own = model.start.motion if isinstance(model.start, State) else model.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change

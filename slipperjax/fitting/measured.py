@@ -9,11 +9,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from ..model.parameters import PARAMETERS
+from ..model.sensors import Rig, Sensor
 from ..tools.checks import require
 from ..tools.files import content_of, user_path
 from ..tools.tables import Table
 from ..tools.units import unit_factor
-from .sensors import Rig, Sensor
 
 FEWEST = 8
 """Samples that a signal needs."""
@@ -91,13 +91,17 @@ def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
             require(array.ndim == 1 and array.dims[0] in ds.coords, "measured", need, shown=f"along {array.dims}")
             time = ds[array.dims[0]]
             values = [_in_si(part, unit) for part, unit in ((time, "s"), (array, sensor.unit))]
-            require(np.all(np.diff(values[0]) > 0), "measured", f"have increasing times of {sensor.name}", shown="others")
+            require(
+                np.all(np.diff(values[0]) > 0), "measured", f"have increasing times of {sensor.name}", shown="others"
+            )
             signals[sensor.name] = values
     known = {}
     for name, value in ds.coords.items():
         if name in PARAMETERS and value.ndim == 0:
             unit = PARAMETERS[str(name)].unit
-            known[str(name)] = float(value) * (1.0 if unit == "1" else unit_factor(str(name), value.attrs.get("units", unit), unit))
+            known[str(name)] = float(value) * (
+                1.0 if unit == "1" else unit_factor(str(name), value.attrs.get("units", unit), unit)
+            )
     return _run(signals, rig, known)
 
 

@@ -13,9 +13,9 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.parameters import at_values
 from ..model.scene import Scene
+from ..model.sensors import Rig
 from ..solvers.named import resolve_solver
 from .measured import MeasuredRun
-from .sensors import Rig
 from .unknowns import Unknown
 
 

@@ -11,12 +11,12 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..model.kinematics import Motion
 from ..model.quantities import Quantity
 from ..model.scene import Scene
+from ..model.sensors import Sensor
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import user_path, write_whole
 from .judged import untold
 from .method import AbstractMethod, Posterior, Problem
-from .sensors import Sensor
 from .unknowns import Unknown
 
 AT_BOUND = 2.33
@@ -59,7 +59,9 @@ class Fit:
         pairs = zip(self.problem.unknowns, self.posterior.level, strict=True)
         slope = np.array([one.slope(level) for one, level in pairs])
         values = self.posterior.covariance * np.outer(slope, slope)
-        return xr.DataArray(values, {"parameter": list(self.names), "other": list(self.names)}, ("parameter", "other"))
+        return xr.DataArray(
+            values, {"parameter": list(self.names), "other": list(self.names)}, ("parameter", "other")
+        )
 
     @property
     def minima(self) -> list[dict[str, float]]:
@@ -150,7 +152,9 @@ class Fit:
             "high": column("parameter", ends[:, 1], "", f"upper end of the interval, {each}"),
             "prior_low": column("parameter", prior[:, 0], "", f"below which 1 % were expected, {each}"),
             "prior_high": column("parameter", prior[:, 1], "", f"above which 1 % were expected, {each}"),
-            "step_change": column("parameter", posterior.step_change, "1", "change by half the step, standard errors"),
+            "step_change": column(
+                "parameter", posterior.step_change, "1", "change by half the step, standard errors"
+            ),
             "covariance": column(("parameter", "other"), self.covariance.values, "", "covariance"),
             "minimum": column(("other_minimum", "parameter"), minima, "", f"other minima, {each}"),
         }
@@ -162,7 +166,8 @@ class Fit:
             "sensor_unit": ("sensor", [sensor.unit for sensor in self.problem.rig.sensors]),
         }
         of_method, along = posterior.label(self.problem.rig)
-        attrs = scene_attributes(self.scene) | run_attributes(self.scene, self.start, self._call())
+        attrs = scene_attributes(self.scene, without=self.problem.names)
+        attrs |= run_attributes(self.scene, self.start, self._call())
         attrs |= dict(status=self.status, confidence=self.confidence)
         attrs |= {"untold": "; ".join(self.untold), "unexplained": "; ".join(self.unexplained)}
         return xr.Dataset(data | of_method, coords | along, attrs)

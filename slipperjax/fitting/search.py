@@ -27,6 +27,8 @@ GAIN = 0.02
 """Change of the sum of squares that is none, that of a seventh of a standard error [1]."""
 PATIENCE = 4
 """Points without any gain after which a search stops; of a rough one half as many."""
+APART = 4.0
+"""Distance from which on two minima are different ones [standard errors]."""
 HOPELESS = 2.0
 """Sum of squares over the least of all at which a search is given up once another one has converged."""
 
@@ -78,9 +80,9 @@ class Found(NamedTuple):
         """Index of the best."""
         return int(np.argmin(self.cost))
 
-    def apart(self, level: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " starts"]:
+    def apart(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " starts"]:
         """Return the distance of each point from another one, in standard errors of the best."""
-        return np.linalg.norm((self.point - level) @ self.slope[self.lead].T, axis=1)
+        return np.linalg.norm((self.point - point) @ self.slope[self.lead].T, axis=1)
 
     @property
     def active(self) -> Bool[np.ndarray, " starts"]:
@@ -96,13 +98,16 @@ class Found(NamedTuple):
         order = np.argsort(self.cost)[:most]
         return order[self.cost[order] <= self.cost[self.lead] + more]
 
-    def distinct(self, more: float) -> Int[np.ndarray, " minima"]:
-        """Return the indices of the best and of others that are apart, whose sum of squares is at most `more` greater,
-        the best first."""
+    def distinct(self, more: float, count: int) -> Int[np.ndarray, " minima"]:
+        """Return the indices of points whose first `count` unknowns are apart, and whose sum of squares is at most
+        `more` above the least, the best first."""
+        slope = self.slope[self.lead]
+        # of these unknowns, whatever the others are
+        weight = np.linalg.inv(np.linalg.inv(slope.T @ slope)[:count, :count])
         kept: list[int] = []
         for k in map(int, np.argsort(self.cost)):
-            near = [self.apart(self.point[other])[k] < 4.0 for other in kept]
-            if self.cost[k] <= self.cost[self.lead] + more and not any(near):
+            away = [self.point[k, :count] - self.point[other, :count] for other in kept]
+            if self.cost[k] <= self.cost[self.lead] + more and all(x @ weight @ x > APART**2 for x in away):
                 kept.append(k)
         return np.array(kept)
 
@@ -122,7 +127,7 @@ def compressed(
     both = np.concatenate([slope, residual[..., None]], axis=2)
     # a lost motion is as bad as can be
     both[~good] = 0.0
-    few = np.linalg.qr(both, mode="r")
+    few = np.asarray(np.linalg.qr(both, mode="r"))
     few[~good, -1, -1] = 1e12
     return few[:, :, -1], few[:, :, :-1]
 
@@ -170,7 +175,8 @@ def _note(
     best.still[index] = np.where(gains, 0, best.still[index] + 1)
     best.steps[index] += 1
     better = cost < best.cost[index]
-    for array, new in zip(best, (point, residual, slope, cost, distance), strict=False):
+    kept = best.point, best.residual, best.slope, best.cost, best.distance
+    for array, new in zip(kept, (point, residual, slope, cost, distance), strict=True):
         array[index[better]] = new[better]
 
 

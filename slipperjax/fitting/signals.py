@@ -7,11 +7,11 @@ from jaxtyping import Float
 
 from ..analysis.environment import band_edges, window_densities
 from ..flow.record import Labelled
+from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
 from .judged import unexplained, whiteness
 from .method import Posterior
-from .sensors import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,9 @@ class SignalPosterior(Posterior):
         data = {
             "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
             "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
-            "seconds": column(over, np.where(windows.known > 0, windows.time, np.nan), "s", "time since the run began"),
+            "seconds": column(
+                over, np.where(windows.known > 0, windows.time, np.nan), "s", "time since the run began"
+            ),
             "measured": signal(windows.value, "measured signal"),
             "fitted": signal(self.reading, "signal of the model"),
             "fitted_low": signal(low, "5 % quantile of likely signals"),

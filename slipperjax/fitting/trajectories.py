@@ -88,7 +88,7 @@ class Trajectories(AbstractMethod):
             model = model.with_steps(fit.needed(found.point[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
-            kept = found.distinct(LIKELY)
+            kept = found.distinct(LIKELY, len(problem.unknowns))
             shown("errors")
             now = fit.checked(found)
             # more steps and instants, until they are no matter
@@ -190,7 +190,7 @@ class Fitting:
         return value.reshape(starts, -1), every.reshape(starts, windows * rows, -1)
 
     def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
-        """Return the RMS of what the model leaves of each signal, with a part of the unknowns taken off its samples."""
+        """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
         return self._noise_of(self.course(point[None]), point.size)
 
     def _noise_of(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:

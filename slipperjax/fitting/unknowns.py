@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from ..model.parameters import Parameter, checked_parameters, parameter
 from ..model.scene import Scene
-from ..tools.checks import require
+from ..model.sensors import Rig
+from ..tools.checks import instance, require
 from ..tools.types import AnyArray
-from .sensors import Rig
 
 WIDE = 5.0
 """Ratio of bounds above which values between them are equally likely by their logarithms."""
@@ -65,21 +65,22 @@ class Unknown(NamedTuple):
 def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = ()) -> tuple[Unknown, ...]:
     """Return what is to be found, first parameters of the scene, then those of sensors.
 
-    **Arguments:** `priors`: by name or path, a low and a high bound or a distribution; `frozen`: names among them that
-    keep their value.
+    **Arguments:** `priors`: by name or path, a low and a high bound or a distribution; `frozen`: names among them
+    that keep their value.
 
     **Raises:** `ValueError` for unknown names, and for bounds that are none or exclude the scene's own value.
     """
-    given = isinstance(priors, Mapping) and bool(priors)
-    require(given, "unknowns", 'be bounds by name, such as {"stiffness": (1e8, 1e10)}', priors)
+    need = 'be bounds by name, such as {"stiffness": (1e8, 1e10)}'
+    given: Mapping[str, object] = instance("unknowns", priors, Mapping, need.removeprefix("be "))
+    require(given, "unknowns", need, priors)
     for name in frozen:
-        require(name in priors, "frozen", f"be some of {', '.join(map(str, priors))}", name)
-    names = [name for name in priors if name not in frozen]
+        require(name in given, "frozen", f"be some of {', '.join(map(str, given))}", name)
+    names = [name for name in given if name not in frozen]
     require(names, "unknowns", "leave something to find", shown="all frozen")
     own = [name for name in names if not str(name).startswith(OF_SENSORS)]
     found = []
     for one in checked_parameters(own, scene) if own else []:
-        found.append(_unknown(one, one.unit, priors[one.name], float(one.of(scene))))
+        found.append(_unknown(one, one.unit, given[one.name], float(one.of(scene))))
     for name in names:
         if name not in own:
             one = parameter(name, rig)
@@ -88,7 +89,7 @@ def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = 
             unit = one.unit
             if name.endswith(".bias"):
                 unit = rig.sensors[rig.names.index(name.split(".")[1])].unit
-            found.append(_unknown(one, unit, priors[name], float(value)))
+            found.append(_unknown(one, unit, given[name], float(value)))
     return tuple(found)
 
 
@@ -99,10 +100,7 @@ def _unknown(one: Parameter, unit: str, given: object, value: float) -> Unknown:
     need = "have a low and a high bound, or a frozen distribution of scipy.stats"
     prior: Any = given
     if not hasattr(given, "ppf"):
-        try:
-            ends = np.asarray(one.check(given), float)
-        except ValueError:
-            raise
+        ends = np.asarray(one.check(given), float)
         require(ends.shape == (2,) and ends[0] < ends[1], one.name, need, given)
         low, high = map(float, ends)
         prior = loguniform(low, high) if low > 0 and high > WIDE * low else uniform(low, high - low)

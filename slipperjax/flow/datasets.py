@@ -25,6 +25,7 @@ from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
+from ..model.sensors import Sensor
 from ..model.travel import SpeedProgramme
 from ..tools.checks import finite, known, number, require
 from ..tools.columns import column
@@ -213,6 +214,17 @@ def load_environment(source: object) -> dict[str, Any] | None:
     """
     file = _scene_file(source, {})
     return None if file is None else file.environment
+
+
+def load_sensors(source: object) -> list[Sensor]:
+    """Return the sensors of a TOML file, from its tables [sensors.NAME].
+
+    **Raises:** `ValueError` where the file has none; `OSError` for a file that cannot be read.
+    """
+    file = _scene_file(source, {})
+    if not file or not file.sensors:
+        raise ValueError(f"Argument `source` must be a TOML file with tables [sensors.NAME], but is {source}.")
+    return file.sensors
 
 
 def _run_table(source: object) -> dict[str, Any]:

@@ -92,15 +92,18 @@ class Modes(ShapeChecked):
     def check_place(self, place: AnyArray) -> None:
         """Raise `ValueError` unless a place is one of the modes' `places` [m]."""
         need = "be places of the modes, see slipperjax.Modes"
-        require(self.places is not None, "places", need, place)
+        if self.places is None:
+            require(False, "places", need, place)
+            return
         apart = np.linalg.norm(np.asarray(self.places) - np.asarray(place), axis=1).min()
         # a millimetre is no other place
         require(apart < 1e-3, "places", f"{need}, the nearest is {apart:.3g} m away", place)
 
     def shape_at(self, place: AnyArray) -> Float[Array, "modes 3"]:
         """Return the shapes at the nearest of the `places` to one [kg^-0.5]."""
-        apart = jnp.sum((self.places - place) ** 2, axis=1)
-        return self.place_shapes[:, jnp.argmin(apart)]
+        assert self.places is not None  # see `check_place`
+        assert self.place_shapes is not None
+        return self.place_shapes[:, jnp.argmin(jnp.sum((self.places - place) ** 2, axis=1))]
 
     def __check_init__(self):
         count = self.frequency.shape[-1:]

@@ -38,6 +38,7 @@ from .quantities import ShownUnits
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, START, Scene
 from .section import Section
+from .sensors import UNITS, Sensor
 from .sled import Mount, Sled
 from .slipper import AbstractBody, Slipper
 from .starts import AtRest
@@ -101,6 +102,8 @@ class SceneFile(NamedTuple):
     """Arguments of `slipperjax.run` [SI unit], and the `units` of its report; None where the file has none."""
     environment: dict[str, Any] | None
     """Arguments of `slipperjax.environment` besides its runs [SI unit]; None where the file has none."""
+    sensors: list[Sensor]
+    """Those of its tables `sensors`."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -131,7 +134,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`, each of which may have a `clearance` and a `section`, which is that of
     the scene but for what it gives; `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
-    `environment` takes places, window, low, high and quality.
+    `environment` takes places, window, low, high and quality; tables `[sensors.NAME]` have the fields of `Sensor`.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -169,6 +172,7 @@ class _Reader:
             if name not in values and name not in self.tables:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         start = run = environment = None
+        sensors: list[Sensor] = []
         for name, value in self.tables.items():
             if name in BODY:
                 continue
@@ -184,6 +188,8 @@ class _Reader:
                     run = self.arguments(RunTable, value, name)
                 elif name == "environment":
                     environment = self.arguments(EnvironmentTable, value, name)
+                elif name == "sensors":
+                    sensors = [self.sensor(*one) for one in value.items()]
                 elif name == "speed" and isinstance(value, dict):
                     values[name] = self.programme(dict(value))
                 elif name in NUMBERS:
@@ -192,11 +198,11 @@ class _Reader:
         if not self.tables.keys().isdisjoint(BODY):
             values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
-            return SceneFile(Scene(**values), start, run, environment)
+            return SceneFile(Scene(**values), start, run, environment, sensors)
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
-        tables = (*PARTS, "mounts", "modes", "start", "run", "environment")
+        tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "sensors")
         check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
             several = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
@@ -254,6 +260,16 @@ class _Reader:
         names = [name for name in BEAM if name in given or name in ("mass", "length", "stiffness")]
         values = {name: quantity(name, given.get(name), BEAM[name]) for name in names}
         return Modes.beam([0.0 if mount.x is None else mount.x for mount in sled.mounts], **values)
+
+    def sensor(self, name: str, table: Table) -> Sensor:
+        """Return the sensor of a table, whose bias and noise have the unit of what it measures."""
+        with self.placed(f"sensors.{name}"):
+            instance("sensors", table, dict, f"a table, [sensors.{name}], for each sensor")
+            check_known(table, [field for field in arguments_of(Sensor) if field != "name"])
+            signal = UNITS.get(table.get("measures", "acceleration"), "")
+            units = {"bias": signal, "noise": signal}
+            values = {key: quantity(key, value, units.get(key, unit_of(Sensor, key))) for key, value in table.items()}
+            return Sensor(name, **values)
 
     def with_play(self, table: Table, faces: int) -> Table:
         """Return a table whose `clearance` is the play of each face, of which each has half."""

@@ -5,6 +5,7 @@ from .branches import branches as branches, event_curves as event_curves, multip
 from .comparisons import comparison as comparison, verdict as verdict
 from .designs import design_margins as design_margins, design_overview as design_overview
 from .environment import vibration as vibration
+from .fits import fit_overview as fit_overview
 from .maps import (
     attractor_map as attractor_map,
     basin_map as basin_map,

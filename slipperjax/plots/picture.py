@@ -11,6 +11,7 @@ from .branches import branches
 from .comparisons import comparison
 from .designs import design_overview
 from .environment import vibration
+from .fits import fit_overview
 from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
 from .runs import run_overview
 from .style import as_dataset
@@ -21,6 +22,7 @@ PICTURES: tuple[tuple[set[str], int | None, Callable[..., Axes | np.ndarray]], .
     ({"density_envelope", "shock_response"}, None, vibration),
     ({"runs", "difference", "quantile"}, None, comparison),
     ({"trial_design"}, None, design_overview),
+    ({"estimate", "prior_low"}, None, fit_overview),
     ({"event_point", "stable"}, None, branches),
     ({"contact_force", "time"}, 0, overview),
     ({"regime", "exponent"}, 2, regime_map),
@@ -35,8 +37,8 @@ PICTURES: tuple[tuple[set[str], int | None, Callable[..., Axes | np.ndarray]], .
 def plot(result: object, **options: object) -> Axes | np.ndarray:
     """Draw the picture that fits a result.
 
-    The page of a trajectory, a run or a design; a branch; the bifurcation diagrams, exponents or map of a sweep. Of a
-    sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers.
+    The page of a trajectory, a run, a design or a fit; a branch; the bifurcation diagrams, exponents or map of a
+    sweep. Of a sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers.
 
     **Arguments:** `result`: a `Trajectory`, a branch, a design, or a dataset of slipperjax; `options`: as for the
     picture.

@@ -56,7 +56,9 @@ class Table:
     and a warning names them.
     """
 
-    def __init__(self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str], *, holes: bool = False):
+    def __init__(
+        self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str], *, holes: bool = False
+    ):
         """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
         numbers, or a function that returns them for the names that a file has; `aliases`: names of columns by other
         names. Names here are in small letters, with underscores between words; `holes`: whether numbers may be

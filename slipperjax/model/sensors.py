@@ -1,6 +1,7 @@
 """Sensors on a slipper or a sled: what they read of its motion, with gain, bias, delay and filter."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,24 +9,61 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..model.kinematics import Motion, rotation
-from ..model.modes import Modes
-from ..tools.checks import finite, instance, one_of, positive, require
+from ..tools.checks import finite, instance, number, one_of, positive, require
 from ..tools.compile import as_argument
 from ..tools.fields import ShapeChecked, field
 from ..tools.types import AnyArray, Real
-from .channels import Channels
+from .dynamics import Args, State, forces_at, newton_euler, resultants, wrench_directions
+from .kinematics import Motion, RailFrame, contacts, rotation
+from .modes import Modes
+from .quantities import MOTION_NUMBERS
 
 AXES = ("x", "y", "z")
 UNITS = {"acceleration": "m/s^2", "displacement": "m", "angular_velocity": "rad/s", "force": "N"}
 """Units of what a sensor can measure."""
 
 
-def _direction(value: object) -> AnyArray:
+def _direction(value: object) -> Array:
     """Return a direction as a vector, from the name of an axis or three numbers."""
     if isinstance(value, str):
         return as_argument(np.eye(3)[AXES.index(one_of("direction", value, AXES))])
     return finite("direction")(value)
+
+
+def _noise(value: object) -> float | None:
+    return None if value is None else number(positive, "noise", value)
+
+
+class Channels(NamedTuple):
+    """Motion, acceleration and load of the body at some instants, of which the signals of all sensors are made."""
+
+    motion: Float[AnyArray, "*instants 10"]
+    """The numbers of `Motion`, in SI units."""
+    acceleration: Float[AnyArray, "*instants 5"]
+    """Of the centre along y and z [m/s^2], and about the body's x, y and z [rad/s^2]."""
+    force: Float[AnyArray, "*instants 2"]
+    """Of all contacts together along y and z [N]."""
+    modal: Float[AnyArray, "*instants 2 modes"]
+    """Coordinates [m kg^0.5] and accelerations [m kg^0.5/s^2] of the modes."""
+
+
+def channels(args: Args, t: Real, state: State, frame: RailFrame | None = None) -> Channels:
+    """Return the channels of a state at time `t` [forcing periods]. **Arguments:** `frame`: `args.frame(t)`."""
+    scene, motion = args.scene, state.motion
+    frame = args.frame(t) if frame is None else frame
+    at = forces_at(scene, frame, contacts(frame, motion), state)
+    travel = args.travel(t)
+    wrench, _ = resultants(frame, [at.force * way for way in wrench_directions(scene, at, travel)])
+    rates = newton_euler(scene, motion, wrench, travel)
+    modal = jnp.zeros((2, 0))
+    if motion.modes is not None and rates.modes is not None:
+        modal = jnp.stack([motion.modes.coordinate, rates.modes.rate])
+    return Channels(
+        jnp.stack([getattr(motion, name) for name in MOTION_NUMBERS]),
+        jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+        jnp.stack(wrench[:2]),
+        modal,
+    )
 
 
 class Sensor(ShapeChecked):
@@ -38,8 +76,8 @@ class Sensor(ShapeChecked):
     name: str = eqx.field(static=True)
     """Of its signal among the measured ones."""
     measures: str = eqx.field(static=True, default="acceleration")
-    """ "acceleration" of the place, without gravity [m/s^2]; its "displacement" from where a body in the middle of its
-    play on an undisturbed rail has it [m]; "angular_velocity" [rad/s]; "force" of all contacts together [N]."""
+    """ "acceleration" of the place, without gravity [m/s^2]; its "displacement" from where it is in the middle of the
+    play on an undisturbed rail [m]; "angular_velocity" [rad/s]; "force" of all contacts together [N]."""
     place: Float[Array, "3"] = field("m", finite, default=(0.0, 0.0, 0.0))
     """From the centre of mass [m]; of an elastic body one of its modes' places."""
     direction: Float[Array, "3"] = eqx.field(converter=_direction, default="z")
@@ -50,14 +88,12 @@ class Sensor(ShapeChecked):
     delay: Float[Array, ""] = field("s", finite, default=0.0)
     cutoff: Float[Array, ""] | None = field("Hz", positive, default=None)
     """Frequency above which a Butterworth filter of second order suppresses the signal [Hz]."""
-    noise: float | None = eqx.field(static=True, default=None)
+    noise: float | None = eqx.field(static=True, converter=_noise, default=None)
     """Standard deviation of its noise, in the unit of the signal; None: what the model does not explain."""
 
     def __check_init__(self):
         require(isinstance(self.name, str) and self.name.isidentifier(), "name", "be a word", self.name)
         one_of("measures", self.measures, UNITS)
-        if self.noise is not None:
-            positive("noise", self.unit)(self.noise)
         if isinstance(self.direction, jax.core.Tracer):
             return
         length = np.linalg.norm(np.asarray(self.direction))
@@ -91,7 +127,11 @@ class Sensor(ShapeChecked):
         return jnp.dot(axis, of_centre + turning + modal)
 
     def read(
-        self, seen: Channels, time: Float[Array, " instants"], at: Float[Array, " samples"], modes: Modes | None = None
+        self,
+        seen: Channels,
+        time: Float[Array, " instants"],
+        at: Float[Array, " samples"],
+        modes: Modes | None = None,
     ) -> Float[Array, " samples"]:
         """Return what it reads at some times.
 
@@ -104,7 +144,9 @@ class Sensor(ShapeChecked):
             signal = low_pass(signal, self.cutoff * (time[last] - time[0]) / last)
         at = at - self.delay
         # the place of each sample, counted in instants
-        before = jnp.clip(jnp.searchsorted(jax.lax.stop_gradient(time), jax.lax.stop_gradient(at)) - 1, 0, len(time) - 2)
+        before = jnp.clip(
+            jnp.searchsorted(jax.lax.stop_gradient(time), jax.lax.stop_gradient(at)) - 1, 0, len(time) - 2
+        )
         place = before + (at - time[before]) / (time[before + 1] - time[before])
         return self.gain * (interpolated(signal, place) + self.bias)
 
@@ -152,7 +194,7 @@ class Rig(eqx.Module):
 
     @classmethod
     def of(cls, sensors: object) -> "Rig":
-        """Return sensors that were given; raises `ValueError` where they are no list of sensors of different names."""
+        """Return sensors as one; raises `ValueError` where they are no list of sensors of different names."""
         listed = instance("sensors", sensors, Sequence, "a list of slipperjax.Sensor")
         require(len(listed), "sensors", "have one or more", shown="none")
         for sensor in listed:

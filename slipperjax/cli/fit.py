@@ -1,0 +1,77 @@
+"""The command that finds parameters from measured signals."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from ..model.parameters import PARAMETERS
+from ..tools.checks import require
+from .files import Outputs
+from .interrupts import on_thread
+from .options import COUNT, FILE, FROM_ZERO, LOST, Case, app, begin, bounds, make_bounds, option, result, takes_case
+
+if TYPE_CHECKING:
+    from ..fitting.method import AbstractMethod
+
+PATIENCE = 20.0
+"""Seconds that an interrupted command waits for the runs in progress."""
+
+
+@app.command()
+@bounds("--fit", "Parameter to find, with its lower and upper bound; repeat for several.", multiple=True)
+@option(
+    "--fit-sensor",
+    (str, float, float),
+    "Number of a sensor to find, such as front.gain, with its bounds [SI unit]; repeat for several.",
+    metavar="NAME LOW HIGH",
+    multiple=True,
+)
+@option(
+    "--by",
+    click.Choice(["trajectories", "features"]),
+    "Compare signals sample by sample, for periodic motions and short records, or features of them, in chaos.",
+    default="trajectories",
+)
+@option("--starts", COUNT, "Of trajectories: searches at once.", default=16)
+@option("--window", COUNT, "Of trajectories: forcing periods after which a motion begins anew; default: never.")
+@option("--confidence", click.FloatRange(0.0, 1.0, True, True), "Probability of the intervals.", default=0.9)
+@option("--seed", FROM_ZERO, "Random seed of the first points.", default=0)
+@begin
+@result("fit")
+@takes_case
+@click.argument("scene", metavar="FILE", type=FILE)
+@click.argument("measured", metavar="RECORD...", type=FILE, nargs=-1, required=True)
+def fit(
+    case: Case, measured: tuple[Path, ...], fit, fit_sensor, by: str, starts: int, window: int | None, out, **options
+) -> int:
+    """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
+
+    FILE: a TOML file with a table for each sensor, such as [sensors.front]. RECORD: a CSV or netCDF file of a run,
+    with a column of times and one for each sensor, such as "time [s], front [g]".
+    """
+    from ..fitting.fit import fit as find
+    from ..fitting.likelihood import Features
+    from ..fitting.trajectories import Trajectories
+    from ..flow.datasets import load_sensors
+
+    file = click.get_current_context().params["scene"]
+    unknowns: dict[str, tuple[float, float]] = {}
+    for name, low, high in fit:
+        require(name not in unknowns, "--fit", "name each parameter once", name)
+        unknowns[name] = make_bounds("--fit", case.scene, name, low, high)[1]
+    unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
+    require(unknowns, "--fit", "be given for one parameter or more", shown="missing")
+    method: AbstractMethod = Features() if by == "features" else Trajectories(starts, window)
+    # which the user did not choose, the method does
+    chosen = click.get_current_context().params.get("solver")
+    solver = case.solver if chosen else None
+    how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
+    files = Outputs(out, ".nc", ".png")
+    sensors = load_sensors(file)
+    call = lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options)
+    found = on_thread(call, PATIENCE)
+    print(f"{found!r}\n{case.text(list(PARAMETERS.keys() & unknowns.keys()))}")
+    print(files.write(found.to_xarray()))
+    return LOST if not np.isfinite(list(found.estimate.values())).all() or found.status == "not converged" else 0
