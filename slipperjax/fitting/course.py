@@ -66,8 +66,7 @@ class Windows(NamedTuple):
         """
         passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
         ends = [max(one[-1] for one in every if one.size) for every in passed]
-        # rounding may put the last sample behind the end
-        whole = [max(int(np.ceil(end - 1e-9)), 1) for end in ends]
+        whole = [max(int(np.ceil(end - 2e-9)), 1) for end in ends]
         periods = max(whole) if window is None else min(window, max(whole))
         counts = [-(-length // periods) for length in whole]
         run = np.repeat(np.arange(len(runs)), counts)
@@ -102,7 +101,8 @@ def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
         most *= 2
     grid = np.linspace(0.0, most, 4097)
     times = since(grid)
-    return [np.empty(0) if one is None else np.interp(one.time, times, grid) for one in run.signals]
+    # rounding may put a sample before the place where it is
+    return [np.empty(0) if one is None else np.interp(one.time, times, grid) + 1e-9 for one in run.signals]
 
 
 class Course(NamedTuple):
@@ -210,8 +210,8 @@ class Model:
             grid[name] = np.tile([self.settings[k].get(name, own) for k in windows.run], count)
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.names)}
         start = numbers.reshape(-1, len(SIZES)) * SIZES
-        # a grid has one list at least
-        cases = Cases(self.scene, grid | {"y": start[:, 0]}, self.start, product=False)
+        # a grid has one list at least; the starts are set below
+        cases = Cases(self.scene, grid | {"y": np.zeros(len(start))}, self.start, product=False)
         parts = cases.starts.motion if isinstance(cases.starts, State) else cases.starts
         cases.starts = Motion(*start.T, sled=parts.sled, modes=parts.modes)
         return cases

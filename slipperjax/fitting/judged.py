@@ -8,8 +8,8 @@ from jaxtyping import Float
 LITTLE = 3.0
 """Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
 standard error is half that of the bounds then."""
-PART = 0.35
-"""Least share of a parameter in a direction, to be named."""
+PART = 0.3
+"""Least share of a parameter in a direction over the greatest, to be named."""
 LOUD = 1.2
 """What is left over the noise that was given, above which a model does not explain a signal [1]."""
 STRANGE = 1e-3
@@ -25,7 +25,7 @@ def untold(names: Sequence[str], information: Float[np.ndarray, "parameters para
     values, directions = np.linalg.eigh(information)
     for value, way in zip(values, directions.T, strict=True):
         if value < LITTLE:
-            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > PART]
+            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > PART * np.abs(way).max()]
             if len(named) == 1:
                 texts.append(f"the record tells little of {named[0]}")
             else:

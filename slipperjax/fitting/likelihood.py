@@ -39,6 +39,8 @@ RIDGE = 1e-9
 """Added to covariances, over their diagonals [1]."""
 WIDER = 2.0
 """Standard deviations of proposals over those of the parameters as far as they are known."""
+FARTHEST = 2.5
+"""Distance from the likely levels, in the scale of proposals, beyond which no function of them is trusted."""
 DRAWS = 4000
 """Likely parameters of a posterior."""
 SHOWN = 24
@@ -145,13 +147,18 @@ class _Known(NamedTuple):
 
 @dataclass(frozen=True)
 class _Emulator:
-    """Mean features as quadratic functions of the levels near the likely ones, and what follows for these."""
+    """Features as functions of the levels near the likely ones, and what follows for these.
+
+    Means are quadratic functions, logarithms of variances linear ones, and correlations constant.
+    """
 
     centre: Float[np.ndarray, " parameters"]
     scale: Float[np.ndarray, " parameters"]
-    weights: Float[np.ndarray, "terms features"]
-    noise: Float[np.ndarray, "features features"]
-    """Covariance of the features of a record."""
+    means: Float[np.ndarray, "terms features"]
+    variances: Float[np.ndarray, "terms features"]
+    """Coefficients of half their logarithms."""
+    correlation: Float[np.ndarray, "features features"]
+    """With what the quadratic functions leave, and so more than one on its diagonal."""
     target: Float[np.ndarray, " features"]
     mean: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
@@ -159,36 +166,51 @@ class _Emulator:
 
     @classmethod
     def of(cls, known: _Known, target: np.ndarray, before: "_Emulator | None", members: int) -> "_Emulator":
+        from scipy.special import digamma
+
         size = known.level.shape[1]
         centre = np.zeros(size) if before is None else before.mean
         scale = np.ones(size) if before is None else np.sqrt(np.diag(before.covariance)) * WIDER
         z = (known.level - centre) / scale
         # near ones count most
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
-        terms = _terms(z)
         root = np.sqrt(weight)[:, None]
-        weights, *_ = np.linalg.lstsq(terms * root, known.mean * root, rcond=None)
-        of_run = np.einsum("e,eij->ij", weight, known.covariance) / weight.sum()
-        of_run = of_run + RIDGE * np.diag(np.diag(of_run) + 1e-12)
-        # what a quadratic function leaves is uncertain, beyond the chance of ensembles
-        left = (known.mean - terms @ weights) * root
-        freedom = max(weight.sum() - terms.shape[1], 1.0)
-        misfit = left.T @ left / freedom
-        extra = np.maximum(np.diag(misfit) - np.diag(of_run) / members, 0.0)
-        noise = of_run + np.diag(extra)
-        found = cls(centre, scale, weights, noise, target, centre, np.diag(scale**2), np.empty((0, size)))
+        terms = _terms(z)
+        means, *_ = np.linalg.lstsq(terms * root, known.mean * root, rcond=None)
+        # logarithms of variances of few are too low on average
+        free = (members - 1) / 2
+        variance = np.einsum("eii->ei", known.covariance)
+        logarithm = 0.5 * (np.log(np.maximum(variance, 1e-12)) - digamma(free) + np.log(free))
+        few = _terms(z)[:, : size + 1]
+        variances, *_ = np.linalg.lstsq(few * root, logarithm * root, rcond=None)
+        # what is common to all, in multiples of their standard deviations
+        spread_ = np.exp(few @ variances)
+        common = np.einsum("e,eij,ei,ej->ij", weight, known.covariance, 1 / spread_, 1 / spread_) / weight.sum()
+        part = np.sqrt(np.diag(common)) + 1e-12
+        correlation = common / np.outer(part, part)
+        # a quadratic function leaves more than the chance of ensembles
+        left = (known.mean - terms @ means) / spread_ * root
+        misfit = np.sum(left**2, axis=0) / max(weight.sum() - terms.shape[1], 1.0)
+        extra = np.maximum(misfit - 1 / members, 0.0)
+        correlation = correlation + np.diag(extra + RIDGE)
+        found = cls(centre, scale, means, variances, correlation, target, centre, np.diag(scale**2), known.level[:0])
         return found._sampled()
 
     def at(self, level: np.ndarray) -> np.ndarray:
         """Return expected features at levels."""
-        return _terms((level - self.centre) / self.scale) @ self.weights
+        return _terms((level - self.centre) / self.scale) @ self.means
+
+    def spread(self, level: np.ndarray) -> np.ndarray:
+        """Return standard deviations of features at levels, without those in `correlation`."""
+        z = np.clip((level - self.centre) / self.scale, -2.0, 2.0)
+        return np.exp(_terms(z)[..., : len(self.mean) + 1] @ self.variances)
 
     def _logarithm(self, level: np.ndarray) -> np.ndarray:
         """Return the logarithm of the posterior density, up to a constant."""
-        away = self.at(level) - self.target
-        chi = np.einsum("li,ij,lj->l", away, np.linalg.inv(self.noise), away)
-        # not far beyond the region of the ensembles
-        return -0.5 * (chi + np.sum(level**2, axis=1))
+        spread_ = self.spread(level)
+        away = (self.at(level) - self.target) / spread_
+        chi = np.einsum("li,ij,lj->l", away, np.linalg.inv(self.correlation), away)
+        return -0.5 * (chi + np.sum(level**2, axis=1)) - np.sum(np.log(spread_), axis=1)
 
     def _sampled(self) -> "_Emulator":
         """Return the emulator with likely levels, by importance among others that come nearer in a few rounds."""
@@ -202,7 +224,8 @@ class _Emulator:
         for _ in range(12):
             proposal = multivariate_t(mean, covariance, df=6)
             level = proposal.rvs(DRAWS, random_state=rng).reshape(DRAWS, size)
-            level = level[np.all(np.abs(level) < 4.0, axis=1)]
+            inside = np.abs((level - self.centre) / self.scale) < FARTHEST
+            level = level[np.all(inside & (np.abs(level) < 4.0), axis=1)]
             logarithm = self._logarithm(level) - proposal.logpdf(level)
             share = np.exp(logarithm - logarithm.max())
             # few that count for much would end the search: they share
@@ -218,12 +241,16 @@ class _Emulator:
         return self.draws[rng.choice(len(self.draws), count)]
 
     @property
+    def noise(self) -> np.ndarray:
+        """Covariance of the features of a record at the mean of the likely levels."""
+        spread_ = self.spread(self.mean)
+        return self.correlation * np.outer(spread_, spread_)
+
+    @property
     def information(self) -> np.ndarray:
         """Fisher's information of the features on the levels."""
-        step = 1e-3 * self.scale
-        slope = np.stack(
-            [(self.at(self.mean + h) - self.at(self.mean - h)) / (2 * h.sum()) for h in np.diag(step)], axis=-1
-        )
+        steps = np.diag(1e-3 * self.scale)
+        slope = np.stack([(self.at(self.mean + h) - self.at(self.mean - h)) / (2 * h.sum()) for h in steps], axis=-1)
         return slope.T @ np.linalg.solve(self.noise, slope)
 
     @property

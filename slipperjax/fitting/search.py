@@ -16,7 +16,10 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ..sweeps.grid import VECTOR_LANES, filled
+from ..tools.types import AnyArray
 
+DAMPING = 1e-2
+"""Of the first step, over the squares of the slopes [1]."""
 MOST_STEPS = 40
 """Points that a search tries from each start."""
 NEAR = 0.2
@@ -99,7 +102,7 @@ class Found(NamedTuple):
         return order[self.cost[order] <= self.cost[self.lead] + more]
 
     def distinct(self, more: float, count: int) -> Int[np.ndarray, " minima"]:
-        """Return the indices of points whose first `count` unknowns are apart, and whose sum of squares is at most
+        """Return the indices of ends whose first `count` unknowns are apart, and whose sum of squares is at most
         `more` above the least, the best first."""
         slope = self.slope[self.lead]
         # of these unknowns, whatever the others are
@@ -107,7 +110,8 @@ class Found(NamedTuple):
         kept: list[int] = []
         for k in map(int, np.argsort(self.cost)):
             away = [self.point[k, :count] - self.point[other, :count] for other in kept]
-            if self.cost[k] <= self.cost[self.lead] + more and all(x @ weight @ x > APART**2 for x in away):
+            likely = self.cost[k] <= self.cost[self.lead] + more and (self.converged[k] or k == self.lead)
+            if likely and all(x @ weight @ x > APART**2 for x in away):
                 kept.append(k)
         return np.array(kept)
 
@@ -146,9 +150,9 @@ def search(
     best = Found.none(points, PATIENCE // 2 if rough else PATIENCE)
     # a batch of few sizes, for programs that are compiled already
     lanes = filled(np.arange(len(points)), VECTOR_LANES)
-    accepted = now = points[lanes]
-    states = _begin(now)
-    local = Expansion(now.copy(), best.residual[lanes], best.slope[lanes])
+    local = Expansion(points.copy(), best.residual.copy(), best.slope.copy())
+    now = points
+    scale = accepted = states = None
     for _ in range(MOST_STEPS):
         index = np.flatnonzero(best.active)
         seen = now[index], *compressed(*evaluate(now[index], index))
@@ -158,8 +162,14 @@ def search(
         shown(f"{best.active.sum()} of {len(points)} searches, chi-squared {best.cost.min():.5g}")
         if not best.active.any():
             break
-        accepted, states = _step(accepted, states, local)
-        now = np.asarray(states.y_eval)
+        if scale is None:
+            # the method damps all unknowns alike: they are counted by what they change, as Marquardt did
+            scale = 1 / np.maximum(np.sqrt(DAMPING) * np.linalg.norm(local.slope, axis=1), 1e-12)
+            accepted = (points / scale)[lanes]
+            states = _begin(accepted)
+        scaled = Expansion(local.at / scale, local.residual, local.slope * scale[:, None])
+        accepted, states = _step(accepted, states, jax.tree.map(lambda a: a[lanes], scaled))
+        now = np.asarray(states.y_eval)[: len(points)] * scale
     return best
 
 
@@ -189,7 +199,7 @@ def _value(point: Array, local: Expansion) -> tuple[Array, None]:
 
 
 @eqx.filter_jit
-def _begin(points: Float[np.ndarray, "starts unknowns"]) -> Any:
+def _begin(points: Float[AnyArray, "starts unknowns"]) -> Any:
     """Return the method's states before it has seen any residuals."""
 
     def one(point: Array) -> Any:

@@ -59,7 +59,7 @@ class Unknown(NamedTuple):
 
         # in the farthest tails both densities vanish
         level = np.clip(level, -FARTHEST, FARTHEST)
-        return norm.pdf(level) / self.prior.pdf(self.value(level))
+        return np.asarray(norm.pdf(level) / self.prior.pdf(self.value(level)))
 
 
 def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = ()) -> tuple[Unknown, ...]:
@@ -99,18 +99,15 @@ def _unknown(one: Parameter, unit: str, given: object, value: float) -> Unknown:
 
     need = "have a low and a high bound, or a frozen distribution of scipy.stats"
     prior: Any = given
-    if not hasattr(given, "ppf"):
+    if not hasattr(given, "dist"):
+        require(not hasattr(given, "ppf"), one.name, need, shown="a distribution without its parameters")
         ends = np.asarray(one.check(given), float)
         require(ends.shape == (2,) and ends[0] < ends[1], one.name, need, given)
         low, high = map(float, ends)
         prior = loguniform(low, high) if low > 0 and high > WIDE * low else uniform(low, high - low)
-    try:
-        low, high = map(float, prior.support())
-        inside = low < value < high
-    except (TypeError, AttributeError):
-        raise ValueError(f"Argument `{one.name}` must {need}, but has {given}.") from None
+    low, high = map(float, prior.support())
     need = f"have bounds on both sides of the scene's own value, {value:.6g} {unit}".rstrip()
-    require(inside, one.name, need, shown=f"{low:g} to {high:g}")
+    require(low < value < high, one.name, need, shown=f"{low:g} to {high:g}")
     return Unknown(one, unit, prior)
 
 

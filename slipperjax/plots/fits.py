@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ..model.parameters import PARAMETERS
 from ..tools.checks import one_of
-from .style import COLORS, as_dataset, check_dataset, legend_above, page, with_unit
+from .style import COLORS, as_dataset, check_dataset, legend_above, page, typeset, with_unit
 
 SOURCE = "slipperjax.fit"
 SHOWN = 150
@@ -50,8 +50,8 @@ def fit_overview(result: object, sensor: str | None = None) -> np.ndarray:
     return axes
 
 
-def _label(at: xr.Dataset, of: str = "") -> str:
-    return f"{of}{at['sensor'].item()} [{at['sensor_unit'].item()}]"
+def _label(at: xr.Dataset) -> str:
+    return with_unit(str(at["sensor"].item()), at["sensor_unit"].item(), brackets=True)
 
 
 def _draw_signal(ax: Axes, at: xr.Dataset) -> None:
@@ -109,7 +109,7 @@ def _draw_densities(ax: Axes, at: xr.Dataset) -> None:
     ax.plot(x, at["density"], lw=0.8, color=COLORS["blue"], label="model")
     ax.plot(x, at["measured_density"], ".-", ms=3, lw=0.6, color=COLORS["grey"], label="measured")
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
-    unit = at["sensor_unit"].item()
+    unit = typeset(at["sensor_unit"].item())
     ax.set_ylabel(f"density of {at['sensor'].item()} [({unit})$^2$/Hz]")
     legend_above(ax)
 

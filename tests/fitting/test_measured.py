@@ -1,0 +1,89 @@
+"""Measured runs: units, gaps, unequal times, known parameters, and what is refused."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.fitting.measured import measured_runs
+from slipperjax.model.sensors import Rig
+from slipperjax.tools.units import STANDARD_GRAVITY
+
+RIG = Rig.of([sj.Sensor("front"), sj.Sensor("lift", "displacement")])
+TIME = np.arange(12) * 1e-3
+
+
+def dataset(**more):
+    data = {
+        "front": ("time", np.arange(12.0), {"units": "m/s^2"}),
+        "lift": ("time", np.arange(12.0), {"units": "mm"}),
+    }
+    return xr.Dataset(data | more, {"time": ("time", TIME, {"units": "s"})})
+
+
+def test_a_table_with_units_and_missing_samples(tmp_path):
+    rows = [f"{k},{'' if k == 3 else k},{k if k % 2 else '-9999'},900" for k in range(16)]
+    path = tmp_path / "run.csv"
+    path.write_text("time [ms], front [g], lift [mm], speed [m/s]\n" + "\n".join(rows))
+    (run,) = measured_runs(path, RIG)
+    front, lift = run.signals
+    assert run.settings == {"speed": 900.0}
+    np.testing.assert_allclose(front.time, 1e-3 * np.delete(np.arange(16), 3))
+    np.testing.assert_allclose(front.value, STANDARD_GRAVITY * np.delete(np.arange(16), 3))
+    # every second sample only
+    np.testing.assert_allclose(lift.value, 1e-3 * np.arange(1, 16, 2))
+    assert run.end == 0.015
+
+
+def test_signals_may_have_times_of_their_own():
+    ds = dataset().drop_vars("lift")
+    late = xr.Dataset(
+        {"lift": ("lift_time", np.arange(9.0), {"units": "m"})},
+        {"lift_time": ("lift_time", 1.0 + np.arange(9.0), {"units": "ms"}), "speed": ((), 500.0, {"units": "ft/s"})},
+    )
+    (run,) = measured_runs(ds.merge(late), RIG)
+    np.testing.assert_allclose(run.signals[1].time, 1e-3 * (1 + np.arange(9)))
+    np.testing.assert_allclose(run.settings["speed"], 152.4)
+
+
+def test_several_runs_share_the_sensors():
+    one, other = measured_runs([dataset().drop_vars("lift"), dataset().drop_vars("front")], RIG)
+    assert one.signals[1] is None
+    assert other.signals[0] is None
+
+
+@pytest.mark.parametrize(
+    ("measured", "text"),
+    [
+        (3, "`measured` must be a dataset or a file"),
+        ([], "`measured` must have one run or more"),
+        (
+            dataset(rear=("time", TIME)),
+            "`measured` must have signals of the sensors front, lift alone, but has rear, too",
+        ),
+        (dataset().drop_vars("lift"), "`measured` must have the signal of each sensor, such as lift"),
+        (dataset().drop_vars("time"), "with a coordinate of times"),
+        (dataset(lift=("time", TIME)), "`measured` must have an attribute `units` of lift, such as m"),
+        (dataset(lift=("time", TIME, {"units": "s"})), "`lift` must be in a unit like m"),
+        (dataset().isel(time=slice(5)), "`measured` must have 8 samples or more of front"),
+        (dataset().isel(time=slice(None, None, -1)), "`measured` must have increasing times of front"),
+        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "times of front from zero on"),
+    ],
+)
+def test_bad_records_are_refused_in_one_line(measured, text):
+    with pytest.raises(ValueError, match=text) as error:
+        measured_runs(measured, RIG)
+    assert "\n" not in str(error.value)
+
+
+def test_a_table_without_times_or_with_other_units_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("front [g], lift [mm]\n1, 2\n")
+    with pytest.raises(ValueError, match="must have a column `time`"):
+        measured_runs(path, RIG)
+    path.write_text("time [s], front [mm]\n1, 2\n")
+    with pytest.raises(ValueError, match="`front` must be in a unit like m/s"):
+        measured_runs(path, RIG)
+    path.write_text("time [s], front [g], speed [m/s]\n" + "\n".join(f"{k}, {k}, {k}" for k in range(9)))
+    with pytest.raises(ValueError, match="one value of speed, which a run keeps, but has 9 values"):
+        measured_runs(path, RIG)

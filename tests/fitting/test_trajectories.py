@@ -1,0 +1,185 @@
+"""Fits of trajectories: what was put in comes out, with intervals, and what does not fit is said."""
+
+import dataclasses
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.fitting import Trajectories
+from slipperjax.fitting.judged import untold, whiteness
+
+from .records import record
+
+TRUTH = sj.paper_scene(1250.0)
+SENSORS = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
+BOUNDS = {"stiffness": (3e7, 3e8), "restitution": (0.5, 0.99), "clearance": (5e-4, 2e-3)}
+FAR = TRUTH.replace(stiffness=6e7, restitution=0.7, clearance=1.5e-3)
+METHOD = Trajectories(starts=4)
+PERIODS = 4
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return record(TRUTH, SENSORS, PERIODS, noise=0.05)
+
+
+@pytest.fixture(scope="module")
+def found(noisy):
+    return sj.fit(FAR, noisy, BOUNDS, SENSORS, method=METHOD)
+
+
+def test_what_was_put_in_comes_out(found, noisy):
+    assert found.status == "converged", found
+    assert not found.untold
+    assert not found.unexplained
+    for name, error in found.stderr.items():
+        truth = float(TRUTH.value(name))
+        # 0.2 to 1.3 standard errors, which are 0.9, 0.1 and 2.6 % of the values
+        assert abs(found.estimate[name] - truth) < 3 * error
+        assert error < 0.05 * truth
+        low, high = found.interval[name]
+        assert low < found.estimate[name] < high
+    for k, sensor in enumerate(SENSORS):
+        clean = record(TRUTH, [sensor], PERIODS)[sensor.name].values
+        np.testing.assert_allclose(found.posterior.noise[k], 0.05 * clean.std(), rtol=0.2)
+    assert np.abs(found.posterior.step_change).max() < 0.2
+    # the scene of the estimates is that of a user
+    assert float(found.scene.contact.restitution) == found.estimate["restitution"]
+    assert "restitution 0.9" in repr(found)
+
+
+def test_covariances_are_those_of_the_estimates(found):
+    covariance = found.covariance
+    errors = np.sqrt(np.diag(covariance.values))
+    np.testing.assert_allclose(errors, list(found.stderr.values()))
+    correlation = covariance.values / np.outer(errors, errors)
+    assert np.all(np.linalg.eigvalsh(correlation) > 0)
+
+
+def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
+    path = tmp_path / "fit.nc"
+    found.to_netcdf(path)
+    scene = sj.load_scene(path)
+    assert float(scene.contact.stiffness) == found.estimate["stiffness"]
+    assert float(sj.load_start(path).v_z) == float(found.start.v_z)
+    with xr.open_dataset(path) as ds:
+        assert ds.attrs["status"] == "converged"
+        np.testing.assert_array_equal(ds["estimate"], list(found.estimate.values()))
+        left = (ds["measured"] - ds["fitted"]).std(["window", "sample"])
+        np.testing.assert_allclose(left, found.posterior.noise, rtol=0.1)
+        axes = sj.plots.plot(ds)
+    assert axes.shape == (2, 2)
+    assert "fit: converged" in axes[0, 0].figure.get_suptitle()
+    assert axes[0, 0].get_ylabel() == "az [m/s$^{2}$]"
+    plt.close("all")
+
+
+@pytest.mark.slow
+def test_laws_of_one_form_differ_by_their_restitution_alone():
+    # both are K d^1.5 (1 + c d'/d'_0), with c of Flores 8 (1 - e) / 5 e, and of Hunt and Crossley 3 (1 - e) / 2
+    other = dataclasses.replace(FAR, contact=sj.HuntCrossley(stiffness=6e7, restitution=0.7))
+    found = sj.fit(other, record(TRUTH, SENSORS, PERIODS, noise=0.05), BOUNDS, SENSORS, method=METHOD)
+    assert not found.unexplained
+    expected = 1 - 8 * (1 - 0.9) / (5 * 0.9) * 2 / 3
+    # 0.8815; 0.8 standard errors
+    assert abs(found.estimate["restitution"] - expected) < 3 * found.stderr["restitution"]
+
+
+@pytest.mark.slow
+def test_a_law_of_another_form_is_said_not_to_explain_the_record():
+    scene = TRUTH.replace(restitution=0.6)
+    measured = record(scene, SENSORS, 6, noise=0.02, steps=320)
+    other = dataclasses.replace(scene, contact=sj.HertzSpring(stiffness=1e8))
+    few = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
+    same = sj.fit(scene, measured, BOUNDS, SENSORS, method=METHOD)
+    wrong = sj.fit(other, measured, few, SENSORS, method=METHOD)
+    assert not same.unexplained, same
+    assert "what is left is no white noise" in " ".join(wrong.unexplained)
+    assert wrong.posterior.noise.max() > 3 * same.posterior.noise.max()
+
+
+@pytest.mark.slow
+def test_mass_and_stiffness_are_not_told_apart():
+    # accelerations are forces over masses, and nothing else here has a scale of force
+    unknowns = {"stiffness": (6e7, 1.7e8), "mass": (8.0, 24.0)}
+    unknowns |= {f"slipper.inertia.{k}": (0.6 * j, 1.7 * j) for k, j in enumerate((0.051, 0.060, 0.086))}
+    found = sj.fit(TRUTH, record(TRUTH, SENSORS, PERIODS, noise=0.05), unknowns, SENSORS, method=METHOD)
+    (text,) = found.untold
+    assert text.startswith("the record does not tell")
+    assert "mass" in text
+    assert "stiffness" in text
+
+
+def test_directions_are_said_in_words():
+    names = ["a", "b", "c"]
+    assert untold(names, np.diag([1e4, 1e4, 0.1])) == ["the record tells little of c"]
+    way = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+    blind = 1e4 * (np.eye(3) - np.outer(way, way))
+    assert untold(names, blind) in (["the record does not tell a from b"], ["the record does not tell b from a"])
+    assert untold(names, 1e4 * np.eye(3)) == []
+
+
+def test_whiteness_is_a_probability():
+    rng = np.random.default_rng(0)
+    white = [whiteness(rng.normal(size=300)) for _ in range(400)]
+    # of 400, 39 are below a tenth
+    assert 20 < np.sum(np.array(white) < 0.1) < 62
+    assert whiteness(np.sin(np.arange(300.0))) < 1e-9
+
+
+@pytest.mark.slow
+def test_runs_at_several_speeds_and_numbers_of_sensors():
+    runs = []
+    for k, speed in enumerate((1250.0, 1300.0)):
+        given = [dataclasses.replace(SENSORS[0], gain=1.1), SENSORS[1]]
+        one = record(TRUTH.replace(speed=speed), given, 5, noise=0.05, seed=k)
+        runs.append(one.assign_coords(speed=((), speed, {"units": "m/s"})))
+    # one has gaps, and is sampled less often
+    runs[1] = runs[1].isel(time=slice(None, None, 2))
+    runs[1]["ay"][10:20] = np.nan
+    unknowns = BOUNDS | {"sensors.az.gain": (0.8, 1.25)}
+    found = sj.fit(FAR, runs, unknowns, SENSORS, method=METHOD)
+    assert found.status == "converged", found
+    truth = {"stiffness": 1e8, "restitution": 0.9, "clearance": 1e-3, "sensors.az.gain": 1.1}
+    for name, value in truth.items():
+        # 0.1 to 1.2 standard errors
+        assert abs(found.estimate[name] - value) < 3 * found.stderr[name], name
+    assert found.sensors[0].gain == found.estimate["sensors.az.gain"]
+
+
+@pytest.mark.slow
+def test_windows_of_a_record_are_one_motion(noisy):
+    found = sj.fit(FAR, noisy, BOUNDS, SENSORS, method=Trajectories(starts=4, window=2))
+    assert found.posterior.windows.count == 2
+    for name, error in found.stderr.items():
+        assert abs(found.estimate[name] - float(TRUTH.value(name))) < 3 * error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (
+            dict(sensors=[sj.Sensor("ax")]),
+            "`measured` must have signals of the sensors ax alone, but has az, ay, too",
+        ),
+        (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
+        (dict(confidence=1.0), "`confidence` must be below 1"),
+        (dict(method="LM"), "`method` must be a method of slipperjax.fitting"),
+        (dict(scene=1), "`scene` must be"),
+        (dict(seed=-1), "`seed` must be"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
+    given = dict(scene=FAR, measured=noisy, unknowns=BOUNDS, sensors=SENSORS)
+    with pytest.raises(ValueError, match=text) as error:
+        sj.fit(**given | arguments)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["starts", "window", "transient"])
+def test_settings_are_whole_numbers(name):
+    with pytest.raises(ValueError, match=f"`{name}` must be"):
+        Trajectories(**{name: -1})

@@ -1,0 +1,84 @@
+"""Priors as levels, and what is refused."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import slipperjax as sj
+from slipperjax.fitting.unknowns import spread, unknowns_of
+from slipperjax.model.sensors import Rig
+
+SCENE = sj.paper_scene()
+RIG = Rig.of([sj.Sensor("az"), sj.Sensor("fz", "force")])
+PRIORS = {
+    "stiffness": (1e7, 1e9),
+    "restitution": (0.5, 0.95),
+    "mass": scipy.stats.norm(14.0, 1.0),
+    "sensors.az.gain": (0.9, 1.1),
+    "sensors.fz.bias": (-10.0, 10.0),
+}
+
+
+def test_levels_are_standard_normal_deviates():
+    found = unknowns_of(SCENE, RIG, PRIORS)
+    assert [one.name for one in found] == list(PRIORS)
+    assert [one.unit for one in found] == ["N/m^1.5", "1", "kg", "1", "N"]
+    level = np.array([-7.0, -2.0, 0.0, 1.0, 7.0])
+    for one in found:
+        value = one.value(level)
+        assert np.all(np.diff(value) > 0)
+        # beyond 6 values round to the bounds
+        np.testing.assert_allclose(one.level(value[1:4]), level[1:4], atol=1e-8)
+        slope = (one.value(level + 1e-6) - one.value(level - 1e-6)) / 2e-6
+        np.testing.assert_allclose(one.slope(level[1:4]), slope[1:4], rtol=1e-6)
+    # far bounds by their logarithms, near ones evenly, distributions as they are
+    np.testing.assert_allclose([one.value(np.zeros(())) for one in found], [1e8, 0.725, 14.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found[2].value(np.ones(())), 15.0)
+
+
+def test_a_spread_covers_the_priors():
+    levels = spread(unknowns_of(SCENE, RIG, PRIORS), 256, 1)
+    assert levels.shape == (256, 5)
+    np.testing.assert_allclose(levels.mean(axis=0), 0.0, atol=0.02)
+    # without the farthest tails
+    assert np.abs(levels).max() < 2.06
+
+
+def test_some_are_frozen():
+    assert [one.name for one in unknowns_of(SCENE, RIG, PRIORS, ["mass", "stiffness"])] == [
+        "restitution",
+        "sensors.az.gain",
+        "sensors.fz.bias",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("priors", "frozen", "text"),
+    [
+        ({}, (), "`unknowns` must be bounds by name"),
+        ({"stiffnes": (1e8, 1e9)}, (), "`stiffnes` is no parameter.*stiffness"),
+        ({"stiffness": (1e9, 1e8)}, (), "`stiffness` must have a low and a high bound"),
+        ({"stiffness": (2e8, 1e9)}, (), "`stiffness` must have bounds on both sides of the scene's own value, 1e.08"),
+        ({"stiffness": 1e8}, (), "`stiffness` must have a low and a high bound"),
+        (
+            {"stiffness": scipy.stats.norm},
+            (),
+            "`stiffness` must have a low and a high bound, or a frozen distribution",
+        ),
+        ({"restitution": (0.5, 1.5)}, (), "`restitution` must be"),
+        ({"sensors.front.gain": (0.5, 1.5)}, (), "must have a number of 0 to 1 or one of az, fz in place of 'front'"),
+        ({"sensors.az.gian": (0.5, 1.5)}, (), "`sensors.az.gian` leads to no number"),
+        ({"sensors.az.cutoff": (10.0, 500.0)}, (), "`sensors.az.cutoff` must be a number that the sensor has"),
+        ({"stiffness": (1e7, 1e9)}, ("stiffness",), "`unknowns` must leave something to find"),
+        ({"stiffness": (1e7, 1e9)}, ("mass",), "`frozen` must be some of stiffness"),
+        ({"clearance": (5e-4, 2e-3), "section.play.0": (1e-4, 1e-3)}, (), None),
+        ({"section.play.0": (1e-4, 1e-3), "clearance": (5e-4, 2e-3)}, (), "`section.play.0` must not be given with"),
+    ],
+)
+def test_bad_unknowns_are_refused_in_one_line(priors, frozen, text):
+    if text is None:
+        unknowns_of(SCENE, RIG, priors, frozen)
+        return
+    with pytest.raises(ValueError, match=text) as error:
+        unknowns_of(SCENE, RIG, priors, frozen)
+    assert "\n" not in str(error.value)
