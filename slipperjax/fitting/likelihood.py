@@ -1,8 +1,9 @@
 """Fits of features: a normal likelihood of features, whose mean and covariance come from ensembles of runs.
 
 S. N. Wood, *Statistical inference for noisy nonlinear ecological dynamic systems*, Nature 466 (2010) 1102,
-doi:10.1038/nature09319. Here mean features are quadratic functions of the parameters, fitted to ensembles all over
-the region that the record leaves, so that chance in one ensemble is no matter.
+doi:10.1038/nature09319; features are summed up by best guesses of the parameters, as P. Fearnhead and D. Prangle
+did, J. R. Stat. Soc. B 74 (2012) 419, doi:10.1111/j.1467-9868.2011.01010.x. Their means are quadratic functions of
+the parameters, fitted to ensembles all over the region that the record leaves, so that chance in one is no matter.
 """
 
 import dataclasses
@@ -35,10 +36,14 @@ from .method import AbstractMethod, Posterior, Problem
 from .signals import densities
 from .unknowns import spread
 
-RIDGE = 1e-9
-"""Added to covariances, over their diagonals [1]."""
+RIDGE = 1e-2
+"""Added to the squares of features of which parameters are guessed [1]."""
 WIDER = 2.0
 """Standard deviations of proposals over those of the parameters as far as they are known."""
+OUTLYING = 3.0
+"""Distance from the mean in standard deviations beyond which features count as if they were there."""
+REGULAR = 0.2
+"""Spread of an ensemble over the usual one below which its motions are of another kind."""
 FARTHEST = 2.5
 """Distance from the likely levels, in the scale of proposals, beyond which no function of them is trusted."""
 DRAWS = 4000
@@ -87,14 +92,14 @@ class Features(AbstractMethod):
         emulator = None
         levels = spread(problem.unknowns, self.proposals, problem.seed)
         levels[0] = problem.own
-        known = _Known(levels[:0], np.empty((0, len(target))), np.empty((0, len(target), len(target))))
+        known = _Known(levels[:0], np.empty((0, self.members, len(target))))
         converged = False
         rng = np.random.default_rng(problem.seed)
         for number in range(self.rounds):
             shown(f"round {number + 1} of {self.rounds}")
             known = known.with_more(levels, ensemble.features(levels, problem.seed))
             before = emulator
-            emulator = _Emulator.of(known, target, before, self.members)
+            emulator = _Emulator.of(known, target, before)
             if before is not None:
                 moved = np.abs(emulator.mean - before.mean) / np.sqrt(np.diag(before.covariance))
                 narrowed = np.sqrt(np.diag(emulator.covariance) / np.diag(before.covariance))
@@ -118,8 +123,8 @@ class Features(AbstractMethod):
             draws=emulator.draws,
             names=ensemble.names,
             measured=target,
-            expected=emulator.at(emulator.mean),
-            spread=np.sqrt(np.diag(emulator.noise)),
+            expected=emulator.expected,
+            spread=emulator.spread,
             excess=emulator.excess,
             record=ensemble.record,
             likely=signals[:, 0],
@@ -131,86 +136,100 @@ class _Known(NamedTuple):
     """Ensembles that have been run."""
 
     level: Float[np.ndarray, "ensembles parameters"]
-    mean: Float[np.ndarray, "ensembles features"]
-    covariance: Float[np.ndarray, "ensembles features features"]
-    """Of single runs."""
+    values: Float[np.ndarray, "ensembles members features"]
 
     def with_more(self, levels: np.ndarray, values: Float[np.ndarray, "ensembles members features"]) -> "_Known":
         """Return these and further ensembles, but none with lost runs."""
         good = np.isfinite(values).all(axis=(1, 2))
-        values = values[good]
-        away = values - values.mean(axis=1, keepdims=True)
-        covariance = np.einsum("emi,emj->eij", away, away) / (values.shape[1] - 1)
-        new = levels[good], values.mean(axis=1), covariance
-        return _Known(*(np.concatenate(both) for both in zip(self, new, strict=True)))
+        return _Known(np.concatenate([self.level, levels[good]]), np.concatenate([self.values, values[good]]))
 
 
 @dataclass(frozen=True)
 class _Emulator:
-    """Features as functions of the levels near the likely ones, and what follows for these.
+    """Summaries of features as functions of the levels near the likely ones, and what follows for these.
 
-    Means are quadratic functions, logarithms of variances linear ones, and correlations constant.
+    There is a summary for each parameter, the best guess of its level by a linear function of the features. Means of
+    summaries are quadratic functions of the levels, logarithms of their variances linear ones, and their correlations
+    constant.
     """
 
     centre: Float[np.ndarray, " parameters"]
     scale: Float[np.ndarray, " parameters"]
-    means: Float[np.ndarray, "terms features"]
-    variances: Float[np.ndarray, "terms features"]
-    """Coefficients of half their logarithms."""
-    correlation: Float[np.ndarray, "features features"]
+    means: Float[np.ndarray, "terms parameters"]
+    spreads: Float[np.ndarray, "linear_terms parameters"]
+    """Of the logarithms of standard deviations."""
+    correlation: Float[np.ndarray, "parameters parameters"]
     """With what the quadratic functions leave, and so more than one on its diagonal."""
-    target: Float[np.ndarray, " features"]
+    target: Float[np.ndarray, " parameters"]
+    """Summaries of the record."""
     mean: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     draws: Float[np.ndarray, "draws parameters"]
+    expected: Float[np.ndarray, " features"]
+    """Features of records near the likely levels, their means and standard deviations."""
+    spread: Float[np.ndarray, " features"]
+    excess: float
+    """Share of such records that are as far from the others as the measured one, or farther [1]."""
 
     @classmethod
-    def of(cls, known: _Known, target: np.ndarray, before: "_Emulator | None", members: int) -> "_Emulator":
+    def of(cls, known: _Known, record: np.ndarray, before: "_Emulator | None") -> "_Emulator":
+        """Return the emulator for a record's features, near the likely levels of an earlier one."""
         from scipy.special import digamma
 
         size = known.level.shape[1]
+        members = known.values.shape[1]
         centre = np.zeros(size) if before is None else before.mean
         scale = np.ones(size) if before is None else np.sqrt(np.diag(before.covariance)) * WIDER
         z = (known.level - centre) / scale
-        # near ones count most
+        # near ones count most, and of regular motions, which have hardly any spread, none
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
-        root = np.sqrt(weight)[:, None]
+        own = known.values.std(axis=1)
+        usual = np.array([_median(column_, weight) for column_ in own.T])
+        weight = np.where(np.median(own / usual, axis=1) < REGULAR, 0.0, weight)
+        runs = known.values.reshape(-1, known.values.shape[2])
+        of_run = np.repeat(weight, members)
+        middle = of_run @ runs / of_run.sum()
+        total = np.sqrt(of_run @ (runs - middle) ** 2 / of_run.sum()) + 1e-12
+        # single runs may be far from all others
+        clipped = lambda values: np.clip((values - middle) / total, -OUTLYING, OUTLYING)
+        x = clipped(runs)
+        gram = x.T @ (of_run[:, None] * x) + RIDGE * of_run.sum() * np.eye(x.shape[1])
+        to_level = np.linalg.solve(gram, x.T @ (of_run[:, None] * np.repeat(z, members, axis=0)))
+        summary = (x @ to_level).reshape(-1, members, size)
         terms = _terms(z)
-        means, *_ = np.linalg.lstsq(terms * root, known.mean * root, rcond=None)
+        root = np.sqrt(weight)[:, None]
+        mean = summary.mean(axis=1)
+        means, *_ = np.linalg.lstsq(terms * root, mean * root, rcond=None)
         # logarithms of variances of few are too low on average
         free = (members - 1) / 2
-        variance = np.einsum("eii->ei", known.covariance)
-        logarithm = 0.5 * (np.log(np.maximum(variance, 1e-12)) - digamma(free) + np.log(free))
-        few = _terms(z)[:, : size + 1]
-        variances, *_ = np.linalg.lstsq(few * root, logarithm * root, rcond=None)
+        deviation = summary.std(axis=1, ddof=1)
+        logarithm = np.log(np.maximum(deviation, 1e-9)) - 0.5 * (digamma(free) - np.log(free))
+        few = terms[:, : size + 1]
+        spreads, *_ = np.linalg.lstsq(few * root, logarithm * root, rcond=None)
         # what is common to all, in multiples of their standard deviations
-        spread_ = np.exp(few @ variances)
-        common = np.einsum("e,eij,ei,ej->ij", weight, known.covariance, 1 / spread_, 1 / spread_) / weight.sum()
-        part = np.sqrt(np.diag(common)) + 1e-12
-        correlation = common / np.outer(part, part)
+        expected = np.exp(few @ spreads)
+        away = (summary - mean[:, None]) / expected[:, None]
+        common = np.einsum("e,emi,emj->ij", weight, away, away) / (weight.sum() * (members - 1))
         # a quadratic function leaves more than the chance of ensembles
-        left = (known.mean - terms @ means) / spread_ * root
-        misfit = np.sum(left**2, axis=0) / max(weight.sum() - terms.shape[1], 1.0)
-        extra = np.maximum(misfit - 1 / members, 0.0)
-        correlation = correlation + np.diag(extra + RIDGE)
-        found = cls(centre, scale, means, variances, correlation, target, centre, np.diag(scale**2), known.level[:0])
-        return found._sampled()
-
-    def at(self, level: np.ndarray) -> np.ndarray:
-        """Return expected features at levels."""
-        return _terms((level - self.centre) / self.scale) @ self.means
-
-    def spread(self, level: np.ndarray) -> np.ndarray:
-        """Return standard deviations of features at levels, without those in `correlation`."""
-        z = np.clip((level - self.centre) / self.scale, -2.0, 2.0)
-        return np.exp(_terms(z)[..., : len(self.mean) + 1] @ self.variances)
+        left = (mean - terms @ means) / expected * root
+        misfit = left.T @ left / max(weight.sum() - terms.shape[1], 1.0)
+        values, vectors = np.linalg.eigh(misfit - common / members)
+        correlation = common * (1 + 1 / members) + (vectors * np.maximum(values, 0.0)) @ vectors.T
+        target = clipped(record) @ to_level
+        none = known.level[:0]
+        start = cls(
+            centre, scale, means, spreads, correlation, target, centre, np.diag(scale**2), none, record, record, 1.0
+        )
+        return start._sampled()._with_records(known, record)
 
     def _logarithm(self, level: np.ndarray) -> np.ndarray:
         """Return the logarithm of the posterior density, up to a constant."""
-        spread_ = self.spread(level)
-        away = (self.at(level) - self.target) / spread_
+        z = (level - self.centre) / self.scale
+        terms = _terms(z)
+        expected = np.exp(terms[:, : level.shape[1] + 1] @ self.spreads)
+        away = (terms @ self.means - self.target) / expected
         chi = np.einsum("li,ij,lj->l", away, np.linalg.inv(self.correlation), away)
-        return -0.5 * (chi + np.sum(level**2, axis=1)) - np.sum(np.log(spread_), axis=1)
+        return -0.5 * (chi + np.sum(level**2, axis=1)) - np.sum(np.log(expected), axis=1)
 
     def _sampled(self) -> "_Emulator":
         """Return the emulator with likely levels, by importance among others that come nearer in a few rounds."""
@@ -236,31 +255,43 @@ class _Emulator:
         chosen = rng.choice(len(level), DRAWS, p=share)
         return dataclasses.replace(self, mean=mean, covariance=covariance, draws=level[chosen])
 
+    def _with_records(self, known: _Known, record: np.ndarray) -> "_Emulator":
+        """Return the emulator with what records near the likely levels are like, beside the measured one."""
+        away = known.level - self.mean
+        far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(self.covariance), away)
+        near = np.argsort(far)[: max(len(far) // 10, 8)]
+        runs = known.values[near].reshape(-1, len(record))
+        middle, spread_ = runs.mean(axis=0), runs.std(axis=0) + 1e-12
+        x = (np.vstack([record, runs]) - middle) / spread_
+        shape = np.linalg.inv(np.corrcoef(x[1:].T + 1e-9) + np.eye(len(record)))
+        distance = np.einsum("ri,ij,rj->r", x, shape, x)
+        share = (1 + np.sum(distance[1:] >= distance[0])) / len(distance)
+        return dataclasses.replace(self, expected=middle, spread=spread_, excess=float(share))
+
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return likely levels."""
         return self.draws[rng.choice(len(self.draws), count)]
 
     @property
-    def noise(self) -> np.ndarray:
-        """Covariance of the features of a record at the mean of the likely levels."""
-        spread_ = self.spread(self.mean)
-        return self.correlation * np.outer(spread_, spread_)
-
-    @property
     def information(self) -> np.ndarray:
-        """Fisher's information of the features on the levels."""
-        steps = np.diag(1e-3 * self.scale)
-        slope = np.stack([(self.at(self.mean + h) - self.at(self.mean - h)) / (2 * h.sum()) for h in steps], axis=-1)
-        return slope.T @ np.linalg.solve(self.noise, slope)
+        """Fisher's information of the summaries on the levels."""
+        z = (self.mean - self.centre) / self.scale
+        step = 1e-3
+        slope = np.stack(
+            [(_terms(z + h) - _terms(z - h)) @ self.means / (2 * step) for h in step * np.eye(len(z))], axis=-1
+        )
+        slope = slope / self.scale / np.exp(_terms(z)[: len(z) + 1] @ self.spreads)[:, None]
+        return slope.T @ np.linalg.solve(self.correlation, slope)
 
-    @property
-    def excess(self) -> float:
-        """Probability that features are as far from the expected ones, or farther, by chance."""
-        from scipy.stats import chi2
 
-        away = self.at(self.mean) - self.target
-        freedom = max(len(self.target) - len(self.mean), 1)
-        return float(chi2.sf(away @ np.linalg.solve(self.noise, away), freedom))
+def _median(values: np.ndarray, weight: np.ndarray) -> float:
+    """Return the median of weighted values that are not zero, or a small number."""
+    used = values > 0
+    if not used.any():
+        return 1e-6
+    order = np.argsort(values[used])
+    below = np.cumsum(weight[used][order])
+    return float(values[used][order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def _terms(z: np.ndarray) -> np.ndarray:
@@ -424,7 +455,7 @@ class FeaturePosterior(Posterior):
     spread: Float[np.ndarray, " features"]
     """Standard deviations of features of records such as the measured one."""
     excess: float
-    """Probability that features are as far from the expected ones by chance [1]."""
+    """Share of such records that are as far from the others as the measured one [1]."""
     record: Float[np.ndarray, "sensors samples"]
     likely: Float[np.ndarray, "draws sensors samples"]
     """Signals of the record, and of likely parameters."""

@@ -55,7 +55,7 @@ def test_windows_share_out_all_samples(clean):
     assert cut.known.sum(axis=(1, 2)).tolist() == [180, 60, 60, 20]
     period = float(SCENE.period)
     at = cut.time[1][cut.known[1] > 0]
-    assert 3 * period <= at.min() < at.max() < 4 * period
+    np.testing.assert_allclose([at.min(), at.max()], [3 * period, 4 * period - period / 30])
 
 
 def test_a_guess_is_the_motion_of_the_record(clean):
@@ -77,7 +77,7 @@ def test_derivatives_are_those_of_a_finer_run(clean):
     model = model_of(problem)
     values = model.values(problem.own[None])
     guess, _ = model.guesses(values, 150, np.array([10.0, 10.0]))
-    course = model.with_steps(4 * model.steps).course(values, guess)
+    course = model.with_samples(160).course(values, guess)
 
     def read(values, numbers):
         scene = SCENE.replace(stiffness=values[0], restitution=values[1])
@@ -92,9 +92,9 @@ def test_derivatives_are_those_of_a_finer_run(clean):
         change = step * np.eye(13)[k]
         both = [read(values + sign * change[:3], numbers + sign * change[3:]) for sign in (1, -1)]
         difference = (both[0] - both[1]) / (2 * step)
-        error = np.abs(course.slope[0, 0, ..., k] - difference).max() / np.abs(difference).max()
-        # 2e-4 to 1.1e-2: RK4's derivatives are of order 1.5
-        assert error < 0.03, (k, error)
+        error = course.slope[0, 0, ..., k] - difference
+        # 0.006 to 0.012 with 160 instants a period, 0.022 to 0.034 with 40: cubics pass over kinks at touchdowns
+        assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(difference**2)), k
 
 
 def test_windows_end_where_the_next_ones_begin(clean):

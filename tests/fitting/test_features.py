@@ -1,0 +1,119 @@
+"""Features of known signals, and a likelihood of features beside the exact one."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.fitting import BandRms, ContactFraction, CorrelationIntegral, Features, ImpactRate, Peaks
+from slipperjax.fitting.likelihood import _Emulator, _Known
+
+from .records import record
+
+RNG = np.random.default_rng(0)
+WHITE = RNG.normal(size=(3, 4000))
+
+
+def test_bands_of_white_noise_are_as_wide_as_they_have_lines():
+    names, values = BandRms(4).of(WHITE[0])
+    found = values(WHITE)
+    assert found.shape == (3, len(names)) == (3, 4)
+    # the upper band has most lines; doubling a signal doubles all
+    assert np.all(np.diff(found, axis=1) > 0)
+    np.testing.assert_allclose(values(2 * WHITE), found + np.log(2.0))
+    sine = np.sin(2 * np.pi * 500 * np.arange(4000) / 4000)
+    assert values(sine[None])[0].argmax() == 3 - (np.geomspace(4, 2001, 5)[3] > 500)
+
+
+def test_peaks_are_quantiles():
+    _, values = Peaks((0.5, 0.9)).of(WHITE[0])
+    # of normal deviates 0.674 and 1.645, here within 4 %
+    np.testing.assert_allclose(np.exp(values(WHITE)), np.tile([0.674, 1.645], (3, 1)), rtol=0.06)
+
+
+def test_impacts_are_counted():
+    pulses = np.zeros(1000)
+    pulses[50::100] = 1.0
+    _, values = ImpactRate((1.0,)).of(pulses)
+    np.testing.assert_allclose(np.exp(values(pulses[None])), 10.5)
+
+
+def test_contact_is_where_a_force_is():
+    force = np.repeat([0.0, 3.0], [300, 100])
+    _, values = ContactFraction((0.2,)).of(force)
+    np.testing.assert_allclose(np.exp(values(force[None])), 100.5 / 300.5)
+
+
+def test_correlation_integrals_are_shares_of_pairs():
+    names, values = CorrelationIntegral((0.1, 0.3)).of(WHITE[0])
+    shares = np.exp(values(WHITE))
+    # radii are those of the record
+    np.testing.assert_allclose(shares[0], [0.1, 0.3], rtol=0.01)
+    np.testing.assert_allclose(shares[1:], np.tile([0.1, 0.3], (2, 1)), rtol=0.15)
+    assert names == ["correlation integral 0.1", "correlation integral 0.3"]
+
+
+def test_the_likelihood_of_normal_features_is_the_exact_one():
+    # features are A level + noise of a known covariance, of which the posterior has a closed form
+    slope = np.array([[1.0, 0.3], [0.2, -0.8], [0.5, 0.5]])
+    root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.0, 0.1, 0.4]])
+    rng = np.random.default_rng(1)
+    level = rng.normal(size=(400, 2))
+    values = (level @ slope.T)[:, None] + rng.normal(size=(400, 16, 3)) @ root.T
+    target = slope @ np.array([0.4, -0.7])
+    known = _Known(level, values)
+    found = None
+    for _ in range(4):
+        found = _Emulator.of(known, target, found)
+    inverse = np.linalg.inv(root @ root.T)
+    covariance = np.linalg.inv(slope.T @ inverse @ slope + np.eye(2))
+    mean = covariance @ slope.T @ inverse @ target
+    error = np.sqrt(np.diag(covariance))
+    # 0.05 standard errors, and 3 % of the errors
+    np.testing.assert_allclose((found.mean - mean) / error, 0.0, atol=0.2)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / error, 1.0, rtol=0.12)
+    assert found.excess > 0.01
+    assert _Emulator.of(known, target + 5.0 * np.array([1.0, -1.0, 1.0]), found).excess < 0.01
+
+
+def test_settings_are_checked():
+    with pytest.raises(ValueError, match="`members` must be"):
+        Features(members=1)
+    with pytest.raises(ValueError, match="`features` must be kinds of features"):
+        Features(features=("rms",))
+    with pytest.raises(ValueError, match="`features` must have one kind or more"):
+        Features(features=())
+
+
+def test_features_need_the_noise_and_equal_times():
+    scene = sj.paper_scene(2300.0)
+    sensors = [sj.Sensor("az")]
+    measured = record(scene, sensors, 4, settled=0)
+    unknowns = {"stiffness": (3e7, 3e8)}
+    method = Features(members=4, proposals=16, rounds=1, transient=0)
+    with pytest.raises(ValueError, match="`noise` must be given of the sensor az for features"):
+        sj.fit(scene, measured, unknowns, sensors, method=method)
+    known = [sj.Sensor("az", noise=1.0)]
+    with pytest.raises(ValueError, match="of which at most 5 % are missing"):
+        sj.fit(scene, measured.isel(time=np.flatnonzero(RNG.random(120) > 0.2)), unknowns, known, method=method)
+
+
+@pytest.mark.slow
+def test_a_chaotic_record_tells_of_its_parameters():
+    scene = sj.paper_scene(2300.0)
+    clean = [sj.Sensor("az"), sj.Sensor("z", "displacement")]
+    measured = record(scene, clean, 200, settled=300, noise=0.05)
+    sensors = [sj.Sensor(one.name, one.measures, noise=0.05 * float(measured[one.name].std())) for one in clean]
+    far = scene.replace(stiffness=6e7, clearance=1.5e-3)
+    bounds = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
+    found = sj.fit(far, measured, bounds, sensors, method=Features(members=8, proposals=32))
+    for name, level, one in zip(found.names, found.posterior.level, found.problem.unknowns, strict=True):
+        error = np.sqrt(found.posterior.covariance[found.names.index(name), found.names.index(name)])
+        assert abs(level - one.level(float(scene.value(name)))) < 3 * error
+        assert error < 0.5
+    assert not found.unexplained
+    ds = found.to_xarray()
+    assert np.isfinite(ds["density"]).any()
+    assert sj.plots.plot(ds).shape == (2, 2)
+    # no trajectory stays near this record
+    lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
+    assert lost.unexplained
