@@ -13,7 +13,7 @@ from .interrupts import on_thread
 from .options import COUNT, FILE, FROM_ZERO, LOST, Case, app, begin, bounds, make_bounds, option, result, takes_case
 
 if TYPE_CHECKING:
-    from ..fitting.method import AbstractMethod
+    from ..fitting.method import AbstractFitMethod
 
 PATIENCE = 20.0
 """Seconds that an interrupted command waits for the runs in progress."""
@@ -63,7 +63,7 @@ def fit(
         unknowns[name] = make_bounds("--fit", case.scene, name, low, high)[1]
     unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
     require(unknowns, "--fit", "be given for one parameter or more", shown="missing")
-    method: AbstractMethod = Features() if by == "features" else Trajectories(starts, window)
+    method: AbstractFitMethod = Features() if by == "features" else Trajectories(starts, window)
     # which the user did not choose, the method does
     chosen = click.get_current_context().params.get("solver")
     solver = case.solver if chosen else None

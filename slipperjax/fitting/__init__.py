@@ -10,7 +10,7 @@ from .features import (
     Peaks as Peaks,
 )
 from .likelihood import FeaturePosterior as FeaturePosterior, Features as Features
-from .method import AbstractMethod as AbstractMethod, Posterior as Posterior, Problem as Problem
+from .method import AbstractFitMethod as AbstractFitMethod, Posterior as Posterior, Problem as Problem
 from .result import Fit as Fit
 from .signals import SignalPosterior as SignalPosterior
 from .trajectories import Trajectories as Trajectories

@@ -14,10 +14,10 @@ from ..model.sensors import Rig, Sensor
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import instance, known, number, positive, require, whole
-from ..tools.progress import bar as progress_bar
+from ..tools.progress import bar as progress_bar, is_live
 from .course import Windows
 from .measured import measured_runs
-from .method import AbstractMethod, Problem
+from .method import AbstractFitMethod, Problem
 from .result import Fit
 from .trajectories import Trajectories
 from .unknowns import unknowns_of
@@ -29,7 +29,7 @@ def fit(
     unknowns: Mapping[str, object],
     sensors: Sequence[Sensor],
     *,
-    method: AbstractMethod | None = None,
+    method: AbstractFitMethod | None = None,
     frozen: Sequence[str] = (),
     begin: float | None = None,
     start: Motion | State | None = None,
@@ -73,7 +73,7 @@ def fit(
     for sensor in rig.sensors:
         _check_place(sensor, scene.slipper.modes)
     method = Trajectories() if method is None else method
-    instance("method", method, AbstractMethod, "a method of slipperjax.fitting")
+    instance("method", method, AbstractFitMethod, "a method of slipperjax.fitting")
     runs = measured_runs(measured, rig)
     origin, first = beginning(scene, begin, start)
     confidence = number(positive, "confidence", confidence)
@@ -95,7 +95,8 @@ def fit(
     for sensor in rig.sensors:
         _check_filter(sensor, problem)
     with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:
-        posterior = method.fitted(problem, lambda text: bar.set_description_str(text))
+        # files and pipes need no line for each point
+        posterior = method.fitted(problem, lambda text: bar.set_description_str(text, refresh=is_live()))
     return Fit(problem, method, posterior, confidence)
 
 

@@ -32,7 +32,7 @@ from .channels import begin
 from .course import SIZES, Model, Windows, followed, in_groups, values_read
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
-from .method import AbstractMethod, Posterior, Problem
+from .method import AbstractFitMethod, Posterior, Problem
 from .signals import densities
 from .unknowns import spread
 
@@ -57,7 +57,7 @@ UNLIKELY = 1e-3
 
 
 @dataclass(frozen=True)
-class Features(AbstractMethod):
+class Features(AbstractFitMethod):
     """Fit features of the signals, over ensembles of runs with other starts, and other rails where they are random.
 
     For chaotic motions and random rails, where no trajectory stays near a record. Sensors need a `noise`, and the
@@ -206,9 +206,9 @@ class _Emulator:
         logarithm = np.log(np.maximum(deviation, 1e-9)) - 0.5 * (digamma(free) - np.log(free))
         few = terms[:, : size + 1]
         spreads, *_ = np.linalg.lstsq(few * root, logarithm * root, rcond=None)
-        # what is common to all, in multiples of their standard deviations
+        # what is common to all, in multiples of their standard deviations, without runs that are of another kind
         expected = np.exp(few @ spreads)
-        away = (summary - mean[:, None]) / expected[:, None]
+        away = np.clip((summary - mean[:, None]) / expected[:, None], -OUTLYING, OUTLYING)
         common = np.einsum("e,emi,emj->ij", weight, away, away) / (weight.sum() * (members - 1))
         # a quadratic function leaves more than the chance of ensembles
         left = (mean - terms @ means) / expected * root

@@ -95,7 +95,7 @@ class Posterior(abc.ABC):
         """Return variables and coordinates of a dataset: what the method compares."""
 
 
-class AbstractMethod(abc.ABC):
+class AbstractFitMethod(abc.ABC):
     """A method of fitting."""
 
     def solver(self, scene: Scene) -> diffrax.AbstractSolver:

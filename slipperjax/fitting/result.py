@@ -16,7 +16,7 @@ from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import user_path, write_whole
 from .judged import untold
-from .method import AbstractMethod, Posterior, Problem
+from .method import AbstractFitMethod, Posterior, Problem
 from .unknowns import Unknown
 
 AT_BOUND = 2.33
@@ -28,7 +28,7 @@ class Fit:
     """Parameters that explain measured signals, and how well they are known."""
 
     problem: Problem
-    method: AbstractMethod
+    method: AbstractFitMethod
     posterior: Posterior
     confidence: float
     """Probability of `interval` [1]."""

@@ -269,6 +269,7 @@ def load_call(source: object) -> dict[str, Any]:
         lineax.AbstractLinearSolver,
         Motion,
         SpeedProgramme,
+        Sensor,
         AbstractOutput,
     )
     return {name: build(value, kinds, name) for name, value in call.items()}

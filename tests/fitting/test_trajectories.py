@@ -10,6 +10,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.fitting import Trajectories
 from slipperjax.fitting.judged import untold, whiteness
+from slipperjax.flow.datasets import load_call
 
 from .records import record
 
@@ -65,6 +66,8 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     scene = sj.load_scene(path)
     assert float(scene.contact.stiffness) == found.estimate["stiffness"]
     assert float(sj.load_start(path).v_z) == float(found.start.v_z)
+    call = load_call(path)
+    assert (call["function"], [sensor.name for sensor in call["sensors"]]) == ("fit", ["az", "ay"])
     with xr.open_dataset(path) as ds:
         assert ds.attrs["status"] == "converged"
         np.testing.assert_array_equal(ds["estimate"], list(found.estimate.values()))

@@ -393,6 +393,34 @@ def test_a_sled_has_mounts_and_modes_in_tables_of_their_own():
     assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
 
 
+def test_sensors_are_tables_whose_bias_has_the_unit_of_the_signal():
+    text = (
+        BASE
+        + """
+[sensors.front]
+place = { values = [0.5, 0, 0], unit = "m" }
+bias = "0.1 g"
+noise = "1 g"
+cutoff = "2 kHz"
+
+[sensors.lift]
+measures = "displacement"
+noise = "0.01 mm"
+delay = "1 ms"
+"""
+    )
+    front, lift = scene_from_toml(text).sensors
+    assert (front.name, front.measures, lift.name, lift.measures) == ("front", "acceleration", "lift", "displacement")
+    np.testing.assert_allclose([front.bias, front.noise, front.cutoff], [0.980665, 9.80665, 2e3])
+    np.testing.assert_allclose([lift.noise, lift.delay], [1e-5, 1e-3])
+    for wrong, words in (
+        ('bias = "1 kg"', "line 2: `bias` must be in a unit like m/s"),
+        ("gian = 2", "`gian` is none"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            scene_from_toml(BASE + "[sensors.a]\n" + wrong)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
