@@ -7,7 +7,7 @@ import griffe
 LONGEST_VALUE = 60
 """Longest default or constant that is shown, in characters."""
 
-ROOMS = ("model", "flow", "sweeps", "orbits", "design", "solvers", "tools")
+ROOMS = ("model", "flow", "sweeps", "orbits", "design", "fitting", "solvers", "tools")
 """The order in which the page of the top level goes through them."""
 
 

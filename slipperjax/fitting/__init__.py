@@ -13,4 +13,5 @@ from .likelihood import FeaturePosterior as FeaturePosterior, Features as Featur
 from .method import AbstractFitMethod as AbstractFitMethod, Posterior as Posterior, Problem as Problem
 from .result import Fit as Fit
 from .signals import SignalPosterior as SignalPosterior
+from .synthetic import synthetic_record as synthetic_record
 from .trajectories import Trajectories as Trajectories

@@ -2,14 +2,10 @@
 
 from collections.abc import Sequence
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.model.dynamics import Args
-from slipperjax.model.sensors import channels
+from slipperjax.fitting import synthetic_record
 
 SETTLED = 150
 """Forcing periods before a record."""
@@ -27,22 +23,8 @@ def record(
     settled: int = SETTLED,
     start: object = None,
 ) -> xr.Dataset:
-    """Return what sensors read of a motion, `rate` times per forcing period.
-
-    **Arguments:** `noise`: standard deviation over that of the signal.
-    """
-    run = sj.simulate(
-        scene, settled + periods, steps_per_period=steps, saves_per_period=steps, start=start, loads=False
-    )
-    count = periods * steps + 1
-    states, places = jax.tree.map(lambda a: a[-count:], (run.state, run.period))
-    seen = jax.jit(jax.vmap(lambda epoch, state: channels(Args(scene, epoch), 0.0, state)))(places, states)
-    time = np.asarray(scene.seconds(places) - scene.seconds(places[0]))
-    at = np.arange(periods * rate) * time[-1] / (periods * rate)
-    rng = np.random.default_rng(seed)
-    data = {}
-    for sensor in sensors:
-        signal = np.asarray(sensor.read(seen, jnp.asarray(time), jnp.asarray(at), scene.slipper.modes))
-        noisy = signal + noise * signal.std() * rng.normal(size=signal.shape)
-        data[sensor.name] = ("time", noisy, {"units": sensor.unit})
-    return xr.Dataset(data, {"time": ("time", at, {"units": "s"})})
+    """What sensors read of a motion, `rate` times per forcing period; `noise`: over the signal's deviation."""
+    how = dict(steps_per_period=steps, saves_per_period=steps, start=start, loads=False)
+    run = sj.simulate(scene, settled + periods, **how)
+    per_second = rate / float(scene.period)
+    return synthetic_record(run, sensors, rate=per_second, periods=periods, noise=noise, seed=seed)
