@@ -13,7 +13,7 @@ from ..model.scene import Scene, check_scene
 from ..model.sensors import Rig, Sensor
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import instance, known, number, positive, require, whole
+from ..tools.checks import TOLD, instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar, is_live
 from .course import Windows
 from .measured import measured_runs
@@ -94,9 +94,13 @@ def fit(
     check_rail(scene, windows.periods, origin)
     for sensor in rig.sensors:
         _check_filter(sensor, problem)
-    with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:
-        # files and pipes need no line for each point
-        posterior = method.fitted(problem, lambda text: bar.set_description_str(text, refresh=is_live()))
+    told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point
+    try:
+        with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:
+            # files and pipes need no line for each point
+            posterior = method.fitted(problem, lambda text: bar.set_description_str(text, refresh=is_live()))
+    finally:
+        TOLD.reset(told)
     return Fit(problem, method, posterior, confidence)
 
 

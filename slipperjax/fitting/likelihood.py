@@ -52,8 +52,10 @@ SHOWN = 24
 """Of these, whose densities are kept."""
 LANES = 32
 """Runs in one call."""
-UNLIKELY = 1e-3
-"""Probability of features below which a model does not explain them."""
+UNLIKELY = 0.01
+"""Share of records that are as far from the others below which a model does not explain one."""
+BESIDE = 200
+"""Runs near the likely parameters, at least, beside which a record is seen."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +261,7 @@ class _Emulator:
         """Return the emulator with what records near the likely levels are like, beside the measured one."""
         away = known.level - self.mean
         far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(self.covariance), away)
-        near = np.argsort(far)[: max(len(far) // 10, 8)]
+        near = np.argsort(far)[: max(len(far) // 10, -(-BESIDE // known.values.shape[1]))]
         runs = known.values[near].reshape(-1, len(record))
         middle, spread_ = runs.mean(axis=0), runs.std(axis=0) + 1e-12
         x = (np.vstack([record, runs]) - middle) / spread_

@@ -32,6 +32,8 @@ PATIENCE = 4
 """Points without any gain after which a search stops; of a rough one half as many."""
 APART = 4.0
 """Distance from which on two minima are different ones [standard errors]."""
+LOST = 1e24
+"""Sum of squares of a motion that is lost."""
 HOPELESS = 2.0
 """Sum of squares over the least of all at which a search is given up once another one has converged."""
 
@@ -132,7 +134,7 @@ def compressed(
     # a lost motion is as bad as can be
     both[~good] = 0.0
     few = np.asarray(np.linalg.qr(both, mode="r"))
-    few[~good, -1, -1] = 1e12
+    few[~good, -1, -1] = np.sqrt(LOST)
     return few[:, :, -1], few[:, :, :-1]
 
 

@@ -14,7 +14,7 @@ from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Problem
-from .search import Found, search
+from .search import LOST, Found, search
 from .signals import SignalPosterior
 from .unknowns import spread
 
@@ -82,6 +82,11 @@ class Trajectories(AbstractFitMethod):
         points = np.hstack([levels[best], guess[best].reshape(len(best), -1)])
         # roughly from all starts, then from the few minima that they have found
         found = search(fit.rows, points, shown, rough=ROUGH)
+        if found.cost[found.lead] >= LOST:
+            raise ValueError(
+                "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
+                "lost: raise steps_per_period, check the units, or change the bounds."
+            )
         kept = found.nearest(found.cost[found.lead], AT_ONCE)
         for jump in CONTINUITY[1:-1] if windows.count > 1 else ():
             fit = dataclasses.replace(fit, guess=fit.guess[kept], jump=jump)
@@ -235,7 +240,7 @@ class Fitting:
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what the searches tell of the parameters.
 
-        **Arguments:** `kept`: indices of the minima; `change`: of `step_change`.
+        **Arguments:** `kept`: indices of the minima; `change`: what half the step changes [standard errors].
         """
         model = self.model
         lead = found.lead
@@ -246,8 +251,8 @@ class Fitting:
         # of the data alone, with the starts unknown
         total = slope.T @ slope - np.diag(np.append(np.ones(own), np.zeros(point.size - own)))
         of_starts = np.linalg.solve(total[own:, own:], total[own:, :own])
-        rng = np.random.default_rng(0)
-        draws = rng.multivariate_normal(point, every, DRAWS)
+        deviates = np.random.default_rng(0).normal(size=(point.size, DRAWS))
+        draws = point + np.linalg.solve(np.asarray(np.linalg.qr(slope, mode="r")), deviates).T
         likely = self.course(np.vstack([point, draws])).reading
         return SignalPosterior(
             level=point[:own],
