@@ -94,6 +94,7 @@ def fit(
     check_rail(scene, windows.periods, origin)
     for sensor in rig.sensors:
         _check_filter(sensor, problem)
+    method.check(problem)
     told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point
     try:
         with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:

@@ -102,6 +102,9 @@ class AbstractFitMethod(abc.ABC):
         """Return the solver that runs have by default."""
         return resolve_solver(scene, None)
 
+    def check(self, problem: Problem) -> None:
+        """Raise `ValueError` for a problem that the method cannot solve."""
+
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
         """Fit. **Arguments:** `shown`: is told what is done, in a few words."""

@@ -103,7 +103,7 @@ class Modes(ShapeChecked):
         """Return the shapes at the nearest of the `places` to one [kg^-0.5]."""
         assert self.places is not None  # see `check_place`
         assert self.place_shapes is not None
-        return self.place_shapes[:, jnp.argmin(jnp.sum((self.places - place) ** 2, axis=1))]
+        return self.place_shapes[:, jnp.argmin(jnp.sum((self.places - jnp.asarray(place)[None]) ** 2, axis=1))]
 
     def __check_init__(self):
         count = self.frequency.shape[-1:]
