@@ -104,6 +104,7 @@ class AbstractFitMethod(abc.ABC):
 
     def check(self, problem: Problem) -> None:
         """Raise `ValueError` for a problem that the method cannot solve."""
+        del problem  # by default there is none
 
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
