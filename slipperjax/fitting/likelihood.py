@@ -462,7 +462,7 @@ class FeaturePosterior(Posterior):
     excess: float
     """Share of such records that are as far from the others as the measured one [1]."""
     record: Float[np.ndarray, "sensors samples"]
-    likely: Float[np.ndarray, "draws sensors samples"]
+    likely: Float[np.ndarray, "shown sensors samples"]
     """Signals of the record, and of likely parameters."""
     rate: Float[np.ndarray, " sensors"]
 

@@ -108,7 +108,7 @@ class Found(NamedTuple):
         `more` above the least, the best first."""
         slope = self.slope[self.lead]
         # of these unknowns, whatever the others are
-        weight = np.linalg.inv(np.linalg.inv(slope.T @ slope)[:count, :count])
+        weight = np.linalg.inv(covariance(slope)[:count, :count])
         kept: list[int] = []
         for k in map(int, np.argsort(self.cost)):
             away = [self.point[k, :count] - self.point[other, :count] for other in kept]
@@ -123,6 +123,15 @@ Evaluate = Callable[
     tuple[Float[np.ndarray, "some rows"], Float[np.ndarray, "some rows unknowns"]],
 ]
 """Returns residuals and slopes at points of some starts, whose indices it is told."""
+
+
+def covariance(slope: Float[np.ndarray, "rows unknowns"]) -> Float[np.ndarray, "unknowns unknowns"]:
+    """Return the covariance of unknowns whose residuals are independent with a variance of one.
+
+    By a root, so that none is negative where slopes in chaos are of any size.
+    """
+    root = np.linalg.inv(np.asarray(np.linalg.qr(slope, mode="r")))
+    return root @ root.T
 
 
 def compressed(

@@ -14,7 +14,7 @@ from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Problem
-from .search import LOST, Found, search
+from .search import LOST, Found, covariance, search
 from .signals import SignalPosterior
 from .unknowns import spread
 
@@ -222,7 +222,7 @@ class Fitting:
         """Return what the best point leaves, and how exact it is."""
         point = found.point[[found.lead]]
         slope = found.slope[found.lead]
-        every = np.linalg.inv(slope.T @ slope)
+        every = covariance(slope)
         course = self.course(point)
         _, by = self._differences(course, self._per_level(point))
 
@@ -247,7 +247,7 @@ class Fitting:
         point = found.point[lead]
         own = len(model.unknowns)
         slope = found.slope[lead]
-        every = np.linalg.inv(slope.T @ slope)
+        every = covariance(slope)
         # of the data alone, with the starts unknown
         total = slope.T @ slope - np.diag(np.append(np.ones(own), np.zeros(point.size - own)))
         of_starts = np.linalg.solve(total[own:, own:], total[own:, :own])
