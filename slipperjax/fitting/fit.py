@@ -5,22 +5,25 @@ from collections.abc import Mapping, Sequence
 import diffrax
 import numpy as np
 
-from ..flow.simulate import beginning, check_rail
+from ..flow.simulate import beginning, check_rail, refuse_periods
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.modes import Modes
 from ..model.scene import Scene, check_scene
 from ..model.sensors import Rig, Sensor
-from ..model.step_size import given_steps
+from ..model.step_size import default_steps_per_period, given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import TOLD, instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar, is_live
-from .course import Windows
+from .course import LANES, SIZES, Windows
 from .measured import measured_runs
 from .method import AbstractFitMethod, Problem
 from .result import Fit
 from .trajectories import Trajectories
 from .unknowns import unknowns_of
+
+CHANNELS = 20 * 2 * LANES
+"""Numbers at an instant of the runs that are followed at once."""
 
 
 def fit(
@@ -92,6 +95,9 @@ def fit(
     )
     windows = Windows.of(runs, problem.scenes, problem.origin, None)
     check_rail(scene, windows.periods, origin)
+    # at each instant the channels of some runs, along all directions: times may be in a wrong unit
+    steps = problem.steps or max(map(default_steps_per_period, problem.scenes))
+    refuse_periods(windows.periods, steps, CHANNELS * steps * windows.periods * (len(problem.unknowns) + len(SIZES)))
     for sensor in rig.sensors:
         _check_filter(sensor, problem)
     method.check(problem)

@@ -169,6 +169,7 @@ def test_windows_of_a_record_are_one_motion(noisy):
             "`measured` must have signals of the sensors ax alone, but has az, ay, too",
         ),
         (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
+        (dict(measured="later"), "forcing periods of 40 steps"),
         (dict(confidence=1.0), "`confidence` must be below 1"),
         (dict(method="LM"), "`method` must be a method of slipperjax.fitting"),
         (dict(scene=1), "`scene` must be"),
@@ -177,6 +178,10 @@ def test_windows_of_a_record_are_one_motion(noisy):
 )
 def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
     given = dict(scene=FAR, measured=noisy, unknowns=BOUNDS, sensors=SENSORS)
+    if arguments.get("measured") == "later":
+        # in milliseconds that are said to be hours
+        late = noisy.assign_coords(time=("time", 1e3 * noisy["time"].values, {"units": "hours"}))
+        arguments = dict(measured=late)
     with pytest.raises(ValueError, match=text) as error:
         sj.fit(**given | arguments)
     assert "\n" not in str(error.value)
