@@ -4,19 +4,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from ..model.parameters import PARAMETERS
 from ..tools.checks import require
 from .files import Outputs
 from .interrupts import on_thread
-from .options import COUNT, FILE, FROM_ZERO, LOST, Case, app, begin, bounds, make_bounds, option, result, takes_case
+from .options import (
+    COUNT,
+    FILE,
+    FROM_ZERO,
+    LOST,
+    Case,
+    app,
+    begin,
+    bounds,
+    given,
+    make_bounds,
+    option,
+    result,
+    takes_case,
+)
 
 if TYPE_CHECKING:
     from ..fitting.method import AbstractFitMethod
-
-PATIENCE = 20.0
-"""Seconds that an interrupted command waits for the runs in progress."""
 
 
 @app.command()
@@ -64,14 +74,13 @@ def fit(
     unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
     require(unknowns, "--fit", "be given for one parameter or more", shown="missing")
     method: AbstractFitMethod = Features() if by == "features" else Trajectories(starts, window)
-    # which the user did not choose, the method does
-    chosen = click.get_current_context().params.get("solver")
-    solver = case.solver if chosen else None
+    # one that the user did not choose, the method does
+    solver = case.solver if given("solver") else None
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
     files = Outputs(out, ".nc", ".png")
     sensors = load_sensors(file)
     call = lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options)
-    found = on_thread(call, PATIENCE)
+    found = on_thread(call)
     print(f"{found!r}\n{case.text(list(PARAMETERS.keys() & unknowns.keys()))}")
     print(files.write(found.to_xarray()))
-    return LOST if not np.isfinite(list(found.estimate.values())).all() or found.status == "not converged" else 0
+    return LOST if found.status == "not converged" else 0

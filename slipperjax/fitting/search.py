@@ -53,16 +53,14 @@ class Found(NamedTuple):
     """The best points of searches."""
 
     point: Float[np.ndarray, "starts unknowns"]
-    residual: Float[np.ndarray, "starts rows"]
-    """Compressed to one row more than unknowns, see `compressed`."""
     slope: Float[np.ndarray, "starts rows unknowns"]
+    """Compressed to one row more than unknowns, see `compressed`."""
     cost: Float[np.ndarray, " starts"]
     """Sum of squares."""
     distance: Float[np.ndarray, " starts"]
     """From the least squares, as far as the slopes tell [standard errors]."""
     still: Int[np.ndarray, " starts"]
     """Points since anything was gained."""
-    steps: Int[np.ndarray, " starts"]
     patience: int = PATIENCE
     """Of these, after which it stops."""
 
@@ -70,11 +68,9 @@ class Found(NamedTuple):
     def none(cls, points: Float[np.ndarray, "starts unknowns"], patience: int = PATIENCE) -> "Found":
         """Return searches that have seen nothing."""
         count, size = points.shape
-        rows = np.zeros((count, size + 1))
-        none = np.zeros(count, int)
         far = np.full(count, np.inf)
         slope = np.zeros((count, size + 1, size))
-        return cls(points.copy(), rows, slope, far, far.copy(), none, none.copy(), patience)
+        return cls(points.copy(), slope, far, far.copy(), np.zeros(count, int), patience)
 
     @property
     def converged(self) -> Bool[np.ndarray, " starts"]:
@@ -161,7 +157,7 @@ def search(
     best = Found.none(points, PATIENCE // 2 if rough else PATIENCE)
     # a batch of few sizes, for programs that are compiled already
     lanes = filled(np.arange(len(points)), VECTOR_LANES)
-    local = Expansion(points.copy(), best.residual.copy(), best.slope.copy())
+    local = Expansion(points.copy(), np.zeros(best.slope.shape[:2]), best.slope.copy())
     now = points
     scale = accepted = states = None
     for _ in range(MOST_STEPS):
@@ -194,10 +190,9 @@ def _note(
     distance = np.linalg.norm(np.einsum("sru,sr->su", along, residual), axis=1)
     gains = cost < best.cost[index] * (1 - rough) - GAIN
     best.still[index] = np.where(gains, 0, best.still[index] + 1)
-    best.steps[index] += 1
     better = cost < best.cost[index]
-    kept = best.point, best.residual, best.slope, best.cost, best.distance
-    for array, new in zip(kept, (point, residual, slope, cost, distance), strict=True):
+    kept = best.point, best.slope, best.cost, best.distance
+    for array, new in zip(kept, (point, slope, cost, distance), strict=True):
         array[index[better]] = new[better]
 
 

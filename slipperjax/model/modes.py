@@ -92,9 +92,7 @@ class Modes(ShapeChecked):
     def check_place(self, place: AnyArray) -> None:
         """Raise `ValueError` unless a place is one of the modes' `places` [m]."""
         need = "be places of the modes, see slipperjax.Modes"
-        if self.places is None:
-            require(False, "places", need, place)
-            return
+        require(self.places is not None, "places", need, place)
         apart = np.linalg.norm(np.asarray(self.places) - np.asarray(place), axis=1).min()
         # a millimetre is no other place
         require(apart < 1e-3, "places", f"{need}, the nearest is {apart:.3g} m away", place)
