@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,7 +30,6 @@ from ..tools.types import Real
 from .channels import ChannelRecord, Channels, Pushed, begin, push
 from .measured import MeasuredRun
 from .method import Problem
-from .unknowns import Unknown
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
 LANES = 4
@@ -118,24 +116,14 @@ class Course(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """How the model repeats measured runs, with other values of its parameters."""
+    """How the model repeats the records of a fit, with other values of its parameters."""
 
-    scene: Scene
-    rig: Rig
-    unknowns: tuple[Unknown, ...]
-    settings: tuple[dict[str, float], ...]
-    """Known parameters of each run by name [SI units]."""
+    problem: Problem
     windows: Windows
-    origin: float
-    """Forcing periods from distance zero to where runs begin."""
-    lead: int
-    """Forcing periods before a window in which the model runs already, so that its contacts have begun."""
     steps: int
     """In each forcing period, a multiple of `samples`."""
     samples: int
     """Instants in each forcing period, between which signals are interpolated."""
-    solver: diffrax.AbstractSolver
-    start: Motion | State
 
     @classmethod
     def of(cls, problem: Problem, windows: Windows) -> "Model":
@@ -144,30 +132,9 @@ class Model:
         middle = {one.name: float(one.value(np.zeros(()))) for one in problem.unknowns if not one.of_sensors}
         scenes = [*problem.scenes, *(scene.replace(**middle) for scene in problem.scenes)]
         samples = max(map(default_steps_per_period, scenes))
-        steps = problem.steps or samples
-        return cls(
-            scene=problem.scene,
-            rig=problem.rig,
-            unknowns=problem.unknowns,
-            settings=tuple(run.settings for run in problem.runs),
-            windows=windows,
-            origin=problem.origin,
-            lead=problem.lead,
-            steps=-(-steps // samples) * samples,
-            samples=samples,
-            solver=problem.solver,
-            start=problem.start,
+        return cls(problem=problem, windows=windows, steps=samples, samples=samples).with_steps(
+            problem.steps or samples
         )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Unknown parameters of the scene."""
-        return tuple(one.name for one in self.unknowns if not one.of_sensors)
-
-    @property
-    def sensor_names(self) -> tuple[str, ...]:
-        """Unknown numbers of sensors."""
-        return tuple(one.name for one in self.unknowns if one.of_sensors)
 
     @property
     def stepping(self) -> SampledSteps:
@@ -175,12 +142,7 @@ class Model:
 
     def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
         """Return parameters from their levels."""
-        return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.unknowns)], axis=1)
-
-    @property
-    def scenes(self) -> list[Scene]:
-        """The scene of each run."""
-        return [self.scene.replace(**known) if known else self.scene for known in self.settings]
+        return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.problem.unknowns)], axis=1)
 
     def with_steps(self, steps: int) -> "Model":
         """Return the same with as many steps per period, or more."""
@@ -194,7 +156,7 @@ class Model:
     @property
     def epoch(self) -> Float[np.ndarray, " windows"]:
         """Forcing periods from distance zero to where the model's run of each window begins."""
-        return self.origin - self.lead + self.windows.lag
+        return self.problem.origin - self.problem.lead + self.windows.lag
 
     def cases(
         self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
@@ -205,13 +167,13 @@ class Model:
         """
         count, windows = len(values), self.windows
         grid = {}
-        for name in dict.fromkeys(name for one in self.settings for name in one):
-            own = float(self.scene.value(name))
-            grid[name] = np.tile([self.settings[k].get(name, own) for k in windows.run], count)
-        grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.names)}
+        for name in dict.fromkeys(name for run in self.problem.runs for name in run.settings):
+            own = float(self.problem.scene.value(name))
+            grid[name] = np.tile([self.problem.runs[k].settings.get(name, own) for k in windows.run], count)
+        grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.problem.names)}
         start = numbers.reshape(-1, len(SIZES)) * SIZES
         # a grid has one list at least; the starts are set below
-        cases = Cases(self.scene, grid | {"y": np.zeros(len(start))}, self.start, product=False)
+        cases = Cases(self.problem.scene, grid | {"y": np.zeros(len(start))}, self.problem.start, product=False)
         parts = cases.starts.motion if isinstance(cases.starts, State) else cases.starts
         cases.starts = Motion(*start.T, sled=parts.sled, modes=parts.modes)
         return cases
@@ -229,18 +191,18 @@ class Model:
         windows = self.windows
         cases = self.cases(values, numbers)
         window = np.tile(np.arange(windows.count), len(values))
-        of_sensors = np.repeat(values[:, len(self.names) :], windows.count, axis=0)
+        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
 
         def work(index: np.ndarray) -> list[np.ndarray]:
             of = window[index]
             scenes, starts = cases.take(index)
             epoch = self.epoch[of]
-            now = begin(scenes, State(starts, None), epoch, names=self.names)
+            now = begin(scenes, State(starts, None), epoch, names=self.problem.names)
             seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
             slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.channel_slopes)]
-            for k in range(windows.periods + self.lead):
+            for k in range(windows.periods + self.problem.lead):
                 heed_interrupts()
-                how = dict(names=self.names, samples=self.samples, solver=self.solver)
+                how = dict(names=self.problem.names, samples=self.samples, solver=self.problem.solver)
                 now = push(scenes, now.state, now.slopes, epoch + k, self.stepping, **how)
                 seen.append(jax.tree.map(np.asarray, now.channels))
                 slopes.append(jax.tree.map(np.asarray, now.channel_slopes))
@@ -248,15 +210,15 @@ class Model:
                     end, end_slope = _motions(now)
             reading, slope = readings(
                 scenes,
-                self.rig,
+                self.problem.rig,
                 of_sensors[index],
                 jax.tree.map(lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *seen),
                 jax.tree.map(lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *slopes),
                 epoch,
-                self.origin,
+                self.problem.origin,
                 windows.time[of],
-                names=self.names,
-                sensor_names=self.sensor_names,
+                names=self.problem.names,
+                sensor_names=self.problem.sensor_names,
                 samples=self.samples // stride,
             )
             return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
@@ -264,7 +226,7 @@ class Model:
         parts = in_groups(cases.count, LANES, work)
         reading, slope, end, end_slope = (a.reshape(len(values), windows.count, *a.shape[1:]) for a in parts)
         # numbers of sensors do not move the body
-        at = [len(self.names)] * len(self.sensor_names)
+        at = [len(self.problem.names)] * len(self.problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
         for array in (slope, end_slope):
             array[..., -len(SIZES) :] *= SIZES
@@ -272,17 +234,17 @@ class Model:
 
     def compile_ahead(self, values: Float[np.ndarray, "starts parameters"]) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
-        if calls_lapack(self.solver):
+        if calls_lapack(self.problem.solver):
             return  # which must not be called from two threads
         index = np.arange(LANES) % len(values)
         cases = self.cases(values, np.zeros((len(values), self.windows.count, len(SIZES))))
         scenes, starts = cases.take(index)
-        epoch = np.full(len(index), self.origin - self.lead)
+        epoch = np.full(len(index), self.problem.origin - self.problem.lead)
 
         def call() -> None:
-            now = begin(scenes, State(starts, None), epoch, names=self.names)
+            now = begin(scenes, State(starts, None), epoch, names=self.problem.names)
             # no steps at all
-            how = dict(names=self.names, samples=self.samples, solver=self.solver)
+            how = dict(names=self.problem.names, samples=self.samples, solver=self.problem.solver)
             push(scenes, now.state, now.slopes, epoch, SampledSteps(self.samples, as_argument(0)), **how)
 
         ahead(call)
@@ -296,21 +258,22 @@ class Model:
         record. On rails that do not recur there is one place, and nothing settles.
         """
         windows = self.windows
-        recurrence = float(np.max(np.asarray(self.scene.recurrence)))
+        recurrence = float(np.max(np.asarray(self.problem.scene.recurrence)))
         recurs = np.isfinite(recurrence)
         every = max(int(recurrence), 1) if recurs else 1
         shifts = np.arange(SHIFTS if recurs else 1) * every
         settle = -(-transient // every) * every if recurs else 0
-        length = windows.periods + self.lead
+        length = windows.periods + self.problem.lead
         total = settle + int(windows.lag.max() + shifts[-1]) + length
         cases = self.cases(values, np.zeros((len(values), windows.count, len(SIZES))))
         window = np.tile(np.arange(windows.count), len(values))
-        of_sensors = np.repeat(values[:, len(self.names) :], windows.count, axis=0)
+        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
 
         def work(index: np.ndarray) -> list[np.ndarray]:
             of = window[index]
             scenes, _ = cases.take(index)
-            seen = self._followed(scenes, len(index), settle, total)
+            first = self.problem.origin - self.problem.lead
+            seen = self.followed(scenes, self._begun(scenes, len(index)), first, settle, total)
             best = np.full(len(index), np.inf)
             numbers = np.zeros((len(index), len(SIZES)))
             for shift in shifts:
@@ -319,13 +282,13 @@ class Model:
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
                 reading = values_read(
                     scenes,
-                    self.rig,
+                    self.problem.rig,
                     of_sensors[index],
                     part,
                     self.epoch[of],
-                    self.origin,
+                    self.problem.origin,
                     windows.time[of],
-                    sensor_names=self.sensor_names,
+                    sensor_names=self.problem.sensor_names,
                     samples=self.samples,
                 )
                 off = (np.asarray(reading) - windows.value[of]) / noise[:, None] * windows.known[of]
@@ -339,15 +302,35 @@ class Model:
         shape = len(values), windows.count
         return numbers.reshape(*shape, -1), far.reshape(shape).sum(axis=1)
 
-    def _followed(self, scenes: Batched[Scene], lanes: int, settle: int, total: int) -> Channels:
-        """Return the channels of motions from the start, which have settled for some of `total` forcing periods."""
-        own = self.start if isinstance(self.start, State) else State(self.start, None)
+    def _begun(self, scenes: Batched[Scene], lanes: int) -> Pushed:
+        """Return motions that begin as runs do, where the model's first run begins."""
+        own = self.problem.start
+        own = own if isinstance(own, State) else State(own, None)
         starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (lanes, *np.shape(a))), own)
-        first = self.origin - self.lead
-        now = begin(scenes, starts, np.full(lanes, first), names=self.names)
-        return followed(
-            scenes, now.state, now.channels, first, self.stepping, self.solver, self.samples, settle, total
-        )
+        epoch = np.full(lanes, self.problem.origin - self.problem.lead)
+        return begin(scenes, starts, epoch, names=self.problem.names)
+
+    def followed(self, scenes: Batched[Scene], now: Pushed, epoch: float, settle: int, total: int) -> Channels:
+        """Return the channels of motions after `settle` of `total` forcing periods, (lanes, instants, ...).
+
+        **Arguments:** `now`: where they begin, `epoch` forcing periods from distance zero.
+        """
+        states = now.state
+        kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
+        how = dict(solver=self.problem.solver, periods=CALL, records=RecordSet((ChannelRecord(self.samples),)))
+        for passed in range(0, total, CALL):
+            heed_interrupts()
+            used = min(CALL, total - passed)
+            ran = advance(scenes, states, epoch + passed, self.stepping, used=as_argument(used), **how)
+            states = ran.state
+            # periods and samples in one row, without the periods that are not used
+            row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * self.samples, *a.shape[3:])
+            kept.append(jax.tree.map(row, ran.samples[0]))
+            if passed + used <= settle:
+                kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
+        seen = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
+        # of the call in which the motion has settled, the rest
+        return jax.tree.map(lambda a: a[:, settle % CALL * self.samples if settle < total else -1 :], seen)
 
 
 def _motions(now: Pushed) -> tuple[np.ndarray, np.ndarray]:
@@ -355,38 +338,6 @@ def _motions(now: Pushed) -> tuple[np.ndarray, np.ndarray]:
     numbers = np.stack([getattr(now.state.motion, name) for name in MOTION_NUMBERS], axis=-1)
     # the first numbers of a state are those of its motion
     return numbers, np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
-
-
-def followed(
-    scenes: Batched[Scene],
-    states: State,
-    first: Channels,
-    origin: float,
-    stepping: SampledSteps,
-    solver: diffrax.AbstractSolver,
-    samples: int,
-    settle: int,
-    total: int,
-) -> Channels:
-    """Return the channels of motions after `settle` of `total` forcing periods, (lanes, instants, ...).
-
-    **Arguments:** `first`: channels of the states, at `origin` forcing periods from distance zero.
-    """
-    kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
-    for passed in range(0, total, CALL):
-        heed_interrupts()
-        used = min(CALL, total - passed)
-        how = dict(solver=solver, periods=CALL, records=RecordSet((ChannelRecord(samples),)))
-        ran = advance(scenes, states, origin + passed, stepping, used=as_argument(used), **how)
-        states = ran.state
-        # periods and samples in one row, without the periods that are not used
-        row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * samples, *a.shape[3:])
-        kept.append(jax.tree.map(row, ran.samples[0]))
-        if passed + used <= settle:
-            kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
-    seen = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
-    # of the call in which the motion has settled, the rest
-    return jax.tree.map(lambda a: a[:, settle % CALL * samples if settle < total else -1 :], seen)
 
 
 def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:

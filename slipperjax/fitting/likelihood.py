@@ -29,7 +29,7 @@ from ..tools.checks import instance, require, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
 from .channels import begin
-from .course import SIZES, Model, Windows, followed, in_groups, values_read
+from .course import SIZES, Model, Windows, in_groups, values_read
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractFitMethod, Posterior, Problem
@@ -312,7 +312,6 @@ class _Ensemble:
 
     method: Features
     model: Model
-    problem: Problem
     rate: Float[np.ndarray, " sensors"]
     """Samples per second [Hz]."""
     records: tuple[Float[np.ndarray, " samples"], ...]
@@ -341,7 +340,7 @@ class _Ensemble:
         zero = np.zeros(1, int)
         windows = Windows(zero, zero, periods, time, np.zeros_like(time), np.ones_like(time))
         model = Model.of(problem, windows)
-        return cls(method, model, problem, np.array(rates), tuple(records), tuple(kinds), tuple(names))
+        return cls(method, model, np.array(rates), tuple(records), tuple(kinds), tuple(names))
 
     @property
     def record(self) -> Float[np.ndarray, "sensors samples"]:
@@ -372,47 +371,46 @@ class _Ensemble:
         self, levels: np.ndarray, members: int, seed: int
     ) -> Float[np.ndarray, "ensembles members sensors samples"]:
         """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
-        method, model = self.method, self.model
+        method, model, problem = self.method, self.model, self.model.problem
         values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
         change = (
-            0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(model.scene)))
+            0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(problem.scene)))
         )
         change[:, :5] = 0.0
-        own = model.start.motion if isinstance(model.start, State) else model.start
+        own = problem.start.motion if isinstance(problem.start, State) else problem.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
         cases = self._cases(values, numbers, members, len(levels), seed)
-        of_sensors = values[:, len(model.names) :]
-        noise = np.array([sensor.noise for sensor in model.rig.sensors])[:, None]
+        of_sensors = values[:, len(problem.names) :]
+        noise = np.array([sensor.noise for sensor in problem.rig.sensors])[:, None]
         deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
         settle = method.transient
 
         def work(index: np.ndarray) -> list[np.ndarray]:
             scenes, starts = cases.take(index)
-            epoch = np.full(len(index), model.origin)
-            states = begin(scenes, State(starts, None), epoch, names=model.names).state
+            epoch = np.full(len(index), problem.origin)
+            states = begin(scenes, State(starts, None), epoch, names=problem.names).state
             # nothing is recorded until the motion has settled
             for passed in range(0, settle, PERIODS_PER_CALL):
                 heed_interrupts()
                 used = as_argument(min(PERIODS_PER_CALL, settle - passed))
-                how = dict(solver=model.solver, periods=PERIODS_PER_CALL, used=used)
-                states = advance(scenes, states, model.origin + passed, model.stepping, **how).state
+                how = dict(solver=problem.solver, periods=PERIODS_PER_CALL, used=used)
+                states = advance(scenes, states, problem.origin + passed, model.stepping, **how).state
             epoch = epoch + settle
-            now = begin(scenes, states, epoch, names=model.names)
-            how = float(epoch[0]), model.stepping, model.solver, model.samples, 0, model.windows.periods
-            seen = followed(scenes, now.state, now.channels, *how)
+            now = begin(scenes, states, epoch, names=problem.names)
+            seen = model.followed(scenes, now, float(epoch[0]), 0, model.windows.periods)
             at = np.broadcast_to(model.windows.time[0], (len(index), *model.windows.time.shape[1:]))
             read = values_read(
                 scenes,
-                model.rig,
+                problem.rig,
                 of_sensors[index],
                 seen,
                 epoch,
                 epoch[0],
                 at,
-                sensor_names=model.sensor_names,
+                sensor_names=problem.sensor_names,
                 samples=model.samples,
             )
             return [np.asarray(read)]
@@ -422,13 +420,14 @@ class _Ensemble:
 
     def _cases(self, values: np.ndarray, numbers: np.ndarray, members: int, count: int, seed: int) -> Cases:
         """Return cases of all members, each on a rail of its own where rails are random."""
+        problem = self.model.problem
         cases = self.model.cases(values, numbers)
-        track = self.model.scene.track
-        if recurs(self.model.scene) or not track.chosen_by:
+        track = problem.scene.track
+        if recurs(problem.scene) or not track.chosen_by:
             return cases
         path = f"track.{track.chosen_by}"
         rails = np.tile(np.arange(members) + 1000 * (seed + 1), count)
-        on_rails = Cases(self.model.scene, cases.axes | {path: rails}, self.model.start, product=False)
+        on_rails = Cases(problem.scene, cases.axes | {path: rails}, problem.start, product=False)
         on_rails.starts = cases.starts
         return on_rails
 

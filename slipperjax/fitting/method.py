@@ -48,6 +48,11 @@ class Problem:
         return tuple(one.name for one in self.unknowns if not one.of_sensors)
 
     @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Unknown numbers of sensors."""
+        return tuple(one.name for one in self.unknowns if one.of_sensors)
+
+    @property
     def own(self) -> Float[np.ndarray, " parameters"]:
         """Levels of the values that scene and sensors have."""
         parts = [(one, self.rig if one.of_sensors else self.scene) for one in self.unknowns]
@@ -59,7 +64,7 @@ class Problem:
 
     def rig_at(self, values: Mapping[str, float]) -> Rig:
         """Return the sensors with values of the unknowns by name."""
-        names = [one.name for one in self.unknowns if one.of_sensors]
+        names = self.sensor_names
         return at_values(self.rig, names, np.array([values[name] for name in names]))
 
 

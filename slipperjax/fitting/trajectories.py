@@ -135,7 +135,7 @@ class Fitting:
 
     def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
         """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
-        count = len(self.model.unknowns)
+        count = len(self.model.problem.unknowns)
         return points[:, :count], points[:, count:].reshape(len(points), self.model.windows.count, len(SIZES))
 
     def course(self, points: Float[np.ndarray, "starts unknowns"]) -> Course:
@@ -161,7 +161,7 @@ class Fitting:
 
     def _per_level(self, points: Float[np.ndarray, "starts unknowns"]) -> Float[np.ndarray, "starts parameters"]:
         """Return derivatives of the parameters by their levels."""
-        return np.stack([one.slope(points[:, k]) for k, one in enumerate(self.model.unknowns)], axis=1)
+        return np.stack([one.slope(points[:, k]) for k, one in enumerate(self.model.problem.unknowns)], axis=1)
 
     def _differences(self, course: Course, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         windows = self.model.windows
@@ -178,7 +178,7 @@ class Fitting:
         weight = on[:, None] / self.jump
         residual, slope = self._placed((course.end - after) * weight, course.end_slope * weight[..., None], per_level)
         ten = len(SIZES)
-        first = len(self.model.unknowns)
+        first = len(self.model.problem.unknowns)
         for window in np.flatnonzero(on):
             rows = ten * window + np.arange(ten)
             slope[:, rows, first + ten + rows] -= 1 / self.jump
@@ -215,8 +215,8 @@ class Fitting:
     def needed(self, point: Float[np.ndarray, " unknowns"]) -> int:
         """Return the steps per period that a point's parameters need."""
         values = self.model.values(self.split(point[None])[0])[0]
-        own = dict(zip(self.model.names, values, strict=False))
-        return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.scenes)
+        own = dict(zip(self.model.problem.names, values, strict=False))
+        return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.problem.scenes)
 
     def checked(self, found: Found) -> "Checked":
         """Return what the best point leaves, and how exact it is."""
@@ -229,7 +229,7 @@ class Fitting:
         def shift(other: Course) -> np.ndarray:
             change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
             moved = every @ (by[0].T @ change.ravel()) / np.sqrt(np.diag(every))
-            return -moved[: len(self.model.unknowns)]
+            return -moved[: len(self.model.problem.unknowns)]
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
         levels, numbers = self.split(point)
@@ -245,7 +245,7 @@ class Fitting:
         model = self.model
         lead = found.lead
         point = found.point[lead]
-        own = len(model.unknowns)
+        own = len(model.problem.unknowns)
         slope = found.slope[lead]
         every = covariance(slope)
         # of the data alone, with the starts unknown
