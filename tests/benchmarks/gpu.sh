@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # On a machine with a GPU, in under four minutes: throughput, share of the device's limits, accuracy against the CPU, a
-# sweep, and gradients, as the table of docs/speed.md. Without a GPU the same, small.
+# sweep, and gradients, as the table of docs/lab/speed.md. Without a GPU the same, small.
 #
 #   PYTHON=.venv/bin/python bash tests/benchmarks/gpu.sh [folder for the tables]
 set -euo pipefail

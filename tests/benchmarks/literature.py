@@ -1,6 +1,6 @@
 """Numbers that others published, computed anew by `slipperjax.analysis`: maps, flows and oscillators with impacts.
 
-    python tests/benchmarks/literature.py              # the tables of docs/benchmarks.md, in half a minute
+    python tests/benchmarks/literature.py              # the tables of docs/lab/benchmarks.md, in half a minute
     python tests/benchmarks/literature.py stop lorenz  # of some systems
 
 Nothing is tuned: Newton's method starts from published values, rounded, or where the source's computation begins.

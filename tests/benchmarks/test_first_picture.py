@@ -2,7 +2,7 @@
 
 pytest -m benchmark -s tests/benchmarks/test_first_picture.py
 
-Draws the bars of docs/speed.md, too.
+Draws the bars of docs/lab/speed.md, too.
 """
 
 import statistics

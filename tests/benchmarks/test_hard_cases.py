@@ -1,4 +1,4 @@
-"""Error, time and memory of the default solver and its default steps, case by case: a table of docs/solvers.md.
+"""Error, time and memory of the default solver and its default steps, case by case: a table of docs/lab/solvers.md.
 
     pytest -m benchmark -s tests/benchmarks/test_hard_cases.py
 

@@ -1,4 +1,4 @@
-"""Loops as one kernel against kernels of their own, alternating in one process: the table of docs/speed.md.
+"""Loops as one kernel against kernels of their own, alternating in one process: the table of docs/lab/speed.md.
 
 pytest -m benchmark -s tests/benchmarks/test_kernels.py
 """

@@ -1,4 +1,4 @@
-"""Error against cost of other codes beside ours: the rows and the picture of docs/solvers.md.
+"""Error against cost of other codes beside ours: the rows and the picture of docs/lab/solvers.md.
 
     pytest -m benchmark -s tests/benchmarks/test_peers.py
 

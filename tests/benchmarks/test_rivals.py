@@ -1,4 +1,4 @@
-"""Tools of others beside ours on tasks with known answers: the figures of docs/rivals.md.
+"""Tools of others beside ours on tasks with known answers: the figures of docs/lab/rivals.md.
 
     pip install '.[test,peers]' bifpy
     pytest -m benchmark -s tests/benchmarks/test_rivals.py

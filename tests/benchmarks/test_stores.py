@@ -96,7 +96,7 @@ def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
 
 @pytest.mark.benchmark
 def test_a_map_of_40000_cases(tmp_path):
-    """Motion and peak force over speed and clearance, as docs/clusters.md shows it."""
+    """Motion and peak force over speed and clearance, as docs/how_to/clusters.md shows it."""
     sj.compile_cache(os.environ.get("SLIPPERJAX_CACHE"))
     axes = {"speed": np.linspace(100, 2500, 200), "clearance": np.linspace(0.2e-3, 3e-3, 200)}
     how = dict(record=["motion", "peak_force"], transient=300, periods=50, steps_per_period=100)

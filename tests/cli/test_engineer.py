@@ -1,4 +1,4 @@
-"""The engineer's day of docs/engineer.md: its commands, typed into a folder with the files of docs/examples."""
+"""The engineer's day of docs/first_hour/engineer.md: its commands, typed into a folder with the files of docs/examples."""
 
 import re
 import shlex
@@ -13,7 +13,7 @@ import xarray as xr
 from .commands import call
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "engineer.md").read_text()
+PAGE = (DOCS / "first_hour" / "engineer.md").read_text()
 BLOCKS = re.findall(r"^```(sh|toml|text)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 """Commands, lines that are changed in the scene's file, and what is printed, in their order."""
 

@@ -1,4 +1,4 @@
-"""Intervals hold as often as they say. `REPEATS=100` repeats the table of docs/fit.md."""
+"""Intervals hold as often as they say. `REPEATS=100` repeats the table of docs/how_to/fit.md."""
 
 import os
 

@@ -1,0 +1,82 @@
+"""What the pages tell the reader to type works: Python runs, commands and scenes' files can be read, files are there."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import click
+import pytest
+
+import slipperjax as sj
+from slipperjax.cli import app
+
+from .pages import EXAMPLES, ROOT, blocks, commands
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+WORDS = 18_000
+"""Most words of the pages, outside of code."""
+README_WORDS = 500
+"""Most words of the README, outside of code."""
+
+
+def having(language):
+    found = [page for page in PAGES if any(block.language == language for block in blocks(page))]
+    return pytest.mark.parametrize("page", found, ids=lambda page: page.stem)
+
+
+@having("python")
+def test_python_of_the_pages_runs(page):
+    """Each page in a process of its own, in which no warning is given."""
+    quiet = [sys.executable, "-W", "error", ROOT / "tests" / "pages.py", page]
+    run = subprocess.run(quiet, capture_output=True, text=True, cwd=ROOT)
+    assert run.returncode == 0, run.stderr[-3000:]
+
+
+def parsed(words):
+    """The context of a command whose options could be read; nothing is run."""
+    command, context = app, None
+    while True:
+        context = command.make_context(words[0] if context else "slipperjax", list(words[1:]), parent=context)
+        if not isinstance(command, click.Group):
+            return context
+        _, command, words = command.resolve_command(context, context._protected_args + context.args)
+        words = [command.name, *words]
+
+
+@having("sh")
+def test_commands_of_the_pages_can_be_read(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(page):
+        for line in commands(block) if block.language == "sh" else ():
+            words = shlex.split(line, comments=True)
+            if "slipperjax" in words[:1]:
+                parsed(words)
+            for word in words:
+                if re.match(r"(tests|notebooks|docs)/", word):
+                    assert list(ROOT.glob(word.split("::")[0])), line
+
+
+@having("toml")
+@pytest.mark.filterwarnings("default:File")  # columns of remarks
+def test_scenes_of_the_pages_can_be_read(page, tmp_path):
+    """Parts of a file complete that of the paper's slipper."""
+    for file in EXAMPLES.glob("*.*"):
+        shutil.copy(file, tmp_path)
+    for block in blocks(page):
+        if block.language == "toml":
+            base = "" if re.search("^base", block.text, re.MULTILINE) else 'base = "paper"\n'
+            (tmp_path / "part.toml").write_text(base + block.text)
+            sj.load_scene(tmp_path / "part.toml")
+
+
+def counted(page):
+    """Number of words of a page outside of code."""
+    return len(re.findall(r"[A-Za-z][A-Za-z'’-]*", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)))
+
+
+def test_the_pages_stay_short():
+    assert counted(ROOT / "README.md") <= README_WORDS
+    pages = [page for page in PAGES if ROOT / "docs" in page.parents and page.parent.name != "api"]
+    assert sum(map(counted, pages)) <= WORDS
