@@ -1,4 +1,4 @@
-"""What the pages tell the reader to type works: Python runs, commands and scenes' files can be read, files are there."""
+"""What the pages tell the reader to type works: Python runs, commands and scenes can be read, files are there."""
 
 import re
 import shlex

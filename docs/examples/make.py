@@ -1,4 +1,4 @@
-"""Writes the tables that the pages use: surveys, a history of speeds, thrust, corners of a slipper, and a sled's modes.
+"""Writes the tables that the pages use: surveys, a history of speeds, thrust, a section and modes.
 
 They are made up: rails of a published sled track's spectrum with joints every 52 in, thrust of 200 m/s^2 to 900 m/s,
 and coasting. Run it in this folder: `python make.py`.
@@ -46,7 +46,9 @@ def both_rails() -> str:
     rng = np.random.default_rng(7)
     chainage = np.arange(0.0, 300.1, 0.5)
     lateral, vertical = (waves(rng, chainage * FOOT) / INCH for _ in range(2))
-    rows = ["Chainage [ft], Left lateral [in], Left vertical [in], Right lateral [in], Right vertical [in]"]
+    rows = [
+        "Chainage [ft], Left lateral [in], Left vertical [in], Right lateral [in], Right vertical [in]"
+    ]
     own = [waves(rng, chainage * FOOT) / INCH for _ in range(4)]
     shares = zip((lateral, vertical, lateral, vertical), own, strict=True)
     columns = [0.95 * common + 0.3 * alone for common, alone in shares]

@@ -25,6 +25,7 @@ from .hybrid import impact_step as impact_step, return_step as return_step, swit
 from .kinds import KINDS as KINDS, REGIMES as REGIMES, Regime as Regime, lasting as lasting
 from .lyapunov import (
     LyapunovSpectrum as LyapunovSpectrum,
+    dimension_standard_error as dimension_standard_error,
     kaplan_yorke as kaplan_yorke,
     map_spectrum as map_spectrum,
     one_motion_standard_error as one_motion_standard_error,

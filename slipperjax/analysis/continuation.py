@@ -63,7 +63,7 @@ class Branch:
         return Branch(self.equations, tuple(nodes), tuple(events), self.ends[::-1])
 
     def __repr__(self) -> str:
-        labels = ", ".join(f"{e.label} at {shown_number(e.node.z[-1])}" for e in self.events)
+        labels = ", ".join(f"{e.label} at {shown_number(e.value)}" for e in self.events)
         return f"Branch({len(self.nodes)} points; {labels})"
 
 

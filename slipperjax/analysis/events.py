@@ -57,6 +57,11 @@ class Event(NamedTuple):
     change: tuple[int, ...] = ()
     """Changes of `Observation.counts` at a grazing, along the branch."""
 
+    @property
+    def value(self) -> float:
+        """Value of the parameter there."""
+        return float(self.node.z[-1])
+
 
 def observed(node: Node, observe: Observe | None) -> Node:
     """Return a point of a branch with its multipliers and their errors, and with what `observe` makes of it."""

@@ -101,6 +101,11 @@ class LyapunovSpectrum(eqx.Module):
         """Kaplan-Yorke dimension, see `kaplan_yorke`; not for use under a transformation."""
         return kaplan_yorke(self.per_period)
 
+    @property
+    def kaplan_yorke_stderr(self) -> Float[np.ndarray, "*lanes"]:
+        """Standard error of `kaplan_yorke`, see `dimension_standard_error`; not for use under a transformation."""
+        return dimension_standard_error(self.history)
+
 
 def weights_of(state: PyTree, scale: Scale | None) -> Float[Array, " size"]:
     """Return the weights of all components in one array; by default all are one."""
@@ -356,6 +361,35 @@ def kaplan_yorke(exponents: Numbers) -> Float[np.ndarray, "*lanes"]:
         return count - sums[count - 1] / falling[count]
 
     return np.apply_along_axis(dimension, -1, numbers("exponents", exponents, 1))
+
+
+def dimension_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes"]:
+    """Return the standard error of the Kaplan-Yorke dimension by the record of one motion's exponents.
+
+    With the sum S of the k exponents before the one, l < 0, at which the sum becomes negative, the dimension is
+    k - S / l, and its change by each exponent of an interval makes a record of its own, whose error by
+    `one_motion_standard_error` has what the exponents' errors have in common: where S + l is constant, as for a
+    constant divergence, that error is smaller than theirs. 0 where all exponents are negative or their sum is
+    positive, as the dimension is a whole number then.
+
+    **Arguments:** `history`: exponents of the intervals, shape (*lanes, intervals, count), in any unit.
+    """
+
+    def error(record):
+        falling = record[:, np.argsort(-record.mean(axis=0))]
+        spectrum = falling.mean(axis=0)
+        count = np.sum(np.cumsum(spectrum) >= 0)
+        if np.isnan(spectrum).any():
+            return np.nan
+        if count in (0, len(spectrum)):
+            return 0.0
+        last = spectrum[count]
+        change = -falling[:, :count].sum(axis=1) / last + falling[:, count] * spectrum[:count].sum() / last**2
+        return one_motion_standard_error(change[:, None])[0]
+
+    history = numbers("history", history, 2)
+    lanes = history.shape[:-2]
+    return np.array([error(record) for record in history.reshape(-1, *history.shape[-2:])]).reshape(lanes)
 
 
 def weighted_mean(history: Numbers) -> Float[np.ndarray, "*lanes count"]:

@@ -173,7 +173,7 @@ class Model:
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.problem.names)}
         start = numbers.reshape(-1, len(SIZES)) * SIZES
         # a grid has one list at least; the starts are set below
-        cases = Cases(self.problem.scene, grid | {"y": np.zeros(len(start))}, self.problem.start, product=False)
+        cases = Cases(self.problem.scene, grid | {"start_y": np.zeros(len(start))}, self.problem.start, product=False)
         parts = cases.starts.motion if isinstance(cases.starts, State) else cases.starts
         cases.starts = Motion(*start.T, sled=parts.sled, modes=parts.modes)
         return cases

@@ -21,7 +21,7 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, SledMotion
 from ..model.layout import coordinates
-from ..model.parameters import PARAMETERS, STARTS, parameter
+from ..model.parameters import PARAMETERS, STARTS, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
@@ -184,7 +184,7 @@ def load_start(source: object, **chosen: object) -> Motion | State | None:
     motion = start.motion if isinstance(start, State) else start
     # what was varied replaces the numbers of the start that all cases have in common
     for name, value in _case_of(ds, chosen, of_start=True).items():
-        motion = replace(motion, **{name.removeprefix("start_"): value})
+        motion = replace(motion, **of_motion({name: value}))
     return State(motion, start.memory) if isinstance(start, State) else motion
 
 
@@ -371,7 +371,7 @@ def _case_of(ds: "xr.Dataset", chosen: Mapping[str, object], of_start: bool) -> 
         cases = cases.isel({dim: np.flatnonzero(hits) for dim in varied.dims})
     values = {}
     for name in names:
-        if name.startswith("start_") == of_start:
+        if (name in STARTS) == of_start:
             count = cases[name].size
             need = f"be given, as the result has {count} values of it; or select a case, as by ds.isel({name}=0)"
             require(count == 1, name, need, shown="not")

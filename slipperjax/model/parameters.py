@@ -7,7 +7,7 @@ Unit, check and plausible range are declared by the field, see `slipperjax.tools
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -190,26 +190,31 @@ def _at_start(q: Quantity) -> Parameter:
     # greatest plausible magnitudes
     far = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}[q.unit]
     text = f"{q.long_name.split(',')[0]} at the start"
-    check = finite(q.name, q.unit, plausible=(-far, far))
-    return Parameter(q.name, q.unit, text, q.symbol, q.scale, q.shown_unit, path="", check=check)
+    name = START + q.name
+    check = finite(name, q.unit, plausible=(-far, far))
+    return Parameter(name, q.unit, text, q.symbol, q.scale, q.shown_unit, path="", check=check)
 
 
+START = "start_"
+"""What the names of a start's coordinates begin with in grids and datasets, where `y` is the displacement itself."""
 STARTS: dict[str, Parameter] = {
-    name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
+    START + name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
 }
 """The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
 
 
+def of_motion(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of coordinates of the start among `values`, by their names in a `Motion`."""
+    return {name.removeprefix(START): value for name, value in values.items() if name in STARTS}
+
+
 def quantity(name: str) -> Quantity:
-    """Return a quantity by its name in datasets, where a start's coordinate x is `start_x`.
+    """Return a quantity by its name in datasets.
 
     **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
     """
     instance("name", name, str, "the name of a quantity")
-    # datasets name what varies at the start so
-    if name.startswith("start_"):
-        return STARTS[name.removeprefix("start_")]
-    return (PARAMETERS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS)[name]
+    return (PARAMETERS | STARTS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS)[name]
 
 
 def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
@@ -225,9 +230,10 @@ def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
     if isinstance(name, str) and "." in name and scene is not None:
         return _at_path(name, scene)
     shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where it can be
+    meant = START + shown if START + shown in STARTS else name
     raise ValueError(
         f"Argument `{shown}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
-        f"section.play.2 or slipper.inertia.1.{hint(name, PARAMETERS)}"
+        f"section.play.2 or slipper.inertia.1.{hint(meant, [*PARAMETERS, *STARTS])}"
     )
 
 

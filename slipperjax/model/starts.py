@@ -52,11 +52,12 @@ class AtRest(Motion):
     """
 
 
-def initial_state(scene: Scene, motion: Motion | State, epoch: Real | None = None) -> State:
+def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real | None = None) -> State:
     """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
-    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, or a `State`, such as a run ended with,
-    which keeps its memory; `epoch`: forcing periods travelled before, by default those to the beginning of the rail.
+    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, by default at rest in mid play;
+    or a `State`, such as a run ended with, which keeps its memory; `epoch`: forcing periods travelled before, by
+    default those to the beginning of the rail.
 
     Gives an `ImplausibleWarning` where the slipper begins far outside its play.
 

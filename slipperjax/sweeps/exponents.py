@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime, lasting
 from ..analysis.lyapunov import (
+    dimension_standard_error,
     is_chaotic,
     kaplan_yorke,
     one_motion_standard_error,
@@ -237,6 +238,10 @@ def exponent_variables(
     stayed = longer.escapes == 0
     exponent[chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
     error[chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    dimension = dimension_standard_error(history)
+    # motions of a case are independent
+    each = dimension_standard_error(longer.history[stayed])
+    dimension[chosen[stayed]] = np.sqrt(np.mean(each**2, axis=-1) / each.shape[-1])
     # exponents of an orbit are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
@@ -269,6 +274,7 @@ def exponent_variables(
         "chaotic_for": chaotic_for,
         "least_mean_life": life,
         "kaplan_yorke": kaplan_yorke(exponent),
+        "kaplan_yorke_stderr": np.where(by_orbit, 0.0, dimension),
     }
 
 
@@ -358,6 +364,7 @@ class LyapunovExponents(AbstractStage):
         }
         if self.count > 1:
             labels["kaplan_yorke"] = ("1", "Kaplan-Yorke dimension")
+            labels["kaplan_yorke_stderr"] = ("1", "standard error of the Kaplan-Yorke dimension")
         if self.certify:
             regular = f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"
             labels |= {

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.parameters import STARTS, Parameter, parameter
+from ..model.parameters import STARTS, Parameter, of_motion, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.tracks import AbstractTrack
@@ -54,7 +54,7 @@ class Grid:
         self.product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
         if self.product:
-            self.dims = tuple(map(self.label, self.axes))
+            self.dims = tuple(self.axes)
             self.shape = lengths
         else:
             require(len(set(lengths)) == 1, "grid", "have lists of one length", lengths)
@@ -66,19 +66,12 @@ class Grid:
         """Number of cases."""
         return math.prod(self.shape)
 
-    @staticmethod
-    def label(name: str) -> str:
-        """Return the name of an axis in a dataset, in which y alone is the displacement and not that of the start."""
-        return f"start_{name}" if name in STARTS else name
-
     def coordinates(self) -> dict[str, object]:
         """Return the axes as coordinates of a dataset."""
-        coordinates = {}
-        for name, values in self.axes.items():
-            label = self.label(name)
-            dim = label if self.product else "case"
-            coordinates[label] = dim, values, _parameter(self.scene, name).attributes
-        return coordinates
+        return {
+            name: (name if self.product else "case", values, _parameter(self.scene, name).attributes)
+            for name, values in self.axes.items()
+        }
 
     def check_steps(self, steps: Any) -> None:
         """Raise `ValueError` where steps per period are neither one number nor one for each case."""
@@ -199,7 +192,7 @@ class Cases(Grid):
         motion = start.motion if isinstance(start, State) else start
         # what the grid does not vary is the same in all cases
         alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
-        varying = {name: np.asarray(values, float) for name, values in flat.items() if name in STARTS}
+        varying = of_motion({name: np.asarray(values, float) for name, values in flat.items()})
         starts = dataclasses.replace(jax.tree.map(alike, motion), **varying)
         self.starts = starts
         if isinstance(start, State):

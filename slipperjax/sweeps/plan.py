@@ -136,8 +136,7 @@ class Plan:
 
     def check(self) -> None:
         """Raise `ValueError` where outputs do not suit the run, or each other."""
-        labels = map(self.cases.label, self.cases.axes)
-        check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *labels))
+        check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *self.cases.axes))
         for one in self.outputs:
             one.check(self.cases.scene, self.recorded.periods, int(self.steps.min()))
 

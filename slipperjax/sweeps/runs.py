@@ -499,7 +499,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     varied = () if call.only else cases.axes
     attrs = scene_attributes(cases.scene, without=varied)
     asked = vars(replace(call, solver=plan.solver))
-    attrs |= run_attributes(cases.scene, cases.start, asked, map(cases.label, varied))
+    attrs |= run_attributes(cases.scene, cases.start, asked, varied)
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
     ds = _with_rates(xr.Dataset(data, {**coords, **cases.coordinates()}, attrs))
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds

@@ -219,7 +219,7 @@ def lyapunov_sweep(
     - `weighted_exponent` [1/period]: the same by a smoothly weighted mean, more precise for regular motions, see
       `slipperjax.analysis.weighted_mean`;
     - `by_orbit`: whether the exponents are those of an orbit, with standard errors of zero;
-    - `kaplan_yorke` [1], the dimension, where `count` > 1;
+    - `kaplan_yorke` [1], the dimension, and `kaplan_yorke_stderr`, its standard error, where `count` > 1;
     - `kind` and `period` [forcing periods]: of the orbit, or of the motion by recurrence in the last `LAST` counted
       periods, see `slipperjax.analysis.classify`;
     - `regime`: see `slipperjax.analysis.regime`;
@@ -320,7 +320,7 @@ def sweep_dataset(
     # the scene's parameters, and all that is needed to run it again
     attrs = scene_attributes(cases.scene, without=cases.axes)
     kept = {**call.kept(plan.solver), **more}
-    attrs |= run_attributes(cases.scene, cases.start, kept, map(cases.label, cases.axes))
+    attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
     attrs |= {"settled": plan.transient.periods, "measured": plan.recorded.periods}
     if _begin_settled(plan.records, plan.stages):  # the recorded span was the transient, see `_spans`
         measured = max(one.measured for one in plan.stages)

@@ -262,7 +262,7 @@ def labels(branch):
 
 
 def where(event):
-    return float(event.node.z[-1])
+    return event.value
 
 
 def column(nodes, place):

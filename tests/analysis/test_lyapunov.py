@@ -14,6 +14,7 @@ from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.analysis.hybrid import switched_step
 from slipperjax.analysis.lyapunov import (
     LyapunovSpectrum,
+    dimension_standard_error,
     gram_schmidt,
     kaplan_yorke,
     map_spectrum,
@@ -96,6 +97,8 @@ def test_henon_map_and_a_lane_that_diverges():
     assert dimension.shape == (LANES,)
     assert abs(dimension.mean() - 1.25827) < 3e-3
     assert np.all((scatter(runs) > 0.6) & (scatter(runs) < 2.5)), scatter(runs)  # measured 1.94
+    stated = np.sqrt(np.mean(runs.kaplan_yorke_stderr**2)) / np.std(dimension, ddof=1)
+    assert 0.6 < stated < 2.5, stated
 
 
 LORENZ = Rk4(lorenz, 0.005, 100), spread([1.0, 1.0, 20.0], 3.0), 400, 0.5
@@ -238,6 +241,21 @@ def test_index_reaches_the_step():
     run = map_spectrum(grow, 0.0, 3, transient=2, align=1, index=10.0, periods=0.5, period=4.0)
     np.testing.assert_allclose(run.history[:, 0], [13.0, 14.0, 15.0])
     np.testing.assert_allclose([run.per_period[0], run.per_second[0]], [28.0, 7.0])
+
+
+def test_the_error_of_a_dimension_is_that_of_its_change_by_the_exponents():
+    rng = np.random.default_rng(1)
+    first, second = 0.9 + rng.normal(size=4000), -14.6 + rng.normal(size=4000)
+    # independent intervals, and a middle exponent that does not change: var D = var(l1) / l3^2 + l1^2 var(l3) / l3^4
+    history = np.stack([first, np.zeros(4000), second], axis=1)
+    expected = np.sqrt((1 / 14.6**2 + 0.9**2 / 14.6**4) / 4000)
+    np.testing.assert_allclose(dimension_standard_error(history), expected, rtol=0.8)
+    # where the sum is constant, as here, D = 2 - l1 / l3 with l3 = -13.7 - l1, whose derivative is 13.7 / l3^2
+    history = np.stack([first, np.zeros(4000), -13.7 - first], axis=1)
+    ratio = dimension_standard_error(history) / one_motion_standard_error(first[:, None])[0]
+    np.testing.assert_allclose(ratio, 13.7 / history[:, 2].mean() ** 2, rtol=1e-6)
+    assert dimension_standard_error(np.stack([-first, second], axis=1)) == 0
+    assert np.isnan(dimension_standard_error(history * np.nan))
 
 
 def test_kaplan_yorke_dimension():

@@ -100,7 +100,7 @@ def henon(a):
 
 def henon_by_slipperjax():
     branch = continue_motion(PeriodicMotions(henon, jnp.zeros(2), 1.0), (jnp.full(2, 0.6), 0.78), (-1.0, 1.0))
-    return {event.label: float(event.node.z[-1]) for event in branch.events}
+    return {event.label: event.value for event in branch.events}
 
 
 def henon_by_bifpy():
@@ -158,7 +158,7 @@ def duffing(force):
 def duffing_by_slipperjax(times, orbit):
     motions = PeriodicMotions(duffing, jnp.zeros(2), 1.0)
     branch = continue_motion(motions, (jnp.asarray(orbit[0, :2]), 0.25), (0.2, 0.32))
-    return {event.label: float(event.node.z[-1]) for event in branch.events}
+    return {event.label: event.value for event in branch.events}
 
 
 def duffing_by_bifpy(times, orbit):

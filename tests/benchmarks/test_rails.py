@@ -33,8 +33,8 @@ def test_sweeps_on_rails_beside_the_harmonic_one():
 
 @pytest.mark.benchmark
 def test_accelerations_on_a_sled_rail_beside_a_straight_one():
-    """The table of docs/how_to/rails.md: what others measured is 3 to 5 times the straight rail's RMS, and 8 times from 100
-    to 700 m/s."""
+    """The table of docs/how_to/rails.md: what others measured is 3 to 5 times the straight rail's RMS,
+    and 8 times from 100 to 700 m/s."""
     scene, speeds = dataclasses.replace(sj.paper_scene(), gravity=9.81), [100.0 + 200.0 * k for k in range(8)]
     rails = {
         "rough": (sj.RandomTrack.sled(length=2000.0), {"speed": speeds, "track.seed": np.arange(16.0)}),

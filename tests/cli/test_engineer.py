@@ -1,4 +1,4 @@
-"""The engineer's day of docs/first_hour/engineer.md: its commands, typed into a folder with the files of docs/examples."""
+"""The commands of docs/first_hour/engineer.md, typed into a folder with the files of docs/examples."""
 
 import re
 import shlex

@@ -215,8 +215,9 @@ ERRORS = [
             ("speed", None, "must be positive, but is None"),
             ("speed", "1250", "must be positive, but is '1250'"),
             ("restitution", [0.9, 1.5], "must be above 0 and at most 1, but is 1.5"),
-            ("y", [NAN], "must be finite, but is nan"),
-            *((name, [1.0], "is no parameter") for name in ("Speed", 1, "roll", "start_y")),
+            ("start_y", [NAN], "must be finite, but is nan"),
+            *((name, [1.0], "is no parameter") for name in ("Speed", 1, "roll", "start_roll")),
+            ("v_y", [1.0], "is no parameter.* Did you mean start_v_y?"),
         )
     ),
     refused(f"`speed` must {LIST}", exponents, grid={"speed": []}),
@@ -228,7 +229,7 @@ ERRORS = [
     # paths
     *(
         refused(RISING, follow, path=path)
-        for path in ({"speed": [1300.0, 1250.0]}, {"speed": [1250.0] * 2}, AT | {"length": [0.2]}, {"y": [0.0]})
+        for path in ({"speed": [1300.0, 1250.0]}, {"speed": [1250.0] * 2}, AT | {"length": [0.2]}, {"start_y": [0.0]})
     ),
     refused(RISING, jump, path={"speed": [1300.0, 1250.0]}),
     refused("`path` must name one parameter", jump, path=None),
@@ -305,7 +306,7 @@ WARNINGS = [
     implausible("speed", "0.001 m/s", PAPER.replace, speed=[1250.0, 1e-3]),
     # grids are looked at before they run, here until a wrong count
     implausible("clearance", "2 m", lambda: stopped(sweep, {"clearance": [1.0, 2.0]})),
-    implausible("v_y", "500 m/s", lambda: stopped(sweep, {"v_y": [500.0]})),
+    implausible("start_v_y", "500 m/s", lambda: stopped(sweep, {"start_v_y": [500.0]})),
     implausible("length", "200 m", lambda: stopped(follow, {"length": [200.0]})),
     implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]})),
     # starts outside the play

@@ -19,7 +19,7 @@ from slipperjax.sweeps.store import Archive
 from ..sweeps.made_up import files
 from .commands import TEN, call, error_of
 
-MAP = ["--over", "speed", 1000, 1600, 5, "--by", "v_y", 0.4, 0.5, 4, *TEN]
+MAP = ["--over", "speed", 1000, 1600, 5, "--by", "start_v_y", 0.4, 0.5, 4, *TEN]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -119,7 +119,7 @@ def test_adaptive_steps_need_an_error_estimate():
 
 def test_paths_and_bounds_of_jumps_are_checked():
     with pytest.raises(ValueError, match="`path` must name one parameter"):
-        sj.follow(sj.paper_scene(), {"v_y": [0.1, 0.2]})
+        sj.follow(sj.paper_scene(), {"start_v_y": [0.1, 0.2]})
     for wrong in (dict(within=0.0), dict(threshold=-1.0)):
         with pytest.raises(ValueError, match="must be positive"):
             find_jump(sj.paper_scene(), {"speed": [1000.0, 1100.0]}, **wrong)

@@ -114,7 +114,7 @@ STAGES = [sj.Stage(Q(20.0, "standard_gravity"), length=Q(0.1, "km")), sj.Stage(0
         (lambda: sj.EventLatch(slowest=Q(1.0, "mm/s")).slowest, 1e-3),
         (lambda: sj.Motion.from_euler(roll=Q(1.0, "degree")).q_x, np.sin(np.pi / 360)),
         (lambda: Grid(SCENE, {"speed": Q([900.0, 1800.0], "km/h")}).axes["speed"], [250.0, 500.0]),
-        (lambda: Grid(SCENE, {"y": [Q(1.0, "mm"), 2e-3]}).axes["y"], [1e-3, 2e-3]),
+        (lambda: Grid(SCENE, {"start_y": [Q(1.0, "mm"), 2e-3]}).axes["start_y"], [1e-3, 2e-3]),
         (lambda: number(positive, "length", Q(1.0, "km"), "m"), 1000.0),
     ],
 )

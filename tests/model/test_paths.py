@@ -192,7 +192,7 @@ def test_scales_of_states_stand_in_one_place():
 def test_every_name_has_unit_and_description():
     for known in (PARAMETERS, COORDINATES, ACCELERATIONS):
         assert all(quantity(name) is q and q.attributes["units"] and q.long_name for name, q in known.items())
-    assert quantity("start_v_y").long_name == STARTS["v_y"].long_name == "lateral velocity at the start"
+    assert quantity("start_v_y").long_name == STARTS["start_v_y"].long_name == "lateral velocity at the start"
     assert PARAMETERS["clearance"].shown(1e-3) == pytest.approx(1.0)
     assert PARAMETERS["roll_amplitude"].from_shown(0.2) == pytest.approx(np.radians(0.2))
     with pytest.raises(KeyError):

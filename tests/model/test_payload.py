@@ -87,7 +87,7 @@ def test_derivatives_by_the_sled_agree_in_both_modes():
 
 def test_a_sled_goes_on_from_its_state(tmp_path):
     state = sj.initial_state(FREE, sj.Motion(v_z=1.0, sled=sj.SledMotion(z=1e-3)))
-    starts = Cases(FREE, {"clearance": [30e-3, 31e-3], "y": [1e-4]}, state).starts
+    starts = Cases(FREE, {"clearance": [30e-3, 31e-3], "start_y": [1e-4]}, state).starts
     np.testing.assert_array_equal(starts.motion.sled.z, [1e-3, 1e-3])
     np.testing.assert_array_equal(starts.motion.y, [1e-4, 1e-4])
     ds = xr.Dataset(attrs=run_attributes(FREE, state, {"function": "run"}))

@@ -1,4 +1,4 @@
-"""What the model leaves out, by its effect on the peak force: the tables and the picture of docs/lab/applicability.md.
+"""What the model leaves out, by its effect on the peak force: tables and picture of docs/lab/applicability.md.
 
     pytest -m slow -s tests/studies/test_applicability.py
 

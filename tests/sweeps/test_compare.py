@@ -173,7 +173,10 @@ def test_reports_of_comparisons_have_words_tables_and_pages(tmp_path):
         (dict(rails=1), "Argument `rails` must be 2 or more, or `starts`, but is 1"),
         (dict(record="speed"), "Argument `record` must be the name of a number, such as peak_force, but is 'speed'"),
         (dict(designs={"clearence": [1e-3]}), "Argument `clearence` is no parameter"),
-        (dict(designs={"v_y": [0.0, 1.0]}, starts=2), "Argument `designs` must be no starts where these are drawn"),
+        (
+            dict(designs={"start_v_y": [0.0, 1.0]}, starts=2),
+            "Argument `designs` must be no starts where these are drawn",
+        ),
         (dict(quantiles=(0.5, 1.5)), "Argument `quantile` must be a share between 0 and 1"),
         (dict(quantiles=0.5), "Argument `quantiles` must be a list of shares"),
         (dict(scene=sj.paper_scene()), "Argument `rails` must be 1 on a track that is neither random nor a survey"),

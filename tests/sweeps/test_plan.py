@@ -29,11 +29,11 @@ def test_each_case_gets_the_steps_that_it_needs_alone():
     assert plan.most_steps == 160
     assert len(set(alone)) <= 5
     assert plan_of({"speed": speeds}, steps_per_period=70).steps.tolist() == [70] * 25
-    assert plan_of({"v_y": [0.5, -0.5]}).steps.tolist() == [40, 40]
+    assert plan_of({"start_v_y": [0.5, -0.5]}).steps.tolist() == [40, 40]
 
 
 def test_cases_are_the_scenes_and_starts_of_their_values():
-    grid = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3], "v_y": [0.5, 0.4]}
+    grid = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3], "start_v_y": [0.5, 0.4]}
     scenes, starts = Cases(sj.paper_scene(), grid, sj.table_2_start()).take(np.array([5, 2]))
     for lane, (speed, clearance, v_y) in enumerate([(1250.0, 1e-3, 0.4), (900.0, 2e-3, 0.5)]):
         one = eqx.combine(jax.tree.map(lambda a, lane=lane: a[lane], scenes.varied), scenes.shared)

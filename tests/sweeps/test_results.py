@@ -19,7 +19,7 @@ SEVERAL = sj.paper_scene(wavelengths=(8.0, 5.0)).replace(gravity=9.81, **{"secti
 START = eqx.tree_at(
     lambda state: state.memory, sj.initial_state(SCENE, sj.table_2_start()), jnp.linspace(-0.5, 0.0, 20)
 )
-GRID = {"speed": [900.0, 1250.0], "v_y": [0.5, 0.4]}
+GRID = {"speed": [900.0, 1250.0], "start_v_y": [0.5, 0.4]}
 SPEEDS = {"speed": [1250.0, 1500.0]}
 # in the programs of test_sweep and test_exponents
 TEN = dict(transient=10, periods=10)
@@ -68,7 +68,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
 
 
 def test_side_by_side_values_choose_one_case():
-    ds = sj.sweep(sj.paper_scene(), SPEEDS | {"v_y": [0.5, 0.4]}, product=False, record="strobe", **TEN)
+    ds = sj.sweep(sj.paper_scene(), SPEEDS | {"start_v_y": [0.5, 0.4]}, product=False, record="strobe", **TEN)
     assert float(sj.load_scene(ds, speed=1250.0).speed) == 1250.0
     assert sj.load_start(ds.isel(case=1)).v_y == 0.4
 

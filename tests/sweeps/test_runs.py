@@ -134,7 +134,7 @@ def test_a_run_from_standstill_passes_what_is_too_slow():
 @pytest.mark.slow
 def test_starts_may_be_all_that_differs(steady):
     v_y = float(sj.table_2_start().v_y)
-    started = sj.run(SCENE, {"v_y": [v_y, v_y / 2]}, length=64.0, window=8.0, steps_per_period=STEPS)
+    started = sj.run(SCENE, {"start_v_y": [v_y, v_y / 2]}, length=64.0, window=8.0, steps_per_period=STEPS)
     # of another program, in a motion that magnifies rounding little over eight periods
     np.testing.assert_allclose(started["peak_force"][0], steady["peak_force"], rtol=1e-9, atol=1e-6)
     assert float(np.max(np.abs(started["peak_force"][1] - steady["peak_force"]))) > 100.0
@@ -302,7 +302,7 @@ def test_a_table_opens_the_play_by_the_distance():
 
 
 def test_grids_of_starts_have_steps():
-    cases = Cases(SCENE, {"y": [0.0, 1e-4]}, sj.Motion())
+    cases = Cases(SCENE, {"start_y": [0.0, 1e-4]}, sj.Motion())
     call = SimpleNamespace(begin=0.0, window=8.0, steps_per_period=None, refine=1)
     profiles = _step_profiles(cases, call, 2)
     assert profiles.shape == (2, 2)

@@ -76,7 +76,7 @@ def test_plays_of_sleds_are_designed():
 
 @pytest.mark.slow
 def test_trends_of_sleds_on_random_rails():
-    """What docs/how_to/sleds.md says of play, speed and bending, over sixteen pairs of rails; the start is left out."""
+    """What docs/how_to/sleds.md says of play, speed and bending, over sixteen pairs of rails, start left out."""
     mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
     sled = sj.Sled(mass=400.0, inertia=(80.0, 320.0, 380.0), mounts=mounts)
     bending = dict(mass=400.0, length=3.2, stiffness=(2e6, 5e5), count=4, damping=0.02)

@@ -113,7 +113,7 @@ def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
 
 
 def test_starts_can_be_varied_and_lists_be_read_side_by_side():
-    grid = {"speed": [1250.0, 1500.0], "v_y": [0.5, -0.5], "z": [1e-4, 2e-4]}
+    grid = {"speed": [1250.0, 1500.0], "start_v_y": [0.5, -0.5], "start_z": [1e-4, 2e-4]}
     options = dict(OPTIONS, record="strobe", transient=0)
     product, listed = (sj.sweep(sj.paper_scene(), grid, product=how, **options) for how in (True, False))
     assert product["strobe"].dims == ("speed", "start_v_y", "start_z", "strobe_period", "coordinate")
