@@ -71,6 +71,8 @@ PATHS = _public_paths()
 
 def on_page_markdown(markdown: str, *, page: Any, **kwargs: Any) -> str:
     """Leads to pages of notebooks instead of their files, and from names in texts to the API."""
+    # the site has the documentation of these names below
+    markdown = re.sub("<!-- names -->.*?<!-- end of names -->", "", markdown, flags=re.DOTALL)
     up = "../" * page.file.src_uri.count("/")
     markdown = markdown.replace("../docs/", up)
     markdown = re.sub(r"\((?:\.\./)+notebooks\)", f"({up}notebooks/index.md)", markdown)

@@ -21,15 +21,17 @@ README_WORDS = 500
 """Most words of the README, outside of code."""
 
 
-def having(language):
+def having(language, *but):
+    """One test for each page with blocks of a language."""
     found = [page for page in PAGES if any(block.language == language for block in blocks(page))]
+    found = [page for page in found if page.stem not in but]
     return pytest.mark.parametrize("page", found, ids=lambda page: page.stem)
 
 
-@having("python")
+@having("python", "engineer")  # whose commands and tables tests/cli/test_engineer.py runs
 def test_python_of_the_pages_runs(page):
     """Each page in a process of its own, in which no warning is given."""
-    quiet = [sys.executable, "-W", "error", ROOT / "tests" / "pages.py", page]
+    quiet = [sys.executable, "-W", "error", "-W", "default:File", ROOT / "tests" / "pages.py", page]
     run = subprocess.run(quiet, capture_output=True, text=True, cwd=ROOT)
     assert run.returncode == 0, run.stderr[-3000:]
 
@@ -58,7 +60,7 @@ def test_commands_of_the_pages_can_be_read(page, tmp_path, monkeypatch):
                     assert list(ROOT.glob(word.split("::")[0])), line
 
 
-@having("toml")
+@having("toml", "engineer")
 @pytest.mark.filterwarnings("default:File")  # columns of remarks
 def test_scenes_of_the_pages_can_be_read(page, tmp_path):
     """Parts of a file complete that of the paper's slipper."""
@@ -69,6 +71,12 @@ def test_scenes_of_the_pages_can_be_read(page, tmp_path):
             base = "" if re.search("^base", block.text, re.MULTILINE) else 'base = "paper"\n'
             (tmp_path / "part.toml").write_text(base + block.text)
             sj.load_scene(tmp_path / "part.toml")
+
+
+def test_the_page_of_statuses_has_them_all():
+    page = (ROOT / "docs" / "reference" / "status.md").read_text()
+    rows = [f"| {int(status)} | {status.meaning} | {status.remedy} |" for status in sj.Status]
+    assert [line for line in page.splitlines() if re.match(r"\| \d", line)] == rows
 
 
 def counted(page):
