@@ -14,6 +14,7 @@ from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.parameters import START
 from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
@@ -27,7 +28,7 @@ from .windows import run_record
 Draws = Mapping[str, int]
 """Options of `slipperjax.analysis.quantiles.bootstrap`."""
 RESAMPLES = 400
-SPREAD = {"v_y": 0.1, "v_z": 0.1, "w_x": 0.5, "w_y": 0.5, "w_z": 0.5}
+SPREAD = {"start_v_y": 0.1, "start_v_z": 0.1, "start_w_x": 0.5, "start_w_y": 0.5, "start_w_z": 0.5}
 """Greatest difference of starts from the first one, either way [m/s], [rad/s]: little, and more than chaos needs."""
 
 
@@ -149,7 +150,7 @@ def _starts(first: Motion | State, starts: int, seed: int) -> dict[str, np.ndarr
     require(isinstance(first, Motion), "starts", "be 1 where a run goes on from a state", starts)
     drawn = sample_box({name: (-size, size) for name, size in SPREAD.items()}, starts, seed=seed)
     shifts = {name: np.append(0.0, values[1:]) for name, values in drawn.items()}
-    return {name: float(getattr(first, name)) + shift for name, shift in shifts.items()}
+    return {name: float(getattr(first, name.removeprefix(START))) + shift for name, shift in shifts.items()}
 
 
 def _compared(

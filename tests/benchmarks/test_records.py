@@ -11,9 +11,8 @@ from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps
-from slipperjax.sweeps.call import Call
+from slipperjax.solvers.named import resolve_solver
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.records import resolved_record
 from slipperjax.tools.files import table_lines
 
@@ -40,10 +39,9 @@ def test_costs():
     states = initial_states(scenes, starts)
     calls, kept = {}, {}
     for name, record in ASKED.items():
-        records = RecordSet() if record is None else resolved_record(record)
-        plan = make_plan(grid, sj.table_2_start(), Call(0, PERIODS, steps_per_period=STEPS), records)
-        kept[name] = 8 * plan.records.values(scene, 0, PERIODS)
-        options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
+        records = RecordSet() if record is None else resolved_record(record)[0]
+        kept[name] = 8 * sum(one.values(scene, PERIODS) for one in records.records)
+        options = dict(solver=resolve_solver(scene, None), periods=PERIODS, records=records)
         calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options).state
     times = {name: timed.later for name, timed in in_turns(calls, ROUNDS).items()}
     plain = np.median(times["plain"])

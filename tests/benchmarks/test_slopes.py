@@ -1,4 +1,4 @@
-"""Errors of derivatives against their cost: the third picture of docs/lab/solvers.md.
+"""Errors of derivatives against their cost: the second picture of docs/lab/solvers.md.
 
     pytest -m benchmark -s tests/benchmarks/test_slopes.py
 
