@@ -25,13 +25,19 @@ from slipperjax.plots.style import COLORS, png, styled
 from slipperjax.sweeps.grid import Grid
 from slipperjax.tools.files import table_lines
 
-PAGE = Path(__file__).parents[2] / "docs" / "applicability.md"
+PAGE = Path(__file__).parents[2] / "docs" / "lab" / "applicability.md"
 MEMBERS = 256
 CHUNK = 64
 """Members in a call, so that each kind of scene is compiled once."""
 PERIODS, PERIOD = 50, 8.0
 """Forcing periods in which the highest force is looked for, and their length [m]."""
-MOTION = {"v_y": (-0.5, 0.5), "v_z": (-0.5, 0.5), "w_x": (-1.0, 1.0), "w_y": (-1.0, 1.0), "w_z": (-1.0, 1.0)}
+MOTION = {
+    "start_v_y": (-0.5, 0.5),
+    "start_v_z": (-0.5, 0.5),
+    "start_w_x": (-1.0, 1.0),
+    "start_w_y": (-1.0, 1.0),
+    "start_w_z": (-1.0, 1.0),
+}
 G = 9.81
 SLED_RAIL = sj.RandomTrack.sled(length=900.0)
 
@@ -352,18 +358,17 @@ def test_estimates_of_what_is_not_computed():
     print("\n" + "\n".join(table_lines(rows)))
 
 
-def recipe():
-    """The page's code about uncertain inputs."""
-    return next(
-        code for code in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S) if "sobol_indices" in code
-    )
+def recipe(draws):
+    """The page's code about uncertain inputs, with so many draws."""
+    pages = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
+    return next(code for code in pages if "sobol_indices" in code).replace("draws = 16", f"draws = {draws}")
 
 
 def test_the_recipe_finds_which_input_matters(monkeypatch, tmp_path):
     """With forces of a known share from each input in place of a sweep."""
     made = []
 
-    def made_up(scene, grid, *, product, transient, periods, record):
+    def made_up(scene, grid, *, product, transient, periods, record, chunk):
         Grid(scene, grid, product=product)  # whose names and values are allowed
         share = np.log(grid["stiffness"] / 1e8) / np.log(10)
         made.append((len(share), transient, periods, record))
@@ -374,12 +379,12 @@ def test_the_recipe_finds_which_input_matters(monkeypatch, tmp_path):
     monkeypatch.setattr(sj, "sweep", made_up)
     names = {}
     with contextlib.redirect_stdout(io.StringIO()) as text:
-        exec(re.sub(r"\b(2048|1024)\b", "256", recipe()), names)
-    assert {count for count, *_ in made} == {256, 256 * len(names["box"])}
+        exec(recipe(256), names)
+    assert {count for count, *_ in made} == {256, 512, 256 * len(names["box"])}
     exact = np.array([0.8 if n == "stiffness" else 0.2 if n == "restitution" else 0.0 for n in names["box"]])
     for found in (names["found"].first_order, names["found"].total_order):
         assert np.allclose(found, exact, atol=0.03)  # measured 0.024, of 256 draws and of the other inputs
-    assert names["forces"].shape == (256,)
+    assert names["forces"].shape == (512,)
     assert "stiffness" in text.getvalue()
     report_uncertain(names, tmp_path / "uncertain.png")
     assert (tmp_path / "uncertain.png").stat().st_size > 10_000
@@ -389,7 +394,7 @@ def test_the_recipe_finds_which_input_matters(monkeypatch, tmp_path):
 def test_uncertain_inputs(tmp_path):
     """The last table, and the picture."""
     names = {}
-    exec(recipe(), names)
+    exec(recipe(1024), names)
     path = tmp_path / "uncertain.png"
     found = report_uncertain(names, path)
     print(path)

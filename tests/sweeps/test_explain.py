@@ -120,8 +120,8 @@ def test_points_are_spread_by_distributions():
 def test_a_share_of_zero_has_a_value(monkeypatch):
     zeros = lambda dimensions, rng: SimpleNamespace(random=lambda count: np.zeros((count, dimensions)))
     monkeypatch.setattr(stats.qmc, "Sobol", zeros)
-    found = sj.sample_box({"y": stats.norm(0, 1e-4), "mass": stats.randint(10, 20)}, 4)
-    assert np.all((found["y"] > -1e-3) & (found["y"] < -5e-4))
+    found = sj.sample_box({"start_y": stats.norm(0, 1e-4), "mass": stats.randint(10, 20)}, 4)
+    assert np.all((found["start_y"] > -1e-3) & (found["start_y"] < -5e-4))
     assert np.all(found["mass"] == 10)
 
 
@@ -133,7 +133,7 @@ def test_wrong_boxes_are_named():
         ({"speed": (1e3, 2e3, 3e3)}, {}, "lower and the higher bound of speed"),
         ({"speed": (1e3, 2e3)}, dict(count=0), "`count`"),
         ({"speed": (1e3, 2e3)}, dict(log=["mass"]), "`log` must name parameters of `box`, but is 'mass'"),
-        ({"y": (-1e-3, 1e-3)}, dict(log=["y"]), "`log` must name parameters above zero"),
+        ({"start_y": (-1e-3, 1e-3)}, dict(log=["start_y"]), "`log` must name parameters above zero"),
         ({"speed": 1e3}, {}, "bound of speed, or its distribution, but has 1000"),
         ({"speed": stats.norm(1e3, 10.0)}, dict(log=["speed"]), "with two bounds, but is speed, which has a distr"),
         ({"clearance": stats.norm(1e-4, 1e-3)}, {}, "`clearance` must be zero or positive, but is -0.000"),
