@@ -17,6 +17,7 @@ from .options import (
     LOST,
     Case,
     Measure,
+    Target,
     app,
     bounds,
     given,
@@ -102,7 +103,7 @@ SPEED = Measure(PARAMETERS["speed"])
 )
 @result("design")
 @takes_case
-def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: Target, **options) -> int:
     """Find the parameters within bounds that minimise an objective over a range of speeds.
 
     All other parameters keep the values of the scene.
@@ -124,7 +125,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
         require(objective not in limits, "--constraint", "name each objective once", name)
         limits[objective] = tuple(map(objective.quantity.from_shown, ends))
     options |= dict(over=over or None, constraints=limits, progress=True, **case.options)
-    files = Outputs(out, ".nc", ".png")
+    files = Outputs(out.path, ".nc", out.picture)
     of_case = case.text([*variables, *over])
 
     def keep(best: "Design") -> str:

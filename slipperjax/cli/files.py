@@ -4,6 +4,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial as partial_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 Draw = Callable[["xarray.Dataset"], "matplotlib.axes.Axes | np.ndarray"]
 """Draws a dataset; returns Axes, or an array of them."""
 
+PICTURES = (".png", ".pdf", ".svg")
+"""Endings of pictures; the first is that of a command whose --out has none."""
 PARTIAL = "_partial"
 """Added to the names of files with the part of a result that was finished before an interrupt."""
 
@@ -44,19 +47,22 @@ def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | 
     return plot(ds, **options)
 
 
-def _picture(ds: "xarray.Dataset", draw: Draw) -> bytes:
-    """Return the content of a PNG file of a dataset, drawn by `draw`."""
+def _picture(ds: "xarray.Dataset", draw: Draw, ending: str) -> bytes:
+    """Return the content of a file of a dataset's picture, drawn by `draw`."""
     import matplotlib
 
     matplotlib.use("Agg")  # which needs no screen
-    from ..plots.style import png
+    from ..plots.style import FILES
 
     # all Axes of a picture are in one figure
-    return png(np.asarray(draw(ds)).flat[0].figure, 300)
+    return FILES[ending](np.asarray(draw(ds)).flat[0].figure)
 
 
 class Outputs:
     """The files that a command writes: OUT with each of its endings."""
+
+    pictures = PICTURES
+    """Endings of pictures."""
 
     def __init__(self, out: Path, *endings: str):
         """Make the folder, and print which files will be replaced.
@@ -79,12 +85,17 @@ class Outputs:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
     def write(
-        self, ds: "xarray.Dataset", draw: Draw | None = fitting, *, partial: bool = False, picture: Path | None = None
+        self,
+        ds: "xarray.Dataset",
+        draw: Draw | None = fitting,
+        *,
+        partial: bool = False,
+        redraw: "Outputs | None" = None,
     ) -> str:
-        """Write a dataset to OUT.nc, if it is one of the files, its picture to OUT.png, and the files of its report.
+        """Write a dataset to OUT.nc, and its picture to OUT.png or another ending, as far as these are its files.
 
         **Arguments:** `draw`: None for no picture; `partial`: whether it is what an interrupt left, which is
-        written to OUT_partial; `picture`: name of the picture instead of OUT.
+        written to OUT_partial; `redraw`: files whose picture is this one, too.
 
         **Returns:** what was written, in words.
         """
@@ -94,13 +105,30 @@ class Outputs:
             # made in memory: HDF5 loses the whole process where a disk is full
             contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
         if draw is not None:
-            contents[Path(f"{picture or out}.png")] = lambda: _picture(ds, draw)
-        of_report = [ending for ending in self.endings if ending not in (".nc", ".png")]
-        if of_report:
-            from ..plots.report import report_files
+            contents |= self._pictures(ds, draw, out)
+            contents |= {} if redraw is None else redraw._pictures(ds, draw, redraw.out)
+        return write_each(contents | self._others(ds, out))
 
-            contents |= report_files(ds, out, of_report)
-        return write_each(contents)
+    def _pictures(self, ds: "xarray.Dataset", draw: Draw, out: Path) -> dict[Path, Callable[[], Content]]:
+        """Return functions that make the content of pictures, by their paths."""
+        ends = [ending for ending in self.endings if ending in self.pictures]
+        return {Path(f"{out}{ending}"): partial_of(_picture, ds, draw, ending) for ending in ends}
+
+    def _others(self, ds: "xarray.Dataset", out: Path) -> dict[Path, Callable[[], Content]]:
+        """Return functions that make the content of further files, by their paths."""
+        return {}
+
+
+class Reports(Outputs):
+    """The files that a run writes, of which a PDF is a report with several pages, and others are tables."""
+
+    pictures = (".png", ".svg")
+
+    def _others(self, ds: "xarray.Dataset", out: Path) -> dict[Path, Callable[[], Content]]:
+        from ..plots.report import report_files
+
+        ends = [ending for ending in self.endings if ending not in (".nc", *self.pictures)]
+        return report_files(ds, out, ends) if ends else {}
 
 
 @contextmanager

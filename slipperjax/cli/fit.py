@@ -15,6 +15,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
+    Target,
     app,
     begin,
     bounds,
@@ -54,7 +55,15 @@ if TYPE_CHECKING:
 @click.argument("scene", metavar="FILE", type=FILE)
 @click.argument("measured", metavar="RECORD...", type=FILE, nargs=-1, required=True)
 def fit(
-    case: Case, measured: tuple[Path, ...], fit, fit_sensor, by: str, starts: int, window: int | None, out, **options
+    case: Case,
+    measured: tuple[Path, ...],
+    fit,
+    fit_sensor,
+    by: str,
+    starts: int,
+    window: int | None,
+    out: Target,
+    **options,
 ) -> int:
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
 
@@ -77,7 +86,7 @@ def fit(
     # one that the user did not choose, the method does
     solver = case.solver if given("solver") else None
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
-    files = Outputs(out, ".nc", ".png")
+    files = Outputs(out.path, ".nc", out.picture)
     sensors = load_sensors(file)
     call = lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options)
     found = on_thread(call)

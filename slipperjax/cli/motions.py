@@ -22,6 +22,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
+    Target,
     app,
     begin,
     bounds,
@@ -56,13 +57,13 @@ BRANCH_PATIENCE = 10.0
 @result("trajectory")
 @takes_case
 def simulate(
-    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Path
+    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Target
 ) -> int:
     """Simulate one case and write its trajectory."""
     from ..flow.simulate import simulate as run
 
     scene = case.scene
-    files = Outputs(out, ".nc", ".png")
+    files = Outputs(out.path, ".nc", out.picture)
     trajectory = on_thread(
         lambda: run(scene, periods, saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
     )
@@ -90,11 +91,11 @@ def simulate(
 )
 @result("orbit")
 @takes_case
-def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
+def orbit(case: Case, period: int, transient: int | None, out: Target) -> int:
     """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
 
-    files = Outputs(out, ".nc", ".png")
+    files = Outputs(out.path, ".nc", out.picture)
     print(f"looking for a motion of period {period} ...", file=sys.stderr)
     motion = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
     if _is_missed(motion):
@@ -146,7 +147,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @result("branch")
 @takes_case
-def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
+def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out: Target) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..flow.datasets import dataset_of
     from ..plots.branches import branches, check_brute, check_quantity
@@ -172,7 +173,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
         with keeping(lambda branch: files.write(branch.points, draw, partial=True)):
             return on_thread(call, BRANCH_PATIENCE)
 
-    files = Outputs(out, ".nc", ".png")
+    files = Outputs(out.path, ".nc", out.picture)
     branch = followed(call, files)
     # no first orbit was found, and why is printed
     if branch is None:
@@ -188,7 +189,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
         for number, event in enumerate(branch.events_named(label), 1):
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
-            beside = Outputs(Path(f"{out}_{name}"), ".nc")
+            beside = Outputs(Path(f"{out.path}_{name}"), ".nc")
             # no branch leaves at some events, and the others are followed all the same
             try:
                 other = followed(partial(branch.switched, event, **options), beside)
@@ -196,7 +197,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
                 print(f"{place}: {error}", file=sys.stderr)
                 continue
             print(f"{place}: {other.summary()}")
-            print(beside.write(other.points, draw, picture=files.out))
+            print(beside.write(other.points, draw, redraw=files))
             drawn.append(other.points)
     return 0
 

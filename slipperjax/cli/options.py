@@ -25,6 +25,7 @@ from ..model.scene import Scene
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
+from .files import PICTURES
 
 LOST = 1
 """Exit code where no number that came out means anything."""
@@ -182,9 +183,32 @@ def out(default: str | None, text: str, *endings: str) -> Adds:
     return option("--out", FILE, text, default=default, callback=without)
 
 
+class Target(NamedTuple):
+    """What --out names where a picture is written."""
+
+    path: Path
+    """Without the endings that commands add."""
+    picture: str
+    """Ending of the picture."""
+
+    @classmethod
+    def of(cls, path: Path) -> "Target":
+        """Return the target of a path: an ending of a picture chooses that one, and .nc the usual one."""
+        ending = path.suffix.lower()
+        known = ending in (".nc", *PICTURES)
+        return cls(path.with_suffix("") if known else path, ending if ending in PICTURES else PICTURES[0])
+
+
+def drawn(default: str | None, text: str) -> Adds:
+    """Return the option --out of commands that write a picture, whose value is a `Target`."""
+    text = f"{text} OUT.pdf or OUT.svg draws that in place of OUT.png."
+    target = lambda ctx, parameter, path: None if path is None else Target.of(path)
+    return option("--out", FILE, text, default=default, callback=target)
+
+
 def result(default: str) -> Adds:
     """Return the option --out of commands that write a dataset and a picture."""
-    return out(default, "Write OUT.nc and OUT.png.", ".nc", ".png")
+    return drawn(default, "Write OUT.nc and OUT.png.")
 
 
 _PAPER = inspect.signature(paper_scene).parameters  # whose defaults are stated in help

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from ..flow.status import is_lost
 from ..model.parameters import PARAMETERS, parameter
 from ..tools.checks import require
-from .files import Outputs, fitting, keeping
+from .files import Reports, keeping
 from .options import (
     COUNT,
     FILE,
@@ -29,9 +28,6 @@ from .options import (
     shown_value,
     takes_case,
 )
-
-if TYPE_CHECKING:
-    import xarray
 
 BESIDE = "-environment"
 """Added to the names of files with the vibration environment of a run."""
@@ -66,8 +62,8 @@ class _Comparing(click.Command):
 @click.option(
     "--out",
     type=FILE,
-    help="File to write, by its ending: .nc (all numbers), .png (a page), .pdf (a report), .csv (tables of windows "
-    "and of each 100 m), .xlsx (tables and summary); without one, .nc and .png; repeat for several.",
+    help="File to write, by its ending: .nc (all numbers), .png or .svg (a page), .pdf (a report), .csv (tables of "
+    "windows and of each 100 m), .xlsx (tables and summary); without one, .nc and .png; repeat for several.",
     multiple=True,
     default=["run"],
 )
@@ -98,26 +94,26 @@ def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
     files = [_outputs(path) for path in out]
     asked = load_environment(file)
-    beside: list[Outputs] = []
+    beside: list[Reports] = []
     if asked is not None:
         # before a long run
         check_environment(case.scene, **asked)
-        beside = [Outputs(one.out.with_name(f"{one.out.name}{BESIDE}"), *one.endings) for one in files]
+        beside = [Reports(one.out.with_name(f"{one.out.name}{BESIDE}"), *one.endings) for one in files]
         history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
         options["record"] = [*default_records(case.scene), history]
-    with keeping(lambda ds: "\n".join(_write(one, ds, partial=True) for one in files)):
+    with keeping(lambda ds: "\n".join(one.write(ds, partial=True) for one in files)):
         ds = over_rail(case.scene, **options, probe=3, progress=True)
     # reports of the file have them later, too
     ds.attrs[UNITS] = json.dumps(load_units(file))
     for one in files:
-        print(_write(one, ds))
+        print(one.write(ds))
     lost = is_lost(int(ds["status"]))
     told = [case.text(start=_start(case)), *summary(RunView.of(ds, case.scene))]
     # of a lost run nothing but its status is told
     if asked is not None and not lost:
         report = environment(ds, **asked)
         for one in beside:
-            print(_write(one, report))
+            print(one.write(report))
         told += environment_summary(report)
     print("\n".join(told))
     return LOST if lost else 0
@@ -138,7 +134,7 @@ def _compared(case: Case, over: str, options: dict[str, object], out: tuple[Path
         ds = compare(case.scene, {name: values}, progress=True, **options)
     ds.attrs[UNITS] = json.dumps(units)
     for one in files:
-        print(_write(one, ds))
+        print(one.write(ds))
     print("\n".join([case.text([name], _start(case)), *verdict(ds)]))
     return 0 if bool(np.isfinite(ds["value"].values).any()) else LOST
 
@@ -148,16 +144,11 @@ def _start(case: Case) -> str:
     return "from rest on the rail" if case.start is None else ""
 
 
-def _outputs(path: Path) -> Outputs:
+def _outputs(path: Path) -> Reports:
     """Return the files of a value of --out."""
     from ..plots.report import endings
 
     # what comes after a point in a number is no ending
     if not path.suffix[1:].isalpha():
-        return Outputs(path, ".nc", ".png")
-    return Outputs(path.with_suffix(""), *endings(path, ".nc", ".png", name="--out"))
-
-
-def _write(files: Outputs, ds: "xarray.Dataset", *, partial: bool = False) -> str:
-    """Write a run; return what was written."""
-    return files.write(ds, fitting if ".png" in files.endings else None, partial=partial)
+        return Reports(path, ".nc", ".png")
+    return Reports(path.with_suffix(""), *endings(path, ".nc", *Reports.pictures, name="--out"))

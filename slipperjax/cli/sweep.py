@@ -26,11 +26,12 @@ from .options import (
     VALUE,
     Adds,
     Case,
+    Target,
     app,
     begin,
+    drawn,
     flag,
     option,
-    out,
     parameters_of,
     result,
     shown_value,
@@ -73,12 +74,12 @@ show = option("--show", str, "Variable to draw; default: what suits the record."
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **options) -> int:
+def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Target, **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
     grid = make_grid(case.scene, over, log=log)
-    return _swept(run, case, grid, Outputs(out, ".nc", ".png"), **options)
+    return _swept(run, case, grid, Outputs(out.path, ".nc", out.picture), **options)
 
 
 @app.command()
@@ -93,12 +94,12 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **optio
 @option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Path, **options) -> int:
+def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Target, **options) -> int:
     """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
     grid = make_grid(case.scene, *filter(None, (over, by)), log=log)
-    return _swept(lyapunov_sweep, case, grid, Outputs(out, ".nc", ".png"), **options)
+    return _swept(lyapunov_sweep, case, grid, Outputs(out.path, ".nc", out.picture), **options)
 
 
 @app.command()
@@ -132,10 +133,23 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option("--cluster", str, "Address of a dask scheduler, such as tcp://host:8786.")
 @flag("--explain", "Print the time, memory and disk space that it will take, and stop.")
 @show
-@out(None, "Write OUT.png, and without a store OUT.nc; default: sweep, or the store's name.", ".nc", ".png")
+@drawn(None, "Write OUT.png, and without a store OUT.nc; default: sweep, or the store's name.")
 @takes_case
 def sweep(
-    case: Case, over: Axis, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
+    case: Case,
+    over: Axis,
+    by,
+    log,
+    sample,
+    record,
+    periods,
+    begin,
+    store,
+    explain,
+    show,
+    out: Target | None,
+    transient,
+    **storing,
 ):
     """Simulate every combination of parameters, or a sample, into a file, or into a store from which it resumes."""
     from ..sweeps.explain import explain as estimate
@@ -158,11 +172,13 @@ def sweep(
         return 0
     with _executor(storing["processes"], storing["cluster"]) as executor:
         if store is None:
-            files = Outputs(out or Path("sweep"), ".nc", ".png")
+            out = out or Target.of(Path("sweep"))
+            files = Outputs(out.path, ".nc", out.picture)
         else:
             options |= dict(store=target, executor=executor)
             # a share of a store is not drawn
-            files = Outputs(out or store.with_suffix(""), ".png") if storing["share"] is None else None
+            out = out or Target.of(store.with_suffix(""))
+            files = Outputs(out.path, out.picture) if storing["share"] is None else None
         return _swept(run, case, grid, files, show, **options)
 
 
@@ -359,14 +375,15 @@ def check(path: Path) -> int:
 @store.command()
 @path
 @show
-@out(None, "Write OUT.png; default: the store's name.", ".png")
-def draw(path: Path, show: str | None, out: Path | None) -> None:
+@drawn(None, "Write OUT.png; default: the store's name.")
+def draw(path: Path, show: str | None, out: Target | None) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.store import open_store, store_status
 
     ds = open_store(path)
+    out = out or Target.of(path.with_suffix(""))
     try:
-        _write(ds, Outputs(out or path.with_suffix(""), ".png"), show)
+        _write(ds, Outputs(out.path, out.picture), show)
     except RuntimeError as error:  # of a checksum
         raise ValueError(f"{path} is damaged, see `slipperjax store check {path}`: {error}") from None
     print(store_status(path))

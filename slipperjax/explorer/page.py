@@ -116,7 +116,7 @@ class Page:
 
     def _header(self) -> Row:
         labels = ("Back", "Stop", "Copy as Python", "Save scene")
-        self.back, stop, copy, save = (Button(label=text, width=108) for text in labels)
+        self.back, stop, copy, save = (Button(label=text, width=124) for text in labels)
         self.back.on_click(self._leave_box)
         stop.on_click(self._stop)
         # these end in the browser

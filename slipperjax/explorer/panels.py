@@ -46,11 +46,11 @@ class Panels:
         """**Arguments:** `slippers`: of a sled; `chosen`: called when another one, or motion, is chosen."""
         blue = COLORS["blue"]
         names = [(velocity, label(quantity(coordinate))) for velocity, coordinate in SECTIONS.items()]
-        self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
+        self.motion = Select(title="Motion shown below", options=names, value="v_z", width=225)
         self.slipper = Select(
             title="Slipper", options=[("", "all"), *slippers], value="", width=90, visible=bool(slippers)
         )
-        self.title = Div(width=410 if slippers else 512, styles={"font-size": "13px"}, name="case")
+        self.title = Div(width=388 if slippers else 490, styles={"font-size": "13px"}, name="case")
         for choice in (self.motion, self.slipper):
             choice.on_change("value", lambda attr, old, new: chosen())
         self.time = panel("Motion over time", "forcing periods", name="time")

@@ -22,24 +22,25 @@ from .style import (
     color_bar,
     color_norm,
     drawing,
+    entitle,
     fit_scale,
     legend_above,
     line_color,
     mark_cases,
     name_label,
     quantity_of,
+    rows_of,
     shown,
-    styled,
     with_unit,
 )
 
 OPTIMUM: dict[str, object] = dict(
     ls="",
     marker="*",
-    ms=10,
+    ms=9,
     mfc="#ffd23f",
     mec="black",
-    mew=0.7,
+    mew=0.6,
     zorder=6,
     label="best",
 )
@@ -77,13 +78,10 @@ def design_overview(
         draws.append(partial(_draw_map, surroundings=surroundings))
     if margins is not None:
         draws.append(partial(design_margins, margins=margins))
-    # the letters of panels by their number; E alone is as wide as the page
-    rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[len(draws)]
-    size = (7.2, 5.8 if len(draws) == 4 else 8.7)
-    with styled():
-        figure, panels = plt.subplot_mosaic(rows, figsize=size, layout="constrained")
-        figure.suptitle(_title(ds), fontsize=7)
-        axes = np.array([panels[label] for label in sorted(panels)])
+    # panels of each row
+    counts = {4: (2, 2), 5: (2, 2, 1), 6: (2, 2, 2)}[len(draws)]
+    with rows_of(*counts, height=2.9 * len(counts)) as axes:
+        entitle(axes[0].figure, _title(ds))
         for draw, ax in zip(draws, axes, strict=True):
             draw(ds, ax=ax)
     return axes
@@ -97,7 +95,7 @@ def _design(ds: object) -> xr.Dataset:
 
 
 def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
-    blue = COLORS["blue"]
+    blue = line_color(0)
     x, label = _over_cases(ds)
     order = np.argsort(x)
     q = quantity_of("objective", ds)
@@ -136,11 +134,11 @@ def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
     # with one variable the objective is drawn upwards
     x, y = [*places, total][:2]
     taken = ds["trial_taken"].values.astype(bool)
-    # a line through what each start took, and a square where it began
+    # a line through what each start took, and a square where it began, which frames the star of the best design
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
         ax.plot(x[own & taken], y[own & taken], lw=0.7, color=COLORS["grey"], zorder=1)
-        ax.plot(x[own][:1], y[own][:1], "s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4, label="start")
+        ax.plot(x[own][:1], y[own][:1], "s", ms=10, mfc="none", mec="black", mew=0.7, zorder=5, label="start")
     dots = _scatter_trials(ds, ax, x, y)
     # bounds of each variable across its axis
     for one, line in zip(variables, (ax.axvline, ax.axhline), strict=False):
@@ -210,7 +208,7 @@ def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
     x = ds["trial_simulated"].values
     # trials that break a constraint are no progress
     lowest = np.fmin.accumulate(np.where(_kept(ds), total, np.nan))
-    ax.plot(x, lowest, lw=1.2, color=COLORS["blue"], drawstyle="steps-post", label="lowest")
+    ax.plot(x, lowest, lw=1.2, color=line_color(0), drawstyle="steps-post", label="lowest")
     _scatter_trials(ds, ax, x, total)
     mark_cases(ax, x[np.isnan(total)], "no motion")
     ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds))
@@ -313,7 +311,7 @@ def _draw_map(ds: xr.Dataset, ax: Axes, surroundings: xr.Dataset) -> None:
     total = quantity_of("smooth", ds).shown(values.where(np.isfinite(values)).values)
     drawn = None
     if len(variables) == 1:
-        ax.plot(*places, total, ".-", lw=0.8, color=COLORS["blue"], zorder=1)
+        ax.plot(*places, total, ".-", lw=0.8, color=line_color(0), zorder=1)
     else:
         colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
         drawn = ax.pcolormesh(

@@ -1,5 +1,7 @@
 """The page, table and words of a vibration environment, in g as reports of tests show it."""
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -9,15 +11,9 @@ from matplotlib.ticker import LogLocator
 
 from ..tools.checks import require, whole
 from ..tools.units import STANDARD_GRAVITY
-from .style import COLORS, check_dataset, legend_above, line_color, page, set_log_ticks
+from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, set_log_ticks
 
 SOURCE = "slipperjax.environment"
-SUMMARY_STYLES = {
-    "maximum": dict(color=COLORS["blue"], label="maximum"),
-    "mean": dict(color=COLORS["green"], ls="--", label="mean"),
-    "limit": dict(color=COLORS["red"], label="95/50"),
-}
-"""Styles of lines that summarise rails."""
 DECADES = 6
 """Most decades of a density that a panel shows."""
 
@@ -46,7 +42,7 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
         figure = axes[0, 0].figure
         rails = at.sizes["rail"]
         lines = [figure.get_suptitle(), f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}"]
-        figure.suptitle("\n".join(filter(None, lines)), fontsize=7)
+        entitle(figure, "\n".join(filter(None, lines)))
     # one scale for all directions
     densities = np.concatenate([line.get_ydata() for ax in axes[0] for line in ax.lines])
     positive = densities[densities > 0]
@@ -54,6 +50,15 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
         most = positive.max()
         plt.setp(axes[0], ylim=(0.5 * max(positive.min(), most * 10.0**-DECADES), 2 * most))
     return axes
+
+
+def summary_styles() -> dict[str, dict[str, Any]]:
+    """Return the styles of lines that summarise rails."""
+    return {
+        "maximum": dict(color=line_color(0), label="maximum"),
+        "mean": dict(color=line_color(2), ls="--", label="mean"),
+        "limit": dict(color=line_color(1), label="95/50"),
+    }
 
 
 def named_place(at: xr.Dataset) -> str:
@@ -135,10 +140,10 @@ def _draw_density(ax: Axes, at: xr.Dataset) -> None:
     edges = np.append(at["low"].values, at["high"].values[-1])
     rails = at["density"].values
     if len(rails) == 1:
-        ax.plot(at["frequency"], rails[0], lw=1.0, color=COLORS["blue"])
+        ax.plot(at["frequency"], rails[0], lw=1.0, color=line_color(0))
     else:
         ax.plot(at["frequency"], rails.T, color=COLORS["grey"], lw=0.3, alpha=max(0.1, 1 / len(rails) ** 0.5))
-        for name, style in SUMMARY_STYLES.items():
+        for name, style in summary_styles().items():
             envelope = at["density_envelope"].sel(summary=name)
             ax.plot(at["frequency"], envelope, lw=1.0, **style)
     _finish_spectrum(ax, edges)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ..model.parameters import PARAMETERS
 from ..tools.checks import one_of
-from .style import COLORS, as_dataset, check_dataset, legend_above, page, typeset, with_unit
+from .style import COLORS, as_dataset, check_dataset, entitle, legend_above, line_color, page, typeset, with_unit
 
 SOURCE = "slipperjax.fit"
 SHOWN = 150
@@ -46,7 +46,7 @@ def fit_overview(result: object, sensor: str | None = None) -> np.ndarray:
         figure = axes[0, 0].figure
         said = [ds.attrs[name] for name in ("untold", "unexplained") if ds.attrs[name]]
         words = textwrap.wrap("; ".join([f"fit: {ds.attrs['status']}", *said]), 120)
-        figure.suptitle("\n".join(filter(None, [figure.get_suptitle(), *words])), fontsize=7)
+        entitle(figure, "\n".join(filter(None, [figure.get_suptitle(), *words])))
     return axes
 
 
@@ -61,8 +61,8 @@ def _draw_signal(ax: Axes, at: xr.Dataset) -> None:
     low, high = (first[f"fitted_{end}"].values[known][:SHOWN] for end in ("low", "high"))
     time = 1e3 * shown["seconds"]
     ax.plot(time, shown["measured"], ".", ms=2.5, color=COLORS["grey"], label="measured")
-    ax.fill_between(time, low, high, color=COLORS["blue"], alpha=0.25, lw=0, label="90 % of likely ones")
-    ax.plot(time, shown["fitted"], lw=0.8, color=COLORS["blue"], label="model")
+    ax.fill_between(time, low, high, color=line_color(0), alpha=0.25, lw=0, label="90 % of likely ones")
+    ax.plot(time, shown["fitted"], lw=0.8, color=line_color(0), label="model")
     ax.set(xlabel="time [ms]", ylabel=_label(at))
     legend_above(ax)
 
@@ -75,7 +75,7 @@ def _draw_left(ax: Axes, at: xr.Dataset) -> None:
     correlation = [x[k:] @ x[:-k] / (x @ x) for k in lags]
     reach = 1.96 / np.sqrt(len(x))
     ax.axhspan(-reach, reach, color=COLORS["grey"], alpha=0.3, lw=0, label="95 % of white noise")
-    ax.vlines(lags, 0, correlation, color=COLORS["red"], lw=1.2, label="what is left")
+    ax.vlines(lags, 0, correlation, color=line_color(1), lw=1.2, label="what is left")
     ax.axhline(0, lw=0.5, color="black")
     limit = max(0.3, 1.1 * float(np.abs(correlation).max()))
     ax.set(xlabel="lag [samples]", ylabel=f"autocorrelation, p = {float(at['whiteness']):.2g}", ylim=(-limit, limit))
@@ -84,9 +84,9 @@ def _draw_left(ax: Axes, at: xr.Dataset) -> None:
 
 def _draw_features(ax: Axes, ds: xr.Dataset) -> None:
     x = np.arange(ds.sizes["feature"])
-    for name, color in (("measured_feature", "grey"), ("fitted_feature", "blue")):
-        ax.plot(x, ds[name], ".", color=COLORS[color], label=name.replace("_feature", "").replace("fitted", "model"))
-    ax.errorbar(x, ds["fitted_feature"], 1.645 * ds["feature_stderr"], fmt="none", lw=0.8, color=COLORS["blue"])
+    for name, color in (("measured_feature", COLORS["grey"]), ("fitted_feature", line_color(0))):
+        ax.plot(x, ds[name], ".", color=color, label=name.replace("_feature", "").replace("fitted", "model"))
+    ax.errorbar(x, ds["fitted_feature"], 1.645 * ds["feature_stderr"], fmt="none", lw=0.8, color=line_color(0))
     ax.set(xlabel="number of the feature", ylabel="feature, with 90 % of such records")
     legend_above(ax)
 
@@ -95,7 +95,7 @@ def _draw_misfit(ax: Axes, ds: xr.Dataset) -> None:
     x = np.arange(ds.sizes["feature"])
     away = (ds["measured_feature"] - ds["fitted_feature"]) / ds["feature_stderr"]
     ax.axhspan(-1.645, 1.645, color=COLORS["grey"], alpha=0.3, lw=0, label="90 %")
-    ax.vlines(x, 0, away, color=COLORS["red"], lw=1.5, label="measured - model")
+    ax.vlines(x, 0, away, color=line_color(1), lw=1.5, label="measured - model")
     ax.axhline(0, lw=0.5, color="black")
     ax.set(xlabel="number of the feature", ylabel="difference [standard deviations]")
     legend_above(ax)
@@ -104,9 +104,9 @@ def _draw_misfit(ax: Axes, ds: xr.Dataset) -> None:
 def _draw_densities(ax: Axes, at: xr.Dataset) -> None:
     x = at["frequency"].values
     ax.fill_between(
-        x, at["density_low"], at["density_high"], color=COLORS["blue"], alpha=0.25, lw=0, label="90 % of likely ones"
+        x, at["density_low"], at["density_high"], color=line_color(0), alpha=0.25, lw=0, label="90 % of likely ones"
     )
-    ax.plot(x, at["density"], lw=0.8, color=COLORS["blue"], label="model")
+    ax.plot(x, at["density"], lw=0.8, color=line_color(0), label="model")
     ax.plot(x, at["measured_density"], ".-", ms=3, lw=0.6, color=COLORS["grey"], label="measured")
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
     unit = typeset(at["sensor_unit"].item())
@@ -125,10 +125,10 @@ def _draw_parameters(ax: Axes, ds: xr.Dataset) -> None:
         share = lambda value, begin=begin, width=width, scale=scale: (scale(value) - begin) / width
         ends = share(float(one["low"])), share(float(one["high"]))
         at = share(float(one["estimate"]))
-        ax.plot(ends, [row, row], lw=4, alpha=0.35, color=COLORS["blue"], solid_capstyle="butt", label="interval")
-        ax.plot(at, row, "o", ms=4, color=COLORS["blue"], label="estimate")
+        ax.plot(ends, [row, row], lw=4, alpha=0.35, color=line_color(0), solid_capstyle="butt", label="interval")
+        ax.plot(at, row, "o", ms=4, color=line_color(0), label="estimate")
         for other in ds["minimum"].sel(parameter=name).values:
-            ax.plot(share(float(other)), row, "x", ms=4, color=COLORS["red"], label="another minimum")
+            ax.plot(share(float(other)), row, "x", ms=4, color=line_color(1), label="another minimum")
         ax.text(0.5, row - 0.28, _stated(name, one), ha="center", va="center", fontsize=6)
     ax.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     ax.set(xlim=(0, 1), ylim=(len(names) - 0.5, -0.6), xlabel="within 98 % of what was expected before [1]")

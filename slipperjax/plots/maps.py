@@ -1,6 +1,7 @@
 """Results over one or two parameters: sections, exponents, regimes, attractors, any quantity of a sweep or store."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -28,27 +29,52 @@ from .style import (
     highest,
     legend_above,
     legend_patch,
+    line_color,
     mark_cases,
     name_case,
+    rows_of,
     shown,
     status_of,
-    styled,
     swept,
 )
 
-DIRECTION_COLORS = {"up": COLORS["orange"], "down": COLORS["green"]}
-"""Colours of the motions that are followed with the parameter raised and lowered."""
+DIRECTION_COLORS = {"up": 3, "down": 2}
+"""Numbers of the colours of motions that are followed with the parameter raised and lowered, see `line_color`."""
 EXPONENT_LABEL = "largest exponent [1/period]"
+
+
+class Met(NamedTuple):
+    """Motions that are met over a parameter, and how they are drawn."""
+
+    ds: xr.Dataset
+    color: str
+    line: str
+    """Style of the line from case to case, where each begins as the one beside it ended; empty for none."""
+    label: str
+
+    @classmethod
+    def each(cls, ds: xr.Dataset) -> "list[Met]":
+        """Return the directions of a dataset of `follow`; of another one all, without a label."""
+        if "direction" not in ds.dims:
+            return [cls(ds, line_color(0), "", "")]
+        ways = {str(way): ds.sel(direction=way) for way in ds["direction"].values}
+        return [cls(one, line_color(DIRECTION_COLORS[way]), "-", f"followed {way}") for way, one in ways.items()]
+
+
+def parameters_of(ds: xr.Dataset) -> tuple[str, ...]:
+    """Return the parameters over which a dataset has cases; the directions of `follow` are none."""
+    return tuple(str(dim) for dim in ds["status"].dims if dim != "direction")
 
 
 def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: object) -> Axes:
     """Draw one bifurcation diagram: a section's velocities over the swept parameter, in display units.
 
-    Cases with a status other than 0 have no dots, but a grey cross at the bottom.
+    Cases with a status other than 0 have no dots, but a grey cross at the bottom. Directions of `follow` have their
+    own colours, and hysteresis is where these disagree.
 
     **Arguments:**
 
-    - `ds`: from `sweep(..., record="sections")` over one parameter, or one direction of `follow`.
+    - `ds`: from `sweep(..., record="sections")` over one parameter, or from `follow`.
     - `section`: v_y, v_z [m/s], w_x, w_y or w_z [rad/s].
     - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
     - `style`: of the dots, for `Axes.plot`.
@@ -58,15 +84,18 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: o
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
     check_dataset(ds, "sweep or follow", section)
-    swept(ds[section], "crossing")
+    swept(ds[section], "crossing", "direction")
     with drawing(ax, ds) as ax:
-        _draw_dots(ds, section, ax, **style)
+        for k, met in enumerate(Met.each(ds)):
+            _draw_dots(met, section, ax, **(_dot(k) | style))
         legend_above(ax)
     return ax
 
 
 def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarray:
-    """Draw the bifurcation diagrams of all five sections on one page, as Figs. 5, 8 and 10 of the paper.
+    """Draw the bifurcation diagrams of all five sections on one page, those of Figs. 5, 8 and 10 of the paper.
+
+    Velocities are in the upper row, angular velocities in the lower one.
 
     **Arguments:**
 
@@ -76,37 +105,36 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarr
     **Returns:** the Axes, an array.
     """
     check_dataset(ds, "sweep or follow", *SECTIONS)
-    ways = {}
+    drawn = Met.each(ds)
     if followed is not None:
         check_dataset(followed, "follow", "direction", argument="followed")
-        ways = {way: followed.sel(direction=way) for way in followed["direction"].values}
-    with styled():
-        figure, panels = plt.subplot_mosaic("a.;bc;de", figsize=(7.2, 5.5), sharex=True, layout="constrained")
-        axes = np.array(list(panels.values()))
-        name_case(figure, ds, full=True)
         # followed motions beneath, those from one start above
+        drawn = [*Met.each(followed), *(met._replace(label=met.label or "from one start") for met in drawn)]
+    with rows_of(2, 3, height=4.6) as axes:
+        name_case(axes[0].figure, ds, full=True)
         for section, ax in zip(SECTIONS, axes, strict=True):
-            for way, one in ways.items():
-                _draw_dots(one, section, ax, color=DIRECTION_COLORS[way], label=f"followed {way}")
-            # the dots beneath stay visible
-            _draw_dots(ds, section, ax, ms=2.4 if ways else 3.4, label="from one start")
-        # the lowest of each column has the label
-        for ax in axes[:-2]:
-            ax.set_xlabel("")
-        if ways or flagged(ds, *ds["status"].dims).any():
-            legend_above(axes[0])
+            for k, met in enumerate(drawn):
+                _draw_dots(met, section, ax, **_dot(k))
+            ax.sharex(axes[0])
+        legend_above(axes[0])
     return axes
 
 
-def _draw_dots(ds: xr.Dataset, section: str, ax: Axes, **style: object) -> None:
+def _dot(k: int) -> dict[str, float]:
+    """Return the size of the dots drawn as number `k`: those beneath stay visible."""
+    return {"ms": max(3.4 - 0.8 * k, 1.0)}
+
+
+def _draw_dots(met: Met, section: str, ax: Axes, **style: object) -> None:
     """Draw the dots of one section, and crosses for cases that are left out."""
+    ds = met.ds
     (over,) = swept(ds[section], "crossing")
     values = ds[section].transpose(over, "crossing").values
     bad = flagged(ds, over)
     at = shown(ds, over)
     # a dot for each crossing that a case has
     case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
-    style = {"ms": 3.4, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
+    style = {"mew": 0, "color": met.color, "label": met.label, "rasterized": True} | style
     ax.plot(at[case], values[case, crossing], ".", **style)
     mark_cases(ax, at[bad], FLAGGED_LABEL)
     ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
@@ -296,12 +324,13 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = None) -> Axes:
     """Draw a quantity over one parameter as dots, or over two as colours, in its display unit.
 
-    Of a quantity with several values in each case, such as one for each contact point, the largest is drawn. Cases
-    with a status other than 0 are grey, those that a growing store does not have yet white. The scale is logarithmic
-    where the values differ by a factor above 8.
+    Directions of `follow` are curves, up and down, and hysteresis is where these disagree. Of a quantity with several
+    values in each case, such as one for each contact point, the largest is drawn. Cases with a status other than 0
+    are grey, those that a growing store does not have yet white. The scale is logarithmic where the values differ by
+    a factor above 8.
 
-    **Arguments:** `ds`: from `sweep`, or a store; over two parameters the first is drawn upwards; `name`: a variable;
-    `ax`: the Axes to draw into, default those of a new figure, with the fixed parameters as its title.
+    **Arguments:** `ds`: from `sweep` or `follow`, or a store; over two parameters the first is drawn upwards; `name`:
+    a variable; `ax`: the Axes to draw into, default those of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 
@@ -310,27 +339,33 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = Non
     check_dataset(ds, "sweep", name)
     if ds[name].dtype.kind not in "fiub":
         raise ValueError(f"Argument `name` must be a variable with numbers, but {name} has {ds[name].dtype}.")
-    over = tuple(map(str, ds["status"].dims))
+    over = parameters_of(ds)
     if len(over) not in (1, 2) or not set(over) <= set(ds[name].dims):
         raise ValueError(f"Argument `ds` must be over one parameter or two, but {name} is over {ds[name].dims}.")
-    values = highest(ds, name, *over)
-    with drawing(ax, ds, 3.5, 2.8 if len(over) == 1 else 3.3) as ax:
+    with drawing(ax, ds, height=2.8 if len(over) == 1 else 3.3) as ax:
         if len(over) == 2:
-            drawn = map_over(ds, over, values, ax, "viridis", color_norm)
+            drawn = map_over(ds, over, highest(ds, name, *over), ax, "viridis", color_norm)
             color_bar(ax, drawn, axis_label(name, ds))
         else:
-            x = shown(ds, over[0])
-            bad = flagged(ds, *over)
-            values = np.where(bad, np.nan, values)
-            # what is not computed yet has no mark
-            bad &= status_of(ds, *over) != Status.NOT_RUN
-            ax.plot(x, values, ".", ms=3, mew=0, color=COLORS["blue"])
-            mark_cases(ax, x[bad], FLAGGED_LABEL)
+            values = [_draw_values(met, name, over[0], ax) for met in Met.each(ds)]
             ax.margins(x=0.03)
             ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(name, ds))
-            fit_scale(ax, values)
+            fit_scale(ax, np.concatenate(values))
         legend_above(ax)
     return ax
+
+
+def _draw_values(met: Met, name: str, over: str, ax: Axes) -> np.ndarray:
+    """Draw a variable over a parameter, and crosses for cases that are left out; return what is drawn."""
+    ds = met.ds
+    x = shown(ds, over)
+    bad = flagged(ds, over)
+    values = np.where(bad, np.nan, highest(ds, name, over))
+    # what is not computed yet has no mark
+    bad &= status_of(ds, over) != Status.NOT_RUN
+    ax.plot(x, values, ".", ls=met.line, lw=0.7, ms=3, mew=0, color=met.color, label=met.label)
+    mark_cases(ax, x[bad], FLAGGED_LABEL)
+    return values
 
 
 def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:

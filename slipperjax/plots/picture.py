@@ -12,7 +12,7 @@ from .comparisons import comparison
 from .designs import design_overview
 from .environment import vibration
 from .fits import fit_overview
-from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
+from .maps import attractor_map, basin_map, bifurcations, exponents, parameters_of, quantity_map, regime_map
 from .runs import run_overview
 from .style import as_dataset
 from .trajectories import overview
@@ -38,7 +38,8 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
     """Draw the picture that fits a result.
 
     The page of a trajectory, a run, a design or a fit; a branch; the bifurcation diagrams, exponents or map of a
-    sweep. Of a sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers.
+    sweep. Of a sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers. Of
+    `follow` each direction has its own colour.
 
     **Arguments:** `result`: a `Trajectory`, a branch, a design, or a dataset of slipperjax; `options`: as for the
     picture.
@@ -50,7 +51,7 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
     ds = as_dataset(result)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `result` must be a result of slipperjax, but is {type(result).__name__}.")
-    parameters = [str(dim) for dim in ds["status"].dims] if "status" in ds else []
+    parameters = parameters_of(ds) if "status" in ds else ()
     count = len(parameters)
     # the first picture that fits the names and the number of parameters
     for names, needed, draw in PICTURES:
@@ -58,12 +59,13 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
             return draw(ds, **options)
     numbers = [
         str(name)
+        # whole numbers, such as the period, where there are no others
+        for kind in "fi"
         for name, values in ds.data_vars.items()
         # maps draw the highest value of all points
-        if set(parameters) == set(values.dims) - set(POINT_DIMS) and values.dtype.kind == "f"
+        if set(parameters) == set(values.dims) - {*POINT_DIMS, "direction"} and values.dtype.kind == kind
+        if name != "status"
     ]
-    if "steps_per_period" in ds:  # which all sweeps have
-        numbers.append("steps_per_period")
     if numbers and len(parameters) in (1, 2):
         name = "peak_force" if "peak_force" in numbers else numbers[0]
         return quantity_map(ds, **({"name": name} | options))

@@ -39,7 +39,7 @@ from .runs import (
     peak_of,
     speed_name,
 )
-from .style import COLORS, POINT_COLORS, by_contact, legend_above, page, set_log_ticks, styled, with_unit
+from .style import COLORS, POINT_COLORS, by_contact, legend_above, line_color, page, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
 
 WIDTH = 105
@@ -356,8 +356,8 @@ def _spectra(view: RunView, names: list[str]) -> Figure:
             q = view.quantity(name)
             values = q.shown(ds[f"band_{name}"])
             mean = np.sqrt((values**2).mean("stretch"))
-            ax.stairs(mean, edges, baseline=None, color=COLORS["blue"], label="mean of all stretches")
-            ax.stairs(values.max("stretch"), edges, baseline=None, color=COLORS["red"], label="highest stretch")
+            ax.stairs(mean, edges, baseline=None, color=line_color(0), label="mean of all stretches")
+            ax.stairs(values.max("stretch"), edges, baseline=None, color=line_color(1), label="highest stretch")
             ax.set(xscale="log", yscale="log")
             ax.set_ylabel(with_unit(f"RMS of ${q.symbol}$\nin third octaves", q.display_unit, brackets=True))
             set_log_ticks(ax.xaxis)

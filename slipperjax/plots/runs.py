@@ -227,11 +227,11 @@ def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units:
     axes[1].sharey(axes[0])
     rails = scene.track.rails or {"": scene.track}
     displacements = {side: rail.irregularity(places + 0 * scene.wavelength) for side, rail in rails.items()}
-    for ax, name, colors in zip(axes, ("lateral", "vertical"), (("blue", "green"), ("red", "orange")), strict=True):
+    for ax, name, colors in zip(axes, ("lateral", "vertical"), ((0, 2), (1, 3)), strict=True):
         height = units.of(Quantity(f"rail_{name}", "m", f"{name} displacement of the rail", shown_unit="mm"))
         for (side, here), color in zip(displacements.items(), colors, strict=False):
             values = height.shown(np.broadcast_to(np.asarray(getattr(here, name)), places.shape))
-            ax.plot(along.shown(places), values, lw=0.5, color=COLORS[color], label=f"{side} {name}".strip())
+            ax.plot(along.shown(places), values, lw=0.5, color=line_color(color), label=f"{side} {name}".strip())
         ax.set_ylabel(f"{name}\n[{typeset(height.display_unit)}]")
 
 
@@ -243,10 +243,10 @@ def draw_speed(ax: Axes, view: RunView) -> None:
     q = view.quantity("speed")
     # speeds are those in the middles of windows
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
-    ax.plot(view.places(places), q.shown(np.pad(speed, 1, "edge")), lw=0.9, color=COLORS["blue"], label="speed")
+    ax.plot(view.places(places), q.shown(np.pad(speed, 1, "edge")), lw=0.9, color=line_color(0), label="speed")
     ax.set_ylabel(name_label(q))
     beside = ax.twinx()
-    beside.plot(view.places(edges), view.times, lw=0.9, color=COLORS["orange"], label="time")
+    beside.plot(view.places(edges), view.times, lw=0.9, color=line_color(3), label="time")
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
     ax.set_ylim(bottom=0)
@@ -273,7 +273,7 @@ def _draw_forces(ax: Axes, view: RunView) -> None:
         place = float(at.shown(peak["peak_distance"]))
         where = f"{peak['contact'].item()}, {in_hundredths(place)} {at.display_unit}"
         label = f"{high:.4g} {force.display_unit} at {where}"
-        ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
+        ax.plot(place, high, "o", ms=3.5, mew=0, color=line_color(1), label=label)
     finish_forces(ax, view)
 
 
@@ -425,7 +425,7 @@ def passing(
             # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
             # windows at a constant speed belong to neither way
-            for way, sign, color in (("up", 1, "red"), ("down", -1, "blue")):
+            for way, sign, color in (("up", 1, line_color(1)), ("down", -1, line_color(0))):
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
                 if there.any():
                     label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
@@ -433,7 +433,7 @@ def passing(
                         speed[there],
                         values[there],
                         label=label,
-                        color=COLORS[color],
+                        color=color,
                         alpha=1 - 0.7 * k / len(runs),
                         **style,
                     )

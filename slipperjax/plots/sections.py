@@ -23,7 +23,7 @@ from ..model.quantities import POINT_DIMS, point_dims
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, require, whole
-from .style import COLORS, case_title, check_dataset, drawing, lost, point_colors, styled
+from .style import COLORS, case_title, check_dataset, drawing, entitle, lost, page_width, point_colors, styled
 from .trajectories import TRAJECTORY_SOURCE, Along, Result, contact_forces
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def section(scene: Scene, ax: Axes | None = None) -> Axes:
     with drawing(ax, None, 3.5, 2.35) as ax:
         if own:
             clearance = quantity("clearance").shown(float(scene.value("clearance")))
-            ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
+            entitle(ax.figure, f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide")
         _draw_slipper(
             ax, shape, still, reach * np.asarray(shape.normals), shape.names, point_colors(len(shape.names))
         )
@@ -138,7 +138,13 @@ def rail_outline(shape: Section) -> Float[np.ndarray, "corners 2"]:
 
 def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
     """Return places of the points' labels inside the rail head [mm]."""
-    return 1e3 * (np.asarray(shape.track_points) - 0.13 * height(shape) * np.asarray(shape.normals))
+    points = np.asarray(shape.track_points)
+    face = shape.face_of_point
+    middles = np.array([points[face == k].mean(axis=0) for k in range(len(shape.faces))])
+    # towards the middle of the face, away from the corner where the next one has a point, too
+    along = middles[face] - points
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return 1e3 * (points + height(shape) * (0.07 * along - 0.13 * np.asarray(shape.normals)))
 
 
 def _draw_slipper(
@@ -346,7 +352,7 @@ class _Picture:
             figure, grid = plt.subplot_mosaic(
                 [*([f"front {k}", f"rear {k}"] for k in range(rows)), ["forces", "forces"]],
                 height_ratios=[panels / rows] * rows + [1.25],
-                figsize=(7.2, panels + 1.3),
+                figsize=(page_width(), panels + 1.3),
                 layout="constrained",
             )
             self.figure = figure
@@ -373,7 +379,7 @@ class _Picture:
             scales = f"play and displacement × {frames[0].magnify:g}"
             if not lost(ds):
                 scales += f", longest arrow {max(float(of.force.max()) for of in frames) / 1e3:.3g} kN"
-            figure.suptitle("; ".join(filter(None, [case_title(ds), scales])), fontsize=7.5)
+            entitle(figure, "; ".join(filter(None, [case_title(ds), scales])))
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 

@@ -2,10 +2,13 @@
 
 import io
 import re
+import string
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from contextvars import ContextVar
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -21,11 +24,16 @@ from matplotlib.ticker import LogLocator, NullLocator
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
 from ..model.quantities import REACTIONS, Quantity, point_dims
-from ..tools.checks import instance, number, positive
+from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
+
+COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e07a1f", "grey": "#a0a0a0"}
+"""Colours of lines and dots."""
 
 STYLE: dict[str, Any] = {
     "font.size": 8,
+    "figure.titlesize": 7,
+    "legend.fontsize": 6.5,
     "axes.labelsize": 8,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
@@ -33,13 +41,18 @@ STYLE: dict[str, Any] = {
     "grid.alpha": 0.25,
     "grid.linewidth": 0.4,
     "axes.linewidth": 0.6,
-    # whole fonts are embedded in PDF files, so that their text can be searched and copied
+    "axes.prop_cycle": plt.cycler(color=[COLORS[name] for name in ("blue", "red", "green", "orange")]),
+    # whole fonts are embedded in PDF files, and text stays text in SVG files, so that it can be searched and edited
     "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    # of parts that are pixels in PDF and SVG files
+    "savefig.dpi": 300,
 }
-"""Matplotlib settings of all figures made here; column width is 3.5 inches, page width 7.2."""
-
-COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e07a1f", "grey": "#a0a0a0"}
-"""Colours of lines and dots."""
+"""Matplotlib settings of all figures made here."""
+COLUMN = 3.5
+"""Width of a figure with one panel [inches]."""
+PAGE = 7.2
+"""Width of a figure with several panels [inches]."""
 
 FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
@@ -47,22 +60,22 @@ NOT_RUN_LABEL = "not computed yet"
 """Legend entry of cases that a store does not have yet; they are left white."""
 
 MOTION_COLORS = {
-    "period 1": "#d0fcff",
-    "period 2": "#79a7f8",
+    "period 1": "#7ec0fd",
+    "period 2": "#4c6dbf",
     "period 3": "#ffea81",
-    "period 4": "#4055c8",
-    "other periods": "#001951",
-    "quasi-periodic": "#aff1b5",
-    "regular": "#009b68",
-    "chaotic": "#af2b19",
-    "transient chaos": "#ff7d20",
-    "unresolved": "#aca0bf",
-    FLAGGED_LABEL: "#453131",
+    "period 4": "#2e2ebc",
+    "other periods": "#000666",
+    "quasi-periodic": "#87de9f",
+    "regular": "#1d9352",
+    "chaotic": "#af1111",
+    "transient chaos": "#f67619",
+    "unresolved": "#6a6a73",
+    FLAGGED_LABEL: "#261919",
 }
 # no picture has both this and single periods
 MOTION_COLORS["periodic"] = MOTION_COLORS["period 2"]
-"""Colours of motions, of whatever name. Each two that one picture may have differ by 25 in CIELAB or more, also for
-readers without red or green."""
+"""Colours of motions, of whatever name. Each two that one picture may have, and white, which is what has none, differ
+by 25 in CIELAB or more, also for readers without red or green."""
 
 POINT_COLORS = (
     *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
@@ -71,23 +84,81 @@ POINT_COLORS = (
 """Colours of the contact points, see `point_colors`."""
 
 
+class Look(NamedTuple):
+    """How new figures look, as `styled` decides."""
+
+    settings: Mapping[str, Any] = STYLE
+    """Of matplotlib."""
+    width: float | None = None
+    """Of figures [inches]; None for `COLUMN` or `PAGE`."""
+    titles: bool = True
+    letters: bool = True
+
+
+PLAIN = Look()
+"""Outside of any `styled`."""
+_look: ContextVar[Look] = ContextVar("look", default=PLAIN)
+"""What is in force: that of the innermost `styled`."""
+
+
 @contextmanager
-def styled() -> Iterator[None]:
-    """Apply `STYLE`, and nothing else, to the pictures drawn inside."""
+def styled(
+    settings: Mapping[str, Any] | None = None,
+    *,
+    width: float | None = None,
+    titles: bool | None = None,
+    letters: bool | None = None,
+) -> Iterator[None]:
+    """Apply slipperjax's style to the pictures drawn and saved inside, with changes of one's own.
+
+    Save PDF and SVG files inside, too: how matplotlib writes text there is part of the style.
+
+    ```python
+    cycle = plt.cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7"])
+    with plots.styled({"font.family": "serif", "axes.prop_cycle": cycle}, width=7.2, titles=False):
+        plots.bifurcations(ds)[0].figure.savefig("fig5.pdf")
+    ```
+
+    **Arguments:** all are as around this one by default.
+
+    - `settings`: of matplotlib, by their names in `plt.rcParams`, in place of the style's own. Lines and dots take
+        the colours of `axes.prop_cycle` by turns; kinds of motion and contact points keep theirs.
+    - `width`: of new figures [inches]; at first 3.5, a column, for one panel, and 7.2, a page, for several.
+    - `titles`: whether new figures state their case; a status other than 0 is stated always.
+    - `letters`: whether panels of a page have letters (a), (b) and so on.
+
+    **Raises:** `ValueError` for a setting that matplotlib lacks, or a width that is not positive.
+    """
+    rc: Any = plt.rcParams
+    for name in settings or {}:
+        require(name in rc, "settings", "have names of matplotlib's settings", name)
+    if width is not None:
+        width = number(positive, "width", width, "in")
+    around = _look.get()
+    given = dict(width=width, titles=titles, letters=letters)
+    changes: Any = {name: value for name, value in given.items() if value is not None}
+    look = around._replace(settings={**around.settings, **(settings or {})}, **changes)
     # not plt.rc_context, which restores every setting: the first figure of a session may switch interactive mode on,
     # and a notebook would show no further picture once that is undone
-    settings: Any = plt.rcParams
-    before = {name: settings[name] for name in STYLE}
-    settings.update(STYLE)
+    before = {name: rc[name] for name in look.settings}
+    token = _look.set(look)
     try:
+        rc.update(look.settings)
         yield
     finally:
-        settings.update(before)
+        rc.update(before)
+        _look.reset(token)
+
+
+def setting(name: str) -> Any:
+    """Return a setting of the style in force, also for Axes that were made without it."""
+    return _look.get().settings[name]
 
 
 def line_color(number: int) -> str:
-    """Return the colour of a line by its number: blue, red, green, orange, then again."""
-    return COLORS[("blue", "red", "green", "orange")[number % 4]]
+    """Return the colour of a line by its number in the cycle, which begins again after its end."""
+    colors = setting("axes.prop_cycle").by_key()["color"]
+    return colors[number % len(colors)]
 
 
 def point_colors(points: int, slipper: int = 0) -> list[str]:
@@ -199,14 +270,14 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
 
 @contextmanager
 def drawing(
-    ax: Axes | None, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
+    ax: Axes | None, ds: xr.Dataset | None = None, width: float = COLUMN, height: float = 2.4, *, full: bool = True
 ) -> Iterator[Axes]:
     """Yield `ax`, or the Axes of a new figure [inches] in `STYLE`, whose title is the fixed parameters of `ds`."""
     if ax is not None:
         yield instance("ax", ax, Axes, "Axes of matplotlib")
         return
     with styled():
-        figure, ax = plt.subplots(figsize=(width, height), layout="constrained")
+        figure, ax = plt.subplots(figsize=(_look.get().width or width, height), layout="constrained")
         if ds is not None:
             name_case(figure, ds, full=full)
         yield ax
@@ -216,15 +287,55 @@ def drawing(
 def page(
     rows: int, columns: int, height: float, ds: xr.Dataset | None = None, *, full: bool = True, **options: Any
 ) -> Iterator[np.ndarray]:
-    """Yield the Axes of a new figure in `STYLE`, 7.2 by `height` inches, titled as that of `drawing`.
+    """Yield the Axes of a new figure in `STYLE`, as wide as a page and `height` inches high, titled as by `drawing`.
 
     **Arguments:** `options`: as for `plt.subplots`.
     """
     with styled():
-        figure, axes = plt.subplots(rows, columns, figsize=(7.2, height), layout="constrained", **options)
+        figure, axes = plt.subplots(rows, columns, figsize=(page_width(), height), layout="constrained", **options)
         if ds is not None:
             name_case(figure, ds, full=full)
         yield axes
+        letter(np.ravel(axes))
+
+
+@contextmanager
+def rows_of(*counts: int, height: float) -> Iterator[np.ndarray]:
+    """Yield the Axes of a new figure as of `page`, whose rows have each a number of panels.
+
+    A row is laid out by itself: a colour bar or a long label takes no space from the panels above and below it.
+    """
+    with styled():
+        figure = plt.figure(figsize=(page_width(), height), layout="constrained")
+        rows = figure.add_gridspec(len(counts), 1)
+        cells = [cell for row, count in zip(rows, counts, strict=True) for cell in row.subgridspec(1, count)]
+        axes = np.array([figure.add_subplot(cell) for cell in cells])
+        yield axes
+        letter(axes)
+
+
+def page_width() -> float:
+    """Return the width of figures with several panels [inches]."""
+    return _look.get().width or PAGE
+
+
+def letter(axes: np.ndarray) -> None:
+    """Write (a), (b) and so on into the upper left corners of several panels, where letters are wanted."""
+    if not _look.get().letters or len(axes) == 1:
+        return
+    box = dict(facecolor="white", alpha=0.7, lw=0, pad=1.0)
+    for ax, name in zip(axes, string.ascii_lowercase, strict=False):
+        place = dict(xycoords="axes fraction", textcoords="offset points", va="top", ha="left", zorder=9)
+        ax.annotate(f"({name})", (0, 1), (3, -3), fontsize=setting("axes.labelsize"), bbox=box, **place)
+
+
+def label_lowest(panels: np.ndarray) -> None:
+    """Leave labels along x to the lowest of neighbouring panels (rows, columns) with the same limits."""
+    for column in panels.T:
+        for ax, below in pairwise(column):
+            if np.allclose(ax.get_xlim(), below.get_xlim()):
+                ax.set_xlabel("")
+                ax.tick_params(labelbottom=False)
 
 
 def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
@@ -239,7 +350,7 @@ def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
         handles = list(dict(zip(labels, found, strict=True)).values())
     if not handles:
         return
-    font_size = 6.5
+    font_size = setting("legend.fontsize")
     lines = [line for handle in handles for line in str(handle.get_label()).splitlines()]
     # a letter is about half as wide as the font is high; marker and spaces are as wide as six letters
     column = 0.45 * font_size * (max(map(len, lines)) + 6)
@@ -339,11 +450,31 @@ def mark_cases(ax: Axes, x: np.ndarray, label: str, color: str = COLORS["grey"])
 
 def png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
-    instance("figure", figure, Figure, "a figure of matplotlib")
     number(positive, "dpi", dpi)
-    content = io.BytesIO()
     # level 3 takes a quarter less time than 6, matplotlib's, for files that are a fifth larger
-    figure.savefig(content, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
+    return _content(figure, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
+
+
+def pdf(figure: Figure) -> bytes:
+    """Return a figure as the content of a PDF file with its fonts; the figure is closed."""
+    return _content(figure, format="pdf")
+
+
+def svg(figure: Figure) -> bytes:
+    """Return a figure as the content of an SVG file whose text is text; the figure is closed."""
+    return _content(figure, format="svg")
+
+
+FILES: dict[str, Callable[[Figure], bytes]] = {".png": lambda figure: png(figure, 300), ".pdf": pdf, ".svg": svg}
+"""What makes the file of a picture, by its ending."""
+
+
+def _content(figure: Figure, **options: Any) -> bytes:
+    """Return what `Figure.savefig` writes; the figure is closed."""
+    instance("figure", figure, Figure, "a figure of matplotlib")
+    content = io.BytesIO()
+    with styled():
+        figure.savefig(content, **options)
     plt.close(figure)
     return content.getvalue()
 
@@ -385,16 +516,21 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 
 def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:
     """Write the fixed parameters of a dataset above a figure."""
-    text = case_title(ds, full=full)
-    if text:
-        figure.suptitle(text, fontsize=7)
+    entitle(figure, case_title(ds, full=full))
+
+
+def entitle(figure: Figure, text: str) -> None:
+    """Write a text above a figure, where titles are wanted."""
+    if text and _look.get().titles:
+        figure.suptitle(text, fontsize=setting("figure.titlesize"))
 
 
 def name_status(figure: Figure, code: int) -> None:
     """Write a status other than 0 above a figure, in red below its title."""
     if code != Status.FINITE:
         lines = [figure.get_suptitle(), textwrap.fill(f"status: {Status(code)}", 90)]
-        figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
+        text = "\n".join(line for line in lines if line)
+        figure.suptitle(text, color=COLORS["red"], fontsize=setting("figure.titlesize"))
 
 
 def _number(ds: xr.Dataset, q: Quantity) -> float | None:

@@ -11,12 +11,13 @@ from ..flow.status import Status
 from ..tools.checks import number, positive, real, require, whole
 from ..tools.types import Numbers
 from .style import (
-    COLORS,
     axis_label,
     by_contact,
     check_dataset,
     drawing,
+    label_lowest,
     legend_above,
+    line_color,
     lost,
     name_status,
     page,
@@ -65,7 +66,7 @@ def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
     along = Along.of(ds)
     with drawing(ax, ds, full=False) as ax:
-        ax.plot(along.unit * ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
+        ax.plot(along.unit * ds["period"].values, shown(ds, name), lw=0.7, color=line_color(0))
         ax.set(xlabel=along.label, ylabel=axis_label(name, ds))
         ax.margins(x=0.01)
     return ax
@@ -179,13 +180,10 @@ def overview(ds: Result) -> np.ndarray:
         last = 4.0  # forcing periods, in which single impacts are seen
         contact_forces(ds, panels[5, 0], last=None)
         contact_forces(ds, panels[5, 1], last=last)
-        for ax in panels[:6].ravel():
-            ax.set_xlabel("")
-        for ax in panels[:5].ravel():
-            ax.tick_params(labelbottom=False)
         period = ds["period"].values
         history(ds, "drive_force", panels[6, 0])
         history(ds.isel(time=period >= period[-1] - last - 1e-9), "drive_force", panels[6, 1])
+        label_lowest(panels)
         name_status(panels[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
     return panels
 
@@ -204,12 +202,12 @@ def phase_portrait(ds: Result, coordinate: str, velocity: str, ax: Axes | None =
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])
     with drawing(ax, ds, 3.5, 3.0, full=False) as ax:
-        ax.plot(q, v, lw=0.35, color=COLORS["blue"])
+        ax.plot(q, v, lw=0.35, color=line_color(0))
         ax.plot(
             0 * at,
             v[at] + share * (v[at + 1] - v[at]),
             ".",
-            color=COLORS["red"],
+            color=line_color(1),
             ms=4,
             mew=0,
         )
@@ -248,6 +246,6 @@ def spectrum(
     end = np.inf if highest is None else number(positive, "highest", highest)
     drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:
-        ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=COLORS["blue"])
+        ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=line_color(0))
         ax.set(xlabel="frequency [Hz]", ylabel=f"PSD [{typeset(unit)}]" if unit else "PSD")
     return ax

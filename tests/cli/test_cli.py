@@ -188,7 +188,7 @@ def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     assert dataset(out)["speed"].values.tolist() == [900, 1000]
     assert sj.load_start(f"{out}.nc").v_y == 0.3
     assert equal(sj.load_scene(f"{out}.nc", speed=900.0), sj.paper_scene(900.0).replace(mass=21.0))
-    assert share(picture(out, 7.2, 5.5), COLORS["blue"]) > 0
+    assert share(picture(out, 7.2, 4.6), COLORS["blue"]) > 0
 
 
 def test_an_orbit_is_written(tmp_path, capsys):
@@ -230,7 +230,7 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
     assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.TOO_FEW_STEPS})\n")
     xr.testing.assert_identical(dataset(out), made)
-    assert share(picture(out, 7.2, 5.5), COLORS["grey"]) > 0
+    assert share(picture(out, 7.2, 4.6), COLORS["grey"]) > 0
     made["status"][:] = int(Status.NOT_FINITE)
     assert "4 cases flagged" in call(words, capsys, 1)[0]
 

@@ -137,6 +137,9 @@ def test_files_are_replaced_which_is_said_even_where_they_are_open(partial, repl
     for ending in (".nc", ".png"):  # known endings are not repeated
         assert f"wrote {fig}.nc and {fig}.png\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
     assert names(tmp_path) == ["fig.nc", "fig.png"]
+    for ending in (".pdf", ".svg"):  # in place of .png
+        assert f"wrote {fig}.nc and {fig}{ending}\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
+    assert names(tmp_path) == ["fig.nc", "fig.pdf", "fig.png", "fig.svg"]
     partial.attrs["transient"] = 5
     with xr.open_dataset(f"{fig}.nc", engine="h5netcdf") as held:
         call([*FOUR, fig], capsys)

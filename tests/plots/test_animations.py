@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.model.kinematics import contacts, face_offsets, rail_frame
-from slipperjax.plots.sections import contour, default_magnification
+from slipperjax.plots.sections import contour, default_magnification, height, label_places
 
 from .shown import labels
 
@@ -53,6 +53,13 @@ def arrows_of(ax):
 def drawn_gaps(ax):
     """Gives distances of the drawn points from the drawn rail head along the normals [m]."""
     return 1e-3 * np.sum((points_of(ax) - 1e3 * RAIL) * NORMALS, axis=1)
+
+
+def test_labels_of_points_do_not_overlap():
+    places = label_places(SCENE.section)
+    away = np.linalg.norm(places[:, None] - places, axis=-1)[np.triu_indices(len(places), 1)]
+    # two letters in the panels of the explorer are an eighth of the section's height wide
+    assert away.min() > 1e3 * height(SCENE.section) / 6
 
 
 def test_offsets_along_the_faces_are_those_of_the_vectors():

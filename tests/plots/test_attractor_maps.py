@@ -118,7 +118,8 @@ BLIND = {
 @pytest.mark.parametrize("blind", BLIND)
 def test_colours_of_motions_differ_for_everybody(blind):
     lab = []
-    for color in dict.fromkeys(MOTION_COLORS.values()):  # "periodic" stands for single periods
+    # "periodic" stands for single periods, and white for what is not computed yet
+    for color in dict.fromkeys([*MOTION_COLORS.values(), "#ffffff"]):
         srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]

@@ -84,6 +84,9 @@ def test_trials_lie_in_the_plane_of_the_first_two_variables(design):
     assert sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")[-2:] == [0.2, 3.0]
     assert len(dots(ax, "s")) == 2
     np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
+    # a start frames the star
+    (star,) = marked(ax, "*")
+    assert all(line.get_markersize() > star.get_markersize() for line in marked(ax, "s"))
     assert f"{SMOOTH}\nworst of 3 cases" in [other.get_ylabel() for other in ax.figure.axes[4:]]
     violated, kept = ax.collections
     assert (len(violated.get_offsets()), len(kept.get_offsets())) == (1, ds.sizes["trial"] - 1)
@@ -137,6 +140,16 @@ def test_one_variable_has_the_objective_upwards(design):
     assert len(trials.figure.axes) == 5  # no colour bar
 
 
+def test_panels_of_a_design_are_as_wide_as_their_row_allows(design):
+    ds = design()
+    axes = plots.design_overview(ds, surroundings(ds), margins=margins())
+    axes[0].figure.draw_without_rendering()
+    widths = [7.2 * ax.get_position().width for ax in axes]
+    assert min(widths) > 2.2  # inches
+    # no row loses the space of another one's colour bar
+    assert min(widths[2:4]) > 2.6
+
+
 def margins():
     """Events on both sides of two parameters of two cases; one side of one has none."""
     rows = [
@@ -164,7 +177,9 @@ def test_a_page_has_margins_to_events_and_a_title(design):
     assert bars == pytest.approx([-10.0, -5.0, -5.0, 1.0, 10.0, 20.0], abs=1e-12)
     # an event has a marker and its value; the side without one has neither
     assert [len(dots(ax, marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
-    assert sorted(text.get_text().strip() for text in ax.texts) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
+    *values, letter = (text.get_text().strip() for text in ax.texts)
+    assert letter == "(f)"
+    assert sorted(values) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
     assert sum("m/s" in word for word in legend(ax)) == 2
     assert sum(word.startswith("GR") for word in legend(ax)) == 1
 
