@@ -50,7 +50,7 @@ class Panels:
         self.slipper = Select(
             title="Slipper", options=[("", "all"), *slippers], value="", width=90, visible=bool(slippers)
         )
-        self.title = Div(width=388 if slippers else 490, styles={"font-size": "13px"}, name="case")
+        self.title = Div(width=355 if slippers else 457, styles={"font-size": "12px"}, name="case")
         for choice in (self.motion, self.slipper):
             choice.on_change("value", lambda attr, old, new: chosen())
         self.time = panel("Motion over time", "forcing periods", name="time")

@@ -320,13 +320,13 @@ def page_width() -> float:
 
 
 def letter(axes: np.ndarray) -> None:
-    """Write (a), (b) and so on into the upper left corners of several panels, where letters are wanted."""
+    """Write (a), (b) and so on at the upper left corners of several panels, where letters are wanted."""
     if not _look.get().letters or len(axes) == 1:
         return
-    box = dict(facecolor="white", alpha=0.7, lw=0, pad=1.0)
+    # outside, beside a legend and above the labels of ticks, where they hide nothing
+    place: Any = dict(xycoords="axes fraction", textcoords="offset points", va="bottom", ha="right")
     for ax, name in zip(axes, string.ascii_lowercase, strict=False):
-        place = dict(xycoords="axes fraction", textcoords="offset points", va="top", ha="left", zorder=9)
-        ax.annotate(f"({name})", (0, 1), (3, -3), fontsize=setting("axes.labelsize"), bbox=box, **place)
+        ax.annotate(f"({name})", (0, 1), (-4, 1), fontsize=setting("axes.labelsize"), **place)
 
 
 def label_lowest(panels: np.ndarray) -> None:
