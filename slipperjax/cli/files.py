@@ -95,7 +95,7 @@ class Outputs:
         """Write a dataset to OUT.nc, and its picture to OUT.png or another ending, as far as these are its files.
 
         **Arguments:** `draw`: None for no picture; `partial`: whether it is what an interrupt left, which is
-        written to OUT_partial; `redraw`: files whose picture is this one, too.
+        written to OUT_partial; `redraw`: files whose picture is replaced in place of making one.
 
         **Returns:** what was written, in words.
         """
@@ -105,8 +105,7 @@ class Outputs:
             # made in memory: HDF5 loses the whole process where a disk is full
             contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
         if draw is not None:
-            contents |= self._pictures(ds, draw, out)
-            contents |= {} if redraw is None else redraw._pictures(ds, draw, redraw.out)
+            contents |= self._pictures(ds, draw, out) if redraw is None else redraw._pictures(ds, draw, redraw.out)
         return write_each(contents | self._others(ds, out))
 
     def _pictures(self, ds: "xarray.Dataset", draw: Draw, out: Path) -> dict[Path, Callable[[], Content]]:

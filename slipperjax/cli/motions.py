@@ -189,7 +189,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
         for number, event in enumerate(branch.events_named(label), 1):
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
-            beside = Outputs(Path(f"{out.path}_{name}"), ".nc")
+            beside = Outputs(Path(f"{out.path}_{name}"), ".nc", out.picture)
             # no branch leaves at some events, and the others are followed all the same
             try:
                 other = followed(partial(branch.switched, event, **options), beside)

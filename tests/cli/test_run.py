@@ -151,7 +151,7 @@ def test_of_a_lost_run_nothing_is_told_but_its_status(file, tmp_path, capsys, re
 
 def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replaced):
     ran = replaced("sweeps.runs.run")
-    for ending, words in ((".docx", "Option --out must end in one of .nc, .png, .pdf, .csv, .xlsx, but is"),):
+    for ending, words in ((".docx", "Option --out must end in one of .nc, .png, .svg, .pdf, .csv, .xlsx, but is"),):
         assert words in error_of(["run", file, "--out", f"{tmp_path / 'sled'}{ending}"], capsys)
     replaced_spec = replaced("plots.report.importlib.util.find_spec", return_value=None)
     error = error_of(["run", file, "--out", tmp_path / "sled.xlsx"], capsys)
