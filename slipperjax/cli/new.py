@@ -44,7 +44,7 @@ $track
 
 [contact]
 type = "Flores"  # or HuntCrossley, LankaraniNikravesh, HertzSpring, ConstantDamping
-stiffness = "$stiffness N/m^1.5"  # Hertz's, of a corner
+stiffness = "$stiffness N/m^1.5"  # Hertz's, of a corner; steel has 1.5e10 to 1.5e11
 restitution = $restitution  # speed after an impact over that before it
 
 $friction
@@ -186,7 +186,11 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 
 @app.command()
 @click.argument("file", type=FILE)
-@option("--section", FILE, "Table of the section's points: columns y (left) and z (up), two rows for each face.")
+@option(
+    "--section",
+    FILE,
+    "Table of the section: columns point (a name), y (left) and z (up), two rows for each face.",
+)
 @option(
     "--corner",
     (_MILLIMETRES, _MILLIMETRES),
@@ -323,13 +327,19 @@ def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> t
         names = [name for face in paper.faces for name in face]
         return 1e3 * np.asarray(paper.points)[[paper.names.index(name) for name in names]], names
     points = np.array(corners)
+    named: list[str] = []
     if section is not None:
-        table = Table(section, content_of(section), {"y": "m", "z": "m"}, {})
+        table = Table(section, content_of(section), {"y": "m", "z": "m"}, {}, labels="point")
+        named = table.labels
         if len(table.columns) < 2:
             table.fault(f"must have y and z, but has {', '.join(table.columns)}")
         points = 1e3 * np.stack(list(table.si().values()), axis=1)
     option = "--corner" if section is None else "--section"
     require(len(points) % 2 == 0, option, "have two points for each face", shown=f"{len(points)} points")
+    if named:
+        once = len(set(named)) == len(named) and all(named)
+        require(once, option, "have another name for each point", shown=", ".join(named))
+        return points, named
     # from A to Z, then from A2 on
     names = [chr(ord("A") + k % 26) + (str(k // 26 + 1) if k >= 26 else "") for k in range(len(points))]
     return points, names

@@ -355,7 +355,11 @@ class VectorField(eqx.Module):
 
 
 def vector_field(scene: Scene) -> VectorField:
-    """Return the right-hand side for a scene."""
+    """Return the right-hand side for a scene, as a term of diffrax.
+
+    Its time counts forcing periods, not seconds: a period of the scene is an interval of 1. Solve it with
+    `args=slipperjax.Args(scene)`.
+    """
     instance("scene", scene, Scene, "a slipperjax.Scene")
     return VectorField()
 

@@ -110,13 +110,15 @@ class OrbitPoints:
 
         Points of Poincare sections, whose number differs from orbit to orbit, are left out.
         """
+        import pandas as pd  # here, because importing it takes time
+
         ds = self.points
         columns = {name: ds[name].values for name in varied_names(ds)}
         columns |= {str(name): array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
         # a column for each multiplier and each number of the state
         for name in ("multiplier_real", "multiplier_imag", "state"):
             columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
-        return ds["point"].to_index().to_frame(index=False).assign(**columns).set_index("point")
+        return pd.DataFrame(columns, index=ds["point"].to_index())
 
 
 @dataclasses.dataclass(frozen=True)

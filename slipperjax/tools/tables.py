@@ -57,12 +57,19 @@ class Table:
     """
 
     def __init__(
-        self, path: Path, content: bytes, wanted: Wanted, aliases: Mapping[str, str], *, holes: bool = False
+        self,
+        path: Path,
+        content: bytes,
+        wanted: Wanted,
+        aliases: Mapping[str, str],
+        *,
+        holes: bool = False,
+        labels: str = "",
     ):
         """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
         numbers, or a function that returns them for the names that a file has; `aliases`: names of columns by other
         names. Names here are in small letters, with underscores between words; `holes`: whether numbers may be
-        missing, which are NaN then, and no fault.
+        missing, which are NaN then, and no fault; `labels`: name of a column of words, which a text may have.
 
         **Raises:** `TableError` for a file that has no table. Other faults are raised by `si`.
         """
@@ -72,6 +79,9 @@ class Table:
         self.aliases = aliases
         self.holes = holes
         self.columns: dict[str, Column] = {}
+        # name of the column of words, and its cells
+        self._of_labels = labels
+        self.labels: list[str] = []
         self.faults: list[tuple[int, str]] = []
         # what a row is called in errors, and the number of each
         self.row = "line"
@@ -173,6 +183,7 @@ class Table:
                 continue
             row = _cells(sample, delimiter)
             self.numbers.append(k)
+            self.labels += [cell.strip() for cell, head in zip(row, heads, strict=False) if self._is_label(head)]
             # cells at the end that are not wanted may be left out
             if max(at) < len(row) <= len(heads):
                 rows.append({i: row[i].strip() for i in at})
@@ -187,7 +198,11 @@ class Table:
         for i, column in at.items():
             values = [self._number(column, row.get(i), decimal, k) for k, row in zip(self.numbers, rows, strict=True)]
             self._add(heads[i].name, column._replace(values=np.array(values)))
-        return [head.written for head in heads if head.written and not head.name]
+        return [head.written for head in heads if head.written and not head.name and not self._is_label(head)]
+
+    def _is_label(self, head: "_Head") -> bool:
+        """Whether a column has the labels of the rows."""
+        return self._of_labels != "" and self._plain(head.written) == self._of_labels
 
     def _decoded(self, content: bytes) -> str:
         """Return a text in UTF-8 or Latin-1, or in UTF-16 that says so."""

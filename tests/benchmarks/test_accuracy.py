@@ -1,4 +1,4 @@
-"""The README's table of accuracy: worst scaled errors over six periods, by steps per period.
+"""The table of docs/lab/accuracy.md: worst scaled errors over six periods, by steps per period.
 
 pytest -m benchmark -s tests/benchmarks/test_accuracy.py
 """

@@ -157,6 +157,18 @@ def tables(tmp_path):
     return folder
 
 
+def test_points_keep_their_names(tables, tmp_path, capsys):
+    section = tables / "section.csv"
+    rows = section.read_text().splitlines()
+    name = lambda letters: "\n".join(["point," + rows[0], *map(",".join, zip(letters, rows[1:], strict=True))])
+    section.write_text(name("QABCDEFG"))
+    call(["new", tmp_path / "sled.toml", f"--section={section}", "--centre", 0, 100], capsys)
+    assert sj.load_scene(tmp_path / "sled.toml").section.names == tuple("QABCDEFG")
+    section.write_text(name("QABCDEFF"))
+    error = error_of(["new", tmp_path / "other.toml", f"--section={section}"], capsys)
+    assert "must have another name for each point, but is Q, A, B" in error
+
+
 @pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
 def test_her_own_files_run(tables, tmp_path, capsys):
     files = [f"--{name}={tables / name}.csv" for name in ("rail", "speed", "section")]
