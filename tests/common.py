@@ -11,6 +11,7 @@ import numpy as np
 
 import slipperjax as sj
 from slipperjax.model.layout import coordinates
+from slipperjax.model.parameters import STARTS
 
 DATA = Path(__file__).parent / "data"
 # 1 mm, 10 mrad, 1 m/s, 10 rad/s: a scaled error of one is the size of the motion
@@ -83,7 +84,8 @@ def lane_of(case):
 def lane_grid(lanes):
     """The values of up to 16 lanes by name; the last is repeated."""
     lanes = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
-    return {name: [lane.get(name, default) for lane in lanes] for name, default in LANE.items()}
+    in_grid = lambda name: f"start_{name}" if f"start_{name}" in STARTS else name
+    return {in_grid(name): [lane.get(name, default) for lane in lanes] for name, default in LANE.items()}
 
 
 def in_lanes(lanes, steps, before=0):

@@ -166,7 +166,7 @@ def test_points_keep_their_names(tables, tmp_path, capsys):
     assert sj.load_scene(tmp_path / "sled.toml").section.names == tuple("QABCDEFG")
     section.write_text(name("QABCDEFF"))
     error = error_of(["new", tmp_path / "other.toml", f"--section={section}"], capsys)
-    assert "must have another name for each point, but is Q, A, B" in error
+    assert "must have another name for each point, but has Q, A, B" in error
 
 
 @pytest.mark.filterwarnings("ignore:File .* has columns that are not read")

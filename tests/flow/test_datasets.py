@@ -16,7 +16,7 @@ from slipperjax.flow.datasets import run_attributes, scene_attributes
     ("varied", "gone"),
     [
         ("speed", {"speed [m/s]"}),
-        ("v_y", set()),
+        ("start_v_y", set()),
         ("slipper.mass", {"mass [kg]"}),
         ("inertia_y", {"inertia_y [kg m^2]"}),
         ("slipper.inertia.1", {"inertia_y [kg m^2]"}),

@@ -38,7 +38,7 @@ def test_runs_are_refused_before_anything_is_allocated():
     scene, speed = sj.paper_scene(), {"speed": [1e3]}
     state = sj.initial_state(scene, sj.table_2_start())
     for run in (
-        lambda: sj.sweep(scene, dict.fromkeys(("v_y", "v_z", "w_x"), np.linspace(0.5, 1, 10**4))),
+        lambda: sj.sweep(scene, dict.fromkeys(("start_v_y", "start_v_z", "start_w_x"), np.linspace(0.5, 1, 10**4))),
         lambda: sj.sweep(scene, speed, periods=10**12),
         lambda: sj.sweep(scene, speed, record="strobe", transient=10**14),  # in time alone
         lambda: sj.follow(scene, speed, transient=10**12),
