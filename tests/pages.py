@@ -20,6 +20,8 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
 CLOSE = 0.02
 """Greatest difference of printed numbers, as a share of the greater: the last of two or three digits may differ."""
+ROUNDING = 1e-9
+"""Magnitude below which numbers are those of rounding."""
 NUMBER = re.compile(r"[-+]?\d[\d,]*\.?\d*(?:e[-+]?\d+)?")
 
 
@@ -53,7 +55,7 @@ def same(said: str, printed: str, chaotic: bool = False) -> bool:
         return False
     pairs = () if chaotic else zip(NUMBER.findall(said), NUMBER.findall(printed), strict=True)
     values = [(float(a.replace(",", "")), float(b.replace(",", ""))) for a, b in pairs]
-    return all(abs(a - b) <= CLOSE * max(abs(a), abs(b)) for a, b in values)
+    return all(abs(a - b) <= max(CLOSE * max(abs(a), abs(b)), ROUNDING) for a, b in values)
 
 
 def shell(block: Block) -> str:
