@@ -70,6 +70,15 @@ LANE = dict(
 )
 """A lane of `in_lanes` where nothing else is given: the paper's scene and start."""
 
+MOTION = {
+    "start_v_y": (-0.5, 0.5),
+    "start_v_z": (-0.5, 0.5),
+    "start_w_x": (-1.0, 1.0),
+    "start_w_y": (-1.0, 1.0),
+    "start_w_z": (-1.0, 1.0),
+}
+"""Velocities of starts that are drawn [m/s], [rad/s]."""
+
 
 def lane_scene():
     """The scene of which the lanes are cases."""

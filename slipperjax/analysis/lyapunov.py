@@ -351,16 +351,19 @@ def kaplan_yorke(exponents: Numbers) -> Float[np.ndarray, "*lanes"]:
 
     def dimension(spectrum):
         falling = np.sort(spectrum)[::-1]
-        sums = np.cumsum(falling)
-        # the greatest number of exponents whose sum is not negative
-        count = np.sum(sums >= 0)
-        if np.isnan(sums[-1]):
+        count = _spanned(falling)
+        if np.isnan(falling).any():
             return np.nan
-        if count in (0, len(sums)):
+        if count in (0, len(falling)):
             return float(count)
-        return count - sums[count - 1] / falling[count]
+        return count - falling[:count].sum() / falling[count]
 
     return np.apply_along_axis(dimension, -1, numbers("exponents", exponents, 1))
+
+
+def _spanned(falling: np.ndarray) -> int:
+    """Return the greatest number of exponents, the largest first, whose sum is not negative."""
+    return int(np.sum(np.cumsum(falling) >= 0))
 
 
 def dimension_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes"]:
@@ -378,7 +381,7 @@ def dimension_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes"]:
     def error(record):
         falling = record[:, np.argsort(-record.mean(axis=0))]
         spectrum = falling.mean(axis=0)
-        count = np.sum(np.cumsum(spectrum) >= 0)
+        count = _spanned(spectrum)
         if np.isnan(spectrum).any():
             return np.nan
         if count in (0, len(spectrum)):

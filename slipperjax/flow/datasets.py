@@ -183,8 +183,7 @@ def load_start(source: object, **chosen: object) -> Motion | State | None:
     _, start = load_base(ds)
     motion = start.motion if isinstance(start, State) else start
     # what was varied replaces the numbers of the start that all cases have in common
-    for name, value in _case_of(ds, chosen, of_start=True).items():
-        motion = replace(motion, **of_motion({name: value}))
+    motion = replace(motion, **of_motion(_case_of(ds, chosen, of_start=True)))
     return State(motion, start.memory) if isinstance(start, State) else motion
 
 

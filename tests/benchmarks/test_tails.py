@@ -17,6 +17,7 @@ import pytest
 
 import slipperjax as sj
 
+from ..common import MOTION
 from ..solvers.test_touchdowns import COUNTS
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
@@ -30,14 +31,6 @@ BY_EVENTS = {
     ("sled", 1000.0, 0.5): ("5.82", "9.92 +- .58", "12.9 +- 1.2"),
     ("german", 1000.0, 0.9): ("34.4", "47.0", "52.1"),
 }
-MOTION = {
-    "start_v_y": (-0.5, 0.5),
-    "start_v_z": (-0.5, 0.5),
-    "start_w_x": (-1.0, 1.0),
-    "start_w_y": (-1.0, 1.0),
-    "start_w_z": (-1.0, 1.0),
-}
-"""Starts on a surveyed rail [m/s], [rad/s]."""
 
 
 def survey():

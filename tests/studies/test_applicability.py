@@ -25,19 +25,14 @@ from slipperjax.plots.style import COLORS, png, styled
 from slipperjax.sweeps.grid import Grid
 from slipperjax.tools.files import table_lines
 
+from ..common import MOTION
+
 PAGE = Path(__file__).parents[2] / "docs" / "lab" / "applicability.md"
 MEMBERS = 256
 CHUNK = 64
 """Members in a call, so that each kind of scene is compiled once."""
 PERIODS, PERIOD = 50, 8.0
 """Forcing periods in which the highest force is looked for, and their length [m]."""
-MOTION = {
-    "start_v_y": (-0.5, 0.5),
-    "start_v_z": (-0.5, 0.5),
-    "start_w_x": (-1.0, 1.0),
-    "start_w_y": (-1.0, 1.0),
-    "start_w_z": (-1.0, 1.0),
-}
 G = 9.81
 SLED_RAIL = sj.RandomTrack.sled(length=900.0)
 
