@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from ..tools.checks import one_of
-from ..tools.compile import call_compiled, is_transformed
+from ..tools.compile import call_compiled
+from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .arclength import Pace, check_within, checked_bounds, correct
 from .continuation import Branch, begun, check_found, extend

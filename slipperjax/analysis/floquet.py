@@ -10,8 +10,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Complex, Float, Inexact, PyTree
 
 from ..tools.checks import numbers
-from ..tools.compile import is_traced
-from ..tools.one_kernel import in_one_kernel
+from ..tools.forms import in_one_kernel
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .lyapunov import Step
 

@@ -16,7 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, PyTree
 
 from ..tools.checks import finite, positive, require, whole
-from ..tools.one_kernel import in_one_kernel
+from ..tools.forms import in_one_kernel
 from ..tools.types import Real
 
 Field = Callable[[Array, Array], Array]

@@ -19,8 +19,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..tools.checks import finite, numbers, positive, require, shown_number, whole
-from ..tools.compile import call_compiled, is_traced
-from ..tools.one_kernel import in_one_kernel
+from ..tools.compile import call_compiled
+from ..tools.forms import in_one_kernel
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .kinds import Regime
 

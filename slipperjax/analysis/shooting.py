@@ -12,8 +12,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..tools.checks import number, positive, require, whole
-from ..tools.compile import as_argument, call_compiled, is_transformed
-from ..tools.one_kernel import in_one_kernel
+from ..tools.compile import as_argument, call_compiled
+from ..tools.forms import in_one_kernel
+from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of

@@ -34,7 +34,7 @@ from ..model.scene import Scene
 from ..model.sliding import tractions
 from ..model.travel import Travel
 from ..tools.checks import require
-from ..tools.fused import store, sums
+from ..tools.forms import store, sums
 from ..tools.hermite import Cubic, highest_point, sign_change
 from ..tools.types import Whole
 

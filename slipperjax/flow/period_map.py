@@ -26,8 +26,7 @@ from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import jit, with_standard_promotion
-from ..tools.jacobian import by_jacobian, moving_with
-from ..tools.one_kernel import call_plainly, in_one_kernel
+from ..tools.forms import by_jacobian, in_one_kernel
 from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet
@@ -129,14 +128,15 @@ class PeriodMap(eqx.Module):
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
         # tangents from the start, so that JAX traces the loops below once
-        state = moving_with(state, eqx.filter(scene, eqx.is_array))
+        state = _moving_with(state, eqx.filter(scene, eqx.is_array))
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
         # What records make of the states inside a period is as much to compile as the steps, and is compiled beside
         # them as a kernel of its own. To start it each period takes microseconds, which shorter work would feel.
-        part, whole = (in_one_kernel, call_plainly) if records.inside else (call_plainly, in_one_kernel)
+        called = lambda fun, *args: fun(*args)
+        part, whole = (in_one_kernel, called) if records.inside else (called, in_one_kernel)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
@@ -193,6 +193,19 @@ def _lost_where(failed: Array, state: State) -> State:
     """Return the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
+
+
+def _moving_with(state: State, numbers: PyTree) -> State:
+    """Return `state`, which depends on all `numbers`, by a zero: it has tangents, and lanes, wherever they have.
+
+    The state of a loop gets tangents from `numbers` in its first pass. Where it has them from the start, JAX traces
+    the loop once; otherwise it finds out by tracing again, and nested loops as often as their number demands.
+    """
+    # NaN and infinity stay out of the zero
+    floats = (x for x in jax.tree.leaves(numbers) if jnp.issubdtype(x.dtype, jnp.floating))
+    finite = (jnp.where(jnp.isfinite(x), x, 0.0) for x in floats)
+    nothing = 0.0 * sum(jnp.sum(x) for x in finite)
+    return jax.tree.map(lambda x: x + nothing, state)
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0) -> State:

@@ -24,10 +24,11 @@ from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
-from ..tools.compile import as_argument, call_compiled, is_traced, jit
+from ..tools.compile import as_argument, call_compiled, jit
 from ..tools.description import describe
-from ..tools.jacobian import by_jacobian
+from ..tools.forms import by_jacobian
 from ..tools.limits import refuse_impossible
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real, Whole
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap

@@ -15,7 +15,7 @@ from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
 from ..model.step_size import given_steps
 from ..solvers.adaptive import AdaptiveSteps
 from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
-from ..tools.one_kernel import in_one_kernel
+from ..tools.forms import in_one_kernel
 from ..tools.types import Whole
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, real, require, shown_number
-from ..tools.fused import store_cotangent, store_if_differentiated, sums
+from ..tools.forms import store_cotangent, store_if_differentiated, sums
 from ..tools.types import Real
 from .contact import Before
 from .kinematics import (

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
-from ..tools.compile import is_traced, need_64_bits
-from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated, sums
+from ..tools.compile import need_64_bits
+from ..tools.forms import circle, spread, store, store_cotangent, store_if_differentiated, sums
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real
 from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene

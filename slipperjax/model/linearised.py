@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.fused import store, sums
+from ..tools.forms import store, sums
 from ..tools.types import Real
 from .kinematics import Contacts, Motion, RailFrame, cross, in_slipper_frame, rotation, scalar_part
 from .scene import Scene

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, not_negative, number, positive, require, whole
-from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.tables import Table, TableError
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
 
 

@@ -18,8 +18,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..tools.checks import Check, brief, finite, hint, instance, not_negative, positive, require
-from ..tools.compile import as_argument, is_traced
+from ..tools.compile import as_argument
 from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .contact import Flores
 from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, Quantity

@@ -24,9 +24,10 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
-from ..tools.compile import at_once, is_traced
+from ..tools.compile import at_once
 from ..tools.fields import field
 from ..tools.files import listed
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
 

@@ -27,9 +27,10 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
-from ..tools.compile import at_once, is_traced, with_standard_promotion
+from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SampledTrack, SplineTrack, mean_wave, ramps
 from .survey_spectra import RailStatistics, statistics_of

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, known, positive, require, shown_number, warn
-from ..tools.compile import is_traced, need_64_bits
+from ..tools.compile import need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path, write_whole
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad

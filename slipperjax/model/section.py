@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, not_negative, require, shown_number, warn, warn_unless_within
-from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
+from ..tools.tracing import is_traced
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 

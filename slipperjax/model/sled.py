@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, not_negative, positive, require
-from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
+from ..tools.tracing import is_traced
 from .modes import Modes
 from .section import Section
 from .slipper import AbstractBody, Mounted, check_inertia

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..tools.fused import spread, store
+from ..tools.forms import spread, store
 from .kinematics import Motion, RailFrame, cross, in_slipper_frame, rotation
 from .loads import AbstractFriction
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import positive, warn
-from ..tools.compile import is_traced
 from ..tools.fields import ShapeChecked, field
+from ..tools.tracing import is_traced
 from ..tools.types import Real
 from .modes import Modes
 from .section import Section

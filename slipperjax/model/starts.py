@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, require, warn
-from ..tools.compile import as_argument, is_traced, jit
+from ..tools.compile import as_argument, jit
+from ..tools.tracing import is_traced
 from ..tools.types import Real
 from ..tools.units import STANDARD_GRAVITY
 from .dynamics import Acting, State, driven_mass, motion_rates, phase

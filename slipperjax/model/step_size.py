@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, whole
-from ..tools.compile import is_traced, jit
+from ..tools.compile import jit
+from ..tools.tracing import is_traced
 from .scene import Scene, check_scene
 from .travel import Travel
 

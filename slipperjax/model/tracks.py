@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..tools.checks import finite, instance, not_negative, one_of, positive, require, shown_number
-from ..tools.compile import as_argument, at_once, is_traced
+from ..tools.compile import as_argument, at_once
 from ..tools.fields import ShapeChecked, field
-from ..tools.fused import circle
+from ..tools.forms import circle
+from ..tools.tracing import is_traced
 from ..tools.types import Real
 
 DEFAULT_WAVELENGTH = 8.0

@@ -9,8 +9,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, in_unit, instance, not_negative, number, positive, require
-from ..tools.compile import at_once, is_traced
+from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 
 LEAST_SPEED = 1.0

@@ -31,8 +31,9 @@ from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
 from ..tools.checks import one_of, require, shown_number
-from ..tools.compile import is_traced, jit
+from ..tools.compile import jit
 from ..tools.hermite import Cubic
+from ..tools.tracing import is_traced
 from ..tools.types import Real
 from .branches import (
     BranchEvent,

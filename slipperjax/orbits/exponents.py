@@ -28,8 +28,8 @@ from ..model.scene import Scene, check_scene, check_steady
 from ..model.starts import initial_state
 from ..solvers.named import resolve_solver
 from ..tools.checks import require, whole
-from ..tools.compile import is_traced
 from ..tools.limits import refuse_impossible
+from ..tools.tracing import is_traced
 
 
 def check_count(scene: Scene, count: int) -> int:

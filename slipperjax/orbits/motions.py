@@ -17,7 +17,7 @@ from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene, check_steady
 from ..model.travel import SpeedProgramme
 from ..tools.checks import require
-from ..tools.compile import is_traced
+from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 
 

@@ -32,7 +32,8 @@ from ..model.scene import Scene, check_scene
 from ..model.starts import initial_state
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
-from ..tools.compile import is_traced, jit
+from ..tools.compile import jit
+from ..tools.tracing import is_traced
 from ..tools.types import Whole
 from .motions import check_forcing, consistent_state
 from .signature import Gaps, GapSamples, Signature, signature

@@ -8,7 +8,7 @@ from diffrax import RESULTS
 from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
 from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
-from ..tools.compile import is_traced
+from ..tools.tracing import is_traced
 
 
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):

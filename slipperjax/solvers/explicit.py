@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from diffrax import RESULTS
 
 from ..model.dynamics import State
-from ..tools.fused import store
+from ..tools.forms import store
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 

@@ -39,7 +39,7 @@ from ..model.kinematics import (
     moved,
 )
 from ..model.scene import Scene
-from ..tools.fused import store, store_cotangent, store_if_differentiated
+from ..tools.forms import store, store_cotangent, store_if_differentiated
 from ..tools.hermite import Cubic, sign_change
 from .latching import AbstractLatchingSolver, dense_info, field_of
 

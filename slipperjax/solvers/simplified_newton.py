@@ -19,7 +19,7 @@ from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, scaled_size
 from ..model.linearised import LinearSystem
 from ..tools.checks import number, positive
-from ..tools.compile import is_traced
+from ..tools.tracing import is_traced
 from ..tools.types import Real
 
 NEWTON_TOLERANCE = 1e-7

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .compile import is_traced
+from .tracing import is_traced
 
 Value = TypeVar("Value")
 

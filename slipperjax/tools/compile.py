@@ -3,62 +3,18 @@
 import functools
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from contextvars import ContextVar, copy_context
+from contextvars import copy_context
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import get_opaque_trace_state
 from jaxtyping import ArrayLike, PyTree
 
-# A new thread is outside of all transformations, even where this module is imported inside one.
-with ThreadPoolExecutor(1) as _pool:
-    _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
-
-
-class CompileNotices:
-    """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
-
-    def __init__(self, expected: int, show: Callable[[str], None]):
-        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with ""."""
-        self.expected = expected
-        self.show = show
-        self.begun = 0
-        self.threads: set[int] = set()
-        self.lock = threading.Lock()
-
-    def begin(self) -> None:
-        """Show that this thread compiles a program; further calls before its `end` change nothing."""
-        thread = threading.get_ident()
-        # several threads compile at once
-        with self.lock:
-            if thread not in self.threads:
-                self.threads.add(thread)
-                self.begun += 1
-                self.show(f"compiling {self.begun} of {max(self.begun, self.expected)}")
-
-    def end(self) -> None:
-        """Note that this thread runs a program, or has failed to compile it."""
-        thread = threading.get_ident()
-        with self.lock:
-            if thread in self.threads:
-                self.threads.remove(thread)
-                if not self.threads:
-                    self.show("")
-
-
-NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
-"""Notices of the run in progress; None where no bar is shown."""
-
-
-def note_compiling() -> None:
-    """Show on the run's progress bar that a program which steps through time is being traced."""
-    notices = NOTICES.get()
-    if notices is not None and is_transformed():
-        notices.begin()
+from .forms import fall_back, is_plain
+from .notices import NOTICES
+from .tracing import is_traced, is_transformed
 
 
 def ahead(call: Callable[[], object]) -> None:
@@ -107,16 +63,24 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
 
     # made at the first call, because asking for the backend at import would fix which one is used
     @functools.cache
-    def outermost(backend: str) -> Callable:
-        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
+    def outermost(backend: str, plain: bool) -> Callable:
+        options = {} if plain else compiler_options(backend)
+        return jax.jit(traced, compiler_options=options, **kwargs)
 
     @functools.wraps(fun)
     def call(*args: object, **options: object) -> PyTree:
         need_64_bits()
         if is_transformed():
             return inner(*args, **options)
+        compiled = lambda: outermost(jax.default_backend(), is_plain())(*args, **options)
         try:
-            return outermost(jax.default_backend())(*args, **options)
+            return compiled()
+        except (jax.errors.JaxRuntimeError, NotImplementedError) as error:
+            # other errors of XLA, such as too little memory, have nothing to do with the form
+            has_no_code = isinstance(error, NotImplementedError) or str(error).startswith("UNIMPLEMENTED")
+            if not has_no_code or not fall_back(error):
+                raise
+            return compiled()
         finally:
             if (notices := NOTICES.get()) is not None:
                 notices.end()
@@ -152,27 +116,6 @@ def need_64_bits() -> None:
     """
     if not jax.config.jax_enable_x64:
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
-
-
-def is_transformed() -> bool:
-    """Tell whether the call is inside a JAX transformation, even if none of its arguments is a tracer."""
-    return get_opaque_trace_state() != _TOP_LEVEL
-
-
-def is_traced(tree: PyTree) -> bool:
-    """Tell whether any leaf is a tracer: a value that is not known before the program runs."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
-
-
-def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[PyTree], PyTree], PyTree]:
-    """Split `fun(*args)` into a function of arrays alone, and the pytree of the arrays in `fun` and `args`."""
-    arrays, others = eqx.partition((fun, args), eqx.is_array)
-
-    def call(arrays: PyTree) -> PyTree:
-        fun, args = eqx.combine(arrays, others)
-        return fun(*args)
-
-    return call, arrays
 
 
 def call_compiled(fun: Callable, functions: PyTree, static: tuple, *arrays: PyTree) -> PyTree:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import AbstractArray
 
 from .checks import Check, require, shown_number
-from .compile import is_traced
+from .tracing import is_traced
 
 
 def field(

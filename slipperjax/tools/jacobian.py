@@ -15,7 +15,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Primitive, Var, jaxpr_as_fun, se
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import Array, ArrayLike, PyTree
 
-from .compile import split_arrays
+from .tracing import split_arrays
 
 MOST_FORWARD = 16
 """Numbers up to which a derivative in reverse mode is a product with the Jacobian.
@@ -191,21 +191,5 @@ batching.primitive_batchers[_called] = _batched
 partial_eval.custom_partial_eval_rules[_called] = _evaluated_partially
 partial_eval.partial_eval_jaxpr_custom_rules[_called] = _evaluated_twice
 mlir.register_lowering(_called, mlir.lower_fun(_called_at, multiple_results=True))
-
-
-@jax.custom_jvp
-def moving_with(state: PyTree, numbers: PyTree) -> PyTree:
-    """Return `state`, with tangents if `numbers` have any, which are batched if theirs are.
-
-    The state of a loop gets tangents from `numbers` in its first pass. Where it has them from the start, JAX traces
-    the loop once; otherwise it finds out by tracing again, and nested loops as often as their number demands.
-    """
-    return state
-
-
-@moving_with.defjvp
-def _moving_with_jvp(primals, tangents):
-    state, numbers = tangents
-    # a zero that depends on all tangents; whole numbers have tangents of the empty type float0
-    nothing = 0.0 * sum(jnp.sum(t) for t in jax.tree.leaves(numbers) if t.dtype != jax.dtypes.float0)
-    return primals[0], jax.tree.map(lambda t: t if t.dtype == jax.dtypes.float0 else t + nothing, state)
+# since JAX 0.12, where the program holds what has to be written in simpler operations first
+_called.to_lojax = _called_at

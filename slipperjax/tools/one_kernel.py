@@ -20,7 +20,8 @@ from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
 
-from .compile import note_compiling, split_arrays
+from .notices import note_compiling
+from .tracing import split_arrays
 
 ATTRIBUTES = "mhlo.frontend_attributes"
 """Name by which XLA finds the attributes of a call."""
@@ -44,11 +45,6 @@ def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
     # The last one is the whole program where the function is called outside of any.
     kernel = _called(_called(of_arrays, kernel=False), kernel=True)
     return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
-
-
-def call_plainly(fun: Callable, *args: PyTree) -> PyTree:
-    """Call `fun(*args)`, in place of `in_one_kernel` where a kernel is not wanted."""
-    return fun(*args)
 
 
 def _called(fun: Callable, kernel: bool) -> Callable:
@@ -76,7 +72,7 @@ def _mark(context: mlir.LoweringRuleContext, x: ir.Value, kernel: bool) -> list[
         if _only_calls(call, functions) and all(map(_fits, inside)):
             marks["xla_cpu_small_call"] = ir.StringAttr.get("true")
             _hide_constants(call)
-            _hide_reductions(inside)
+            _hide_from_library(inside)
         else:
             marks = {}
     call.attributes[ATTRIBUTES] = ir.DictAttr.get(marks)
@@ -94,13 +90,15 @@ def _hide_constants(call: ir.Operation) -> None:
         call.operands[k] = value
 
 
-def _hide_reductions(operations: list[ir.Operation]) -> None:
-    """Rewrite large sums and extremes so that XLA does not recognise them.
+def _hide_from_library(operations: list[ir.Operation]) -> None:
+    """Rewrite products of matrices, and large sums and extremes, so that XLA does not recognise them.
 
     Since JAX 0.11 it computes those it recognises by a library (YNNPACK), and has no code for that inside a kernel.
     """
     large = 1024  # numbers; from 4096, as measured, they are left to the library
     for operation in operations:
+        if operation.name == "stablehlo.dot_general":
+            operation = _written_out(operation)
         if operation.name != "stablehlo.reduce" or len(operation.operands) != 2:
             continue
         kind = ir.RankedTensorType(operation.operands[0].type)
@@ -113,6 +111,44 @@ def _hide_reductions(operations: list[ir.Operation]) -> None:
                 value = block.arguments[1]
                 is_nan = stablehlo.compare(value, value, stablehlo.ComparisonDirectionAttr.get("NE"))
                 end.operands[0] = stablehlo.select(is_nan, value, step.results[0])
+
+
+def _written_out(product: ir.Operation) -> ir.Operation:
+    """Replace a product of matrices by a sum of products of their numbers; return the sum."""
+    numbers = stablehlo.DotDimensionNumbers(product.attributes["dot_dimension_numbers"])
+    kind = ir.RankedTensorType(product.results[0].type)
+    axes = []  # of each factor, in the array of all products: those of the result, then those that are summed over
+    free = len(numbers.lhs_batching_dimensions)
+    last = kind.rank
+    sides = (
+        (numbers.lhs_batching_dimensions, numbers.lhs_contracting_dimensions),
+        (numbers.rhs_batching_dimensions, numbers.rhs_contracting_dimensions),
+    )
+    for factor, (batch, summed) in zip(product.operands, sides, strict=True):
+        place = {axis: k for k, axis in enumerate(batch)} | {axis: last + k for k, axis in enumerate(summed)}
+        for axis in range(ir.RankedTensorType(factor.type).rank):
+            if axis not in place:
+                place[axis] = free
+                free += 1
+        axes.append([place[axis] for axis in sorted(place)])
+    left = ir.RankedTensorType(product.operands[0].type)
+    summed = [left.shape[axis] for axis in numbers.lhs_contracting_dimensions]
+    wide = ir.RankedTensorType.get([*kind.shape, *summed], kind.element_type)
+    number = ir.RankedTensorType.get([], kind.element_type)
+    with ir.InsertionPoint(product), product.location:
+        factors = [
+            stablehlo.broadcast_in_dim(wide, factor, ir.DenseI64ArrayAttr.get(to))
+            for factor, to in zip(product.operands, axes, strict=True)
+        ]
+        nothing = stablehlo.constant(ir.DenseElementsAttr.get_splat(number, ir.FloatAttr.get(kind.element_type, 0.0)))
+        over = ir.DenseI64ArrayAttr.get(range(kind.rank, wide.rank))
+        total = stablehlo.ReduceOp([kind], [stablehlo.multiply(*factors)], [nothing], over)
+        block = total.regions[0].blocks.append(number, number)
+        with ir.InsertionPoint(block):
+            stablehlo.return_([stablehlo.add(*block.arguments)])
+    product.results[0].replace_all_uses_with(total.results[0])
+    product.erase()
+    return total.operation
 
 
 def _callee(call: ir.Operation) -> str:
@@ -151,6 +187,10 @@ def _fits(operation: ir.Operation) -> bool:
     """Tell whether an operation can be inside a kernel."""
     if operation.name == "stablehlo.scatter":
         return _updates_once(operation)
+    if operation.name == "stablehlo.dot_general":
+        # one that can be written out
+        types = {ir.RankedTensorType(x.type).element_type for x in (*operation.operands, *operation.results)}
+        return len(types) == 1 and isinstance(*types, ir.FloatType)
     # for these XLA on a CPU calls a library, or has no code inside a kernel
     others = "chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort"
     return operation.name not in others

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from .checks import yes_or_no
-from .compile import NOTICES, CompileNotices
+from .notices import NOTICES, CompileNotices
 
 if TYPE_CHECKING:
     from tqdm import tqdm

@@ -41,7 +41,7 @@ jax.config.update("jax_enable_x64", True)
 assert np.isfinite(jax.jit(slope)(1000.0))  # imports it
 import slipperjax as sj
 assert np.isclose(sj.simulate(sj.paper_scene(1000.0), periods=1).end.motion.v_z, slope(1000.0), rtol=1e-9)
-from slipperjax.tools.compile import is_transformed
+from slipperjax.tools.tracing import is_transformed
 assert not is_transformed()
 """
 )

@@ -1,0 +1,49 @@
+"""Notices that programs are being compiled, for the progress bar of a run."""
+
+import threading
+from collections.abc import Callable
+from contextvars import ContextVar
+
+from .tracing import is_transformed
+
+
+class CompileNotices:
+    """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
+
+    def __init__(self, expected: int, show: Callable[[str], None]):
+        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with ""."""
+        self.expected = expected
+        self.show = show
+        self.begun = 0
+        self.threads: set[int] = set()
+        self.lock = threading.Lock()
+
+    def begin(self) -> None:
+        """Show that this thread compiles a program; further calls before its `end` change nothing."""
+        thread = threading.get_ident()
+        # several threads compile at once
+        with self.lock:
+            if thread not in self.threads:
+                self.threads.add(thread)
+                self.begun += 1
+                self.show(f"compiling {self.begun} of {max(self.begun, self.expected)}")
+
+    def end(self) -> None:
+        """Note that this thread runs a program, or has failed to compile it."""
+        thread = threading.get_ident()
+        with self.lock:
+            if thread in self.threads:
+                self.threads.remove(thread)
+                if not self.threads:
+                    self.show("")
+
+
+NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
+"""Notices of the run in progress; None where no bar is shown."""
+
+
+def note_compiling() -> None:
+    """Show on the run's progress bar that a program which steps through time is being traced."""
+    notices = NOTICES.get()
+    if notices is not None and is_transformed():
+        notices.begin()
