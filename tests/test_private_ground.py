@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from slipperjax.tools.cache import keep_programs
 from slipperjax.tools.checks import positive
-from slipperjax.tools.compile import compiler_options
 from slipperjax.tools.fields import ShapeChecked, field
+from slipperjax.tools.forms import compiler_options
 
 NAMES = {
     "jax.extend.core": "ClosedJaxpr Jaxpr Primitive Var get_opaque_trace_state jaxpr_as_fun set_current_trace",

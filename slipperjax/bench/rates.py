@@ -24,8 +24,8 @@ from ..solvers.rosenbrock import Rodas4
 from ..sweeps.grid import Cases
 from ..sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
 from ..tools.checks import one_of, whole
-from ..tools.compile import compiler_options
 from ..tools.files import table_lines
+from ..tools.forms import compiler_options
 from ..tools.limits import cores
 
 NOMINAL_STEPS = 50

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, PyTree
 
-from .forms import fall_back, is_plain
+from .forms import compiler_options, fall_back, is_plain
 from .notices import NOTICES
 from .tracing import is_traced, is_transformed
 
@@ -31,23 +31,6 @@ def ahead(call: Callable[[], object]) -> None:
     threading.Thread(target=copy_context().run, args=(compiled,)).start()
 
 
-def compiler_options(backend: str | None = None) -> dict[str, bool]:
-    """Return XLA's options for a backend, by default the one in use: some for CPUs, none for others."""
-    if (backend or jax.default_backend()) != "cpu":
-        return {}
-    return {
-        # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
-        # NaN, infinity, division and square root.
-        "xla_cpu_enable_fast_math": True,
-        "xla_cpu_fast_math_honor_nans": True,
-        "xla_cpu_fast_math_honor_infs": True,
-        "xla_cpu_fast_math_honor_division": True,
-        "xla_cpu_fast_math_honor_functions": True,
-        # Batches are too small for one kernel to gain from several threads; chunks of the batch use the cores.
-        "xla_cpu_multi_thread_eigen": False,
-    }
-
-
 def jit(fun: Callable, **kwargs: object) -> Callable:
     """Return `jax.jit` of a function with `compiler_options` of the backend in use.
 
@@ -64,8 +47,7 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
     # made at the first call, because asking for the backend at import would fix which one is used
     @functools.cache
     def outermost(backend: str, plain: bool) -> Callable:
-        options = {} if plain else compiler_options(backend)
-        return jax.jit(traced, compiler_options=options, **kwargs)
+        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: object, **options: object) -> PyTree:

@@ -9,16 +9,12 @@ import os
 import threading
 import warnings
 from collections.abc import Callable
-from contextvars import ContextVar
 from types import ModuleType
 
 import jax
 from jaxtyping import PyTree
 
 from . import plain
-
-TESTED: ContextVar[ModuleType | None] = ContextVar("TESTED", default=None)
-"""The form that the self-test runs; None elsewhere."""
 
 
 class PlainWarning(UserWarning):
@@ -30,6 +26,11 @@ class _Choice:
 
     form: ModuleType | None = None
     lock = threading.RLock()
+
+
+def compiler_options(backend: str | None = None) -> dict[str, bool]:
+    """Return XLA's options for a backend, by default the one in use: in the fast form some for CPUs."""
+    return _form().compiler_options(backend)
 
 
 def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
@@ -112,9 +113,6 @@ def fall_back(error: Exception) -> bool:
 
 def _form() -> ModuleType:
     """Return the module of the form in use."""
-    tested = TESTED.get()
-    if tested is not None:
-        return tested
     if _Choice.form is None:
         # other threads wait for the self-test
         with _Choice.lock:

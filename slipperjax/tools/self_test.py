@@ -15,9 +15,8 @@ import jaxlib
 import numpy as np
 from jaxtyping import Array
 
-from . import fast, forms
+from . import fast
 from .code import IMPORTED
-from .compile import compiler_options
 from .files import write_whole
 
 PASSED = b"passed"
@@ -58,29 +57,25 @@ def _file() -> Path | None:
 
 def _computed() -> tuple[Array, Array, Array]:
     """Return the value of `_run` and its gradient by a Jacobian, and in reverse mode through the steps of a batch."""
-    token = forms.TESTED.set(fast)
-    try:
-        # the least effort of LLVM, because what may break comes before it
-        options = compiler_options() | {"xla_backend_optimization_level": 0}
-        of_batch = lambda x: jnp.sum(jax.vmap(_run)(jnp.stack([x, 2 * x])))
-        both = lambda x: (*jax.value_and_grad(_run)(x), jax.grad(of_batch)(x))
-        return jax.jit(both, compiler_options=options)(X)
-    finally:
-        forms.TESTED.reset(token)
+    # the least effort of LLVM, because what may break comes before it
+    options = fast.compiler_options() | {"xla_backend_optimization_level": 0}
+    of_batch = lambda x: jnp.sum(jax.vmap(_run)(jnp.stack([x, 2 * x])))
+    every = lambda x: (*jax.value_and_grad(_run)(x), jax.grad(of_batch)(x))
+    return jax.jit(every, compiler_options=options)(X)
 
 
 def _run(x: Array) -> Array:
     """Return a number after three steps, which use all of the tricks."""
 
     def step(x, k):
-        cosine, sine = forms.circle(x[0] + k)
-        a, b = forms.spread(WEIGHTS.size, *forms.store_if_differentiated((cosine * x[1], sine)))
-        total, other = forms.sums(a * WEIGHTS, jnp.sqrt(1 + b * b) * WEIGHTS)
-        turned = jnp.outer(x, x) @ forms.store_cotangent(x)
-        return 0.1 * turned + jnp.stack([total, other, forms.store(total * other)]) / WEIGHTS.size, None
+        cosine, sine = fast.circle(x[0] + k)
+        a, b = fast.spread(WEIGHTS.size, *fast.store_if_differentiated((cosine * x[1], sine)))
+        total, other = fast.sums(a * WEIGHTS, jnp.sqrt(1 + b * b) * WEIGHTS)
+        turned = jnp.outer(x, x) @ fast.store_cotangent(x)
+        return 0.1 * turned + jnp.stack([total, other, fast.store(total * other)]) / WEIGHTS.size, None
 
     stepped = lambda x: jax.lax.scan(step, x, jnp.arange(3.0))[0]
-    return jnp.sum(forms.by_jacobian(lambda x: forms.in_one_kernel(stepped, x), x))
+    return jnp.sum(fast.by_jacobian(lambda x: fast.in_one_kernel(stepped, x), x))
 
 
 def _by_numpy(x: np.ndarray) -> float:

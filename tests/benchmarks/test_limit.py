@@ -30,7 +30,7 @@ import sys, time, jax, numpy as np, slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap, initial_states
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.grid import Cases
-from slipperjax.tools.compile import compiler_options
+from slipperjax.tools.forms import compiler_options
 solver, grid = getattr(sj, sys.argv[1])(), {{"speed": np.linspace(1200, 1300, {LANES})}}
 scenes, starts = Cases(sj.paper_scene(1250.0), grid, sj.table_2_start()).take(np.arange({LANES}))
 states = initial_states(scenes, starts)

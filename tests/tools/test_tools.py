@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from slipperjax.tools.batching import Batched
-from slipperjax.tools.compile import call_compiled, compiler_options, jit
+from slipperjax.tools.compile import call_compiled, jit
 from slipperjax.tools.description import describe
+from slipperjax.tools.forms import compiler_options
 
 
 def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
