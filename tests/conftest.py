@@ -30,6 +30,8 @@ MOST_MAPPINGS = 25_000
 
 
 def pytest_configure(config):
+    if os.environ.get("SLIPPERJAX_PLAIN") == "1":
+        config.addinivalue_line("filterwarnings", "ignore:slipperjax computes in its plain form")
     if config.getoption("markexpr") == "benchmark":
         return  # checks cost time, which benchmarks measure, as they measure compiling
     if config.getoption("markexpr") != "slow":

@@ -9,8 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 import pytest
 
+import slipperjax as sj
 from slipperjax.bench import rates
-from slipperjax.tools import one_kernel
+from slipperjax.tools import fast, forms, one_kernel, plain
 
 from .timing import in_turns
 
@@ -48,3 +49,21 @@ def test_one_kernel(engine, batches, monkeypatch):
             for name, seconds in least(calls, at_once).items():
                 time_of_core = 1e6 * seconds / (STEPS * lanes)
                 print(f"  {lanes:5d} cases, {at_once} at once, {name}: {time_of_core:.2f} ({compiling[name]:.1f})")
+
+
+@pytest.mark.parametrize(("engine", "batches"), [("ImpulseRK4", (1, 8, 128)), ("Lyapunov", (1, 32))])
+def test_plain_form(engine, batches, monkeypatch):
+    """All tricks against their plain form, as with SLIPPERJAX_PLAIN=1."""
+    monkeypatch.setitem(rates.ENGINES, "ImpulseRK4", sj.ImpulseRK4())
+    print(f"\n{engine}, JAX {jax.__version__}: one core's time of a step and case [us]; compiling [s of a core]")
+    for lanes in batches:
+        calls, compiling = {}, {}
+        for form in (fast, plain):
+            monkeypatch.setattr(forms._Choice, "form", form)
+            begin = time.process_time()
+            calls[form] = rates.program(engine, lanes)
+            compiling[form] = time.process_time() - begin
+        found = least(calls, 1)
+        ours, others = (1e6 * found[form] / (STEPS * lanes) for form in (fast, plain))
+        seconds = "{:.1f} and {:.1f}".format(*compiling.values())
+        print(f"  {lanes:5d} cases: {ours:.2f}, plain {others:.2f}: {others / ours:.2f} times; compiling {seconds}")

@@ -10,14 +10,26 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.tools.forms import is_plain
 from slipperjax.tools.one_kernel import in_one_kernel
 
 pytestmark = pytest.mark.skipif(jax.default_backend() != "cpu", reason="for CPUs")
 MARK = "xla_cpu_small_call"
 PLACES = jnp.array([3, 1, 3, 0])
+
+
+def squares(x):
+    return jnp.outer(x, x).reshape(2, 4, 8)
+
+
 FITS = {
     "sums": lambda x: jnp.sin(jnp.cumsum(x)),
     "products": lambda x: jnp.sin(jnp.outer(x, x) @ x),
+    "products of matrices": lambda x: jnp.cos(jnp.outer(x, x) @ jnp.outer(x, x[::-1]))[0],
+    "products of batches": lambda x: jnp.einsum("kab,kcb->kac", *2 * [jnp.outer(x, x).reshape(2, 4, 8)])[0, 0].repeat(
+        2
+    ),
+    "scalar products": lambda x: x / (1 + jnp.vdot(x, x)),
     "deviates": lambda x: x + jax.random.normal(jax.random.key(0), x.shape),
     "an entry set": lambda x: x.at[jnp.argmax(x)].set(0.1),
     "a loop": lambda x: jax.lax.while_loop(lambda x: jnp.sum(x) > 3.0, lambda x: x / 2, x),
@@ -183,6 +195,7 @@ def loops_outside(program):
     return sum("stablehlo.while" in texts[name] for name in reached)
 
 
+@pytest.mark.skipif(is_plain(), reason="for the fast form")
 @pytest.mark.parametrize(
     ("transform", "forward", "most"), [(lambda f: f, 16, 0), (jax.jacfwd, 16, 0), (jax.grad, 16, 0), (jax.grad, 0, 1)]
 )
