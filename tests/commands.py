@@ -1,7 +1,7 @@
 """Runs the commands that README and the first hours print: `python -m tests.commands`.
 
-Each must end with exit code 0, and its last line must have the words of the page; numbers of chaotic motions depend on
-the processor. `reproduce` runs with `--quick`.
+Each must end with exit code 0, and its last line must have the words of the page; numbers of chaotic motions depend
+on the processor. `reproduce` runs with `--quick`.
 """
 
 import os
@@ -20,7 +20,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs" / "first_hour").glob("*.md")
 
 
 def changed(text: str, block: Block) -> str:
-    """Return a scene's file in which lines of a block replace those of their names, or follow their table's header."""
+    """Return a scene's file in which lines of a block replace those of their names, or follow their header."""
     table, *rows = block.text.strip().splitlines()
     for row in rows:
         name = row.partition(" = ")[0]
@@ -45,8 +45,10 @@ def run(words: list[str], folder: Path) -> str:
     """Run a command and return the last line that it prints."""
     begun = time.perf_counter()
     command = [str(Path(sys.executable).with_name("slipperjax")), *words]
-    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"TQDM_DISABLE": "1"})
-    print(f"slipperjax {shlex.join(words)}: exit code {ended.returncode}, {time.perf_counter() - begun:.0f} s", flush=True)
+    quiet = os.environ | {"TQDM_DISABLE": "1"}
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=quiet)
+    seconds = time.perf_counter() - begun
+    print(f"slipperjax {shlex.join(words)}: exit code {ended.returncode}, {seconds:.0f} s", flush=True)
     if ended.returncode:
         raise SystemExit(ended.stderr)
     return ended.stdout.strip().rpartition("\n")[2]

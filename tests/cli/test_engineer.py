@@ -1,6 +1,5 @@
 """The commands of docs/first_hour/engineer.md, typed into a folder with the files of docs/examples."""
 
-import re
 import shlex
 import shutil
 import subprocess
