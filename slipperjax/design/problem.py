@@ -129,7 +129,7 @@ def checked_problem(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    known("scene", check_scene(scene))
+    scene = known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     objective = objective_named(objective)
     bounds = _checked_bounds(scene, variables)

@@ -62,7 +62,7 @@ def sensitivities(
 
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit.
     """
-    known("scene", check_scene(scene))
+    scene = known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)
     if isinstance(objectives, str) or not isinstance(objectives, Sequence):

@@ -71,14 +71,14 @@ def fit(
 
     **Raises:** `ValueError` that names the argument which is wrong; `KeyboardInterrupt` after Ctrl-C.
     """
-    known("scene", check_scene(scene))
+    scene = known("scene", check_scene(scene))
     rig = Rig.of(sensors)
     for sensor in rig.sensors:
         _check_place(sensor, scene.slipper.modes)
     method = Trajectories() if method is None else method
     instance("method", method, AbstractFitMethod, "a method of slipperjax.fitting")
     runs = measured_runs(measured, rig)
-    origin, first = beginning(scene, begin, start)
+    origin, first = beginning(scene, known("begin", begin), start)
     confidence = number(positive, "confidence", confidence)
     require(confidence < 1, "confidence", "be below 1", confidence)
     problem = Problem(

@@ -23,7 +23,7 @@ from ..model.starts import AtRest, check_start, initial_state
 from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
-from ..tools.checks import finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
+from ..tools.checks import Check, finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
 from ..tools.compile import as_argument, call_compiled, jit
 from ..tools.description import describe
 from ..tools.forms import by_jacobian
@@ -115,14 +115,14 @@ def period_map(
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
-    begin: float | None = None,
+    begin: Real | None = None,
 ) -> State:
     """Return the state `periods` forcing periods after `state`: the stroboscopic map. Jit, vmap or differentiate it.
 
     **Arguments:** `state`: from `initial_state` or an earlier call; all others as for `simulate`. On a rail that does
     not repeat, each call begins where the rail does, unless `begin` says how far the call before has come [m].
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     origin = beginning_of(scene, begin)
     epoch = scene.epoch_at(origin)
     instance("state", state, State, "a slipperjax.State")
@@ -355,7 +355,7 @@ def simulate(
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     start: object = None,
-    begin: float | None = None,
+    begin: Real | None = None,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     loads: bool = True,
@@ -393,12 +393,12 @@ def simulate(
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     periods = whole("periods", periods, 1)
     loads = yes_or_no("loads", loads)
     origin, start = beginning(scene, begin, start)
     probe = whole("probe", probe, 0)
-    traced = is_traced((scene, start))
+    traced = is_traced((scene, start, origin))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
@@ -530,14 +530,16 @@ def first_of(start: object) -> Motion | State:
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
 
 
-def beginning_of(scene: Scene, begin: float | None) -> Real:
-    """Return where a run begins [m]: by default where its rail does.
+def beginning_of(scene: Scene, begin: Real | None) -> Real:
+    """Return where a run begins [m]: by default where its rail does. A traced place off the rail becomes NaN.
 
     **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear or of
     loads, that has ended before the rail begins.
     """
     track = scene.track
     if begin is not None:
+        if is_traced(begin):
+            return Check("begin", "m", is_good=lambda place: (place >= track.begin) & (place < track.extent))(begin)
         begin = number(finite, "begin", begin, "m")
         if not is_traced(track):
             # distances that were computed may have rounding errors
@@ -556,7 +558,7 @@ def beginning_of(scene: Scene, begin: float | None) -> Real:
     return track.origin
 
 
-def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Real, Motion | State]:
+def beginning(scene: Scene, begin: Real | None, start: Any) -> tuple[Real, Motion | State]:
     """Return where a run begins [m], and its start; of a dataset of `slipperjax.run`, the state kept there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)

@@ -13,19 +13,22 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, known, positive, require, shown_number, warn
+from ..tools.code import classes_of
 from ..tools.compile import need_64_bits
-from ..tools.description import TYPE, describe
-from ..tools.fields import ShapeChecked, field, unit_of
+from ..tools.description import TYPE, build, describe
+from ..tools.fields import ShapeChecked, field, unit_of, with_static_functions
 from ..tools.files import user_path, write_whole
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
+from .modes import Modes
 from .parameters import PARAMETERS, check_no_overlap, parameter
 from .payload import SledMass
 from .quantities import COORDINATES, MOTION_NUMBERS
+from .random_rails import AbstractSpectrum
 from .section import Section
-from .sled import Sled
+from .sled import Mount, Sled
 from .slipper import AbstractBody, Mounted, Slipper
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
@@ -43,6 +46,8 @@ PARTS: dict[str, tuple[type, str]] = {
     "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
+INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
+"""Bases of classes within parts of a scene."""
 NUMBERS = ("speed", "gravity", "window")
 """Numbers of the scene itself."""
 
@@ -259,6 +264,9 @@ class Scene(ShapeChecked):
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
         known("scene", self)
+        for name, own in {"speed": self.speed, **self.parts}.items():
+            if any(classes_of(own)):  # parts of this package are read back
+                _check_readable(name, own)
         numbers = describe(self)
         lines = []
         # before the tables: in TOML a line belongs to the table above it
@@ -350,7 +358,8 @@ def travel_unit(scene: Scene) -> str:
 def check_scene(scene: object) -> Scene:
     """Return `scene`; raise `ValueError` where it is none, or if JAX runs with 32-bit numbers."""
     need_64_bits()
-    return instance("scene", scene, Scene, "a slipperjax.Scene")
+    # what `equinox.tree_at` put in passed no constructor
+    return with_static_functions(instance("scene", scene, Scene, "a slipperjax.Scene"))
 
 
 def check_steady(scene: object) -> Scene:
@@ -373,6 +382,18 @@ def at_speed(scene: object, speed: Real | SpeedProgramme | None) -> Scene:
 
 START = COORDINATES | MOTION_NUMBERS
 """The numbers of a start in a file: its attitude stands there as Euler angles or as a quaternion."""
+
+
+def _check_readable(name: str, part: eqx.Module) -> None:
+    """Raise `ValueError` for a part of a scene, such as a law with a network, that a file does not bring back."""
+    why = "It would be read back with other numbers."
+    try:
+        own, again = map(jax.tree.leaves, (part, build(describe(part), (type(part), *INNER), name)))
+        same = len(own) == len(again) and all(map(np.array_equal, own, again))
+    except (TypeError, ValueError) as error:
+        same = False
+        why = str(error)
+    require(same, name, "be one that a file can hold", shown=f"{type(part).__name__}. {why}")
 
 
 def _entries(part: eqx.Module) -> list[str]:
@@ -403,7 +424,6 @@ def _line(name: str, value: object, unit: str) -> list[str]:
     """Return a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
     if value is None or value == "":
         return []
-    require(not isinstance(value, dict), "scene", "have no functions in TOML", value)
     # numbers are written so that they come back to the last bit
     if unit in ("", "1"):
         return [f"{name} = {json.dumps(value)}"]

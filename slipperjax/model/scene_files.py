@@ -31,12 +31,11 @@ from ..tools.tables import TableError
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
-from .loads import AbstractLoad, SumLoad, TabulatedLoad
+from .loads import SumLoad, TabulatedLoad
 from .modes import Modes, load_modes
 from .parameters import PARAMETERS, half_play
 from .quantities import ShownUnits
-from .random_rails import AbstractSpectrum
-from .scene import NUMBERS, PARTS, START, Scene
+from .scene import INNER, NUMBERS, PARTS, START, Scene
 from .section import Section
 from .sensors import UNITS, Sensor
 from .sled import Mount, Sled
@@ -45,11 +44,8 @@ from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
-from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
 
-INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
-"""Bases of classes within parts of a scene."""
 BODY = ("slipper", "mounts", "modes")
 """Tables of the body: a sled has its mounts and its modes in tables of their own."""
 BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping": "", "places": "m"}

@@ -64,7 +64,7 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
 
     **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     motion = check_start("motion", motion)
     if isinstance(motion, State) and motion.memory is not None:
         require(

@@ -594,7 +594,7 @@ def continue_orbit(
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit near the start;
     `Interrupted` after Ctrl-C, with the branch until then as its `result`, whose method `extended` goes on.
     """
-    known("scene", check_scene(scene))
+    scene = known("scene", check_scene(scene))
     check_forcing(scene)
     varied = parameter(name, scene)
     bounds = bounds_of(varied, bounds)

@@ -74,7 +74,7 @@ def critical_orbit(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     steps = int(start.steps_per_period)
     # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps

@@ -73,7 +73,7 @@ def lyapunov_spectrum(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     steps = default_steps(scene, steps_per_period)
     start = first_of(start)
     origin = beginning_of(scene, begin)

@@ -156,7 +156,7 @@ def periodic_orbit(
     **Raises:** `ValueError` that names the argument which is wrong, also for a track of several wavelengths that does
     not recur with the first.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     period = whole("period", period, 1, MOST_PERIOD)
     limit = whole("max_iterations", max_iterations, 1)
     tolerance = number(positive, "tolerance", tolerance)

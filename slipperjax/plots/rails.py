@@ -24,7 +24,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
 
     **Returns:** the Axes, an array.
     """
-    check_scene(scene)
+    scene = check_scene(scene)
     unit = float(scene.wavelength)
     # without a run 25 reference lengths from the rail's beginning
     first = scene.track.origin

@@ -22,7 +22,7 @@ from ..model.scene import Scene
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import require, whole
+from ..tools.checks import known, require, whole
 from ..tools.limits import cores
 from .call import Call
 from .estimate import Estimate
@@ -289,7 +289,7 @@ def sampled_plan(
     lengths = Calls.of(transient), Calls.of(call.measured)
     plan = Plan(cases, solver, RecordSet(tuple(kept)), np.atleast_1d(steps), *lengths, stages)
     # stages travel further along the rail than the plan itself
-    begin = beginning_of(grid.scene, call.begin)
+    begin = beginning_of(grid.scene, known("begin", call.begin))
     check_rail(grid.scene, plan.periods, begin, transient, plan.periods_after)
     return plan
 

@@ -33,7 +33,7 @@ from ..model.travel import SpeedProgramme
 from ..solvers.latching import calls_lapack, solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import number, positive, require, whole
+from ..tools.checks import known, number, positive, require, whole
 from ..tools.columns import column
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.types import Numbers, Real
@@ -145,7 +145,7 @@ def run(
     Ctrl-C, with the finished runs.
     """
     scene = at_speed(scene, speed)
-    origin, first = beginning(scene, begin, "rest" if start is None else start)
+    origin, first = beginning(scene, known("begin", begin), "rest" if start is None else start)
     call = RunCall(
         number(positive, "length", length, "m"),
         origin,

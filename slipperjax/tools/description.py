@@ -2,8 +2,8 @@
 
 import dataclasses
 import functools
+import hashlib
 import inspect
-import types
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -14,6 +14,8 @@ import optimistix
 
 from .checks import brief, hint
 from .code import code_digest
+from .fields import StaticFunction
+from .tracing import is_traced
 
 TYPE = "type"
 """Key of a description that holds the name of the class."""
@@ -44,10 +46,15 @@ def describe(value: object) -> Any:
 
     Arrays become lists of numbers; 64-bit numbers come back to the last bit. Quantities of pint become numbers in SI
     units. A module that holds a value which is not plain, such as a function, but equals the one that is made without
-    arguments, is described by its name alone.
+    arguments, is described by its name alone. One that its arguments do not make again, such as a network that was
+    trained, is described by a digest of its arrays.
     """
+    if isinstance(value, StaticFunction):
+        return describe(value.function)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
+        if isinstance(value, eqx.Module) and not is_traced(value) and not _of_arguments(value):
+            return {OPAQUE: f"{type_name(kind)}, {_digest(value)}"}
         fields = {name: describe(getattr(value, name)) for name in arguments_of(kind)}
         # such as a controller of diffrax, whose fields are functions
         if any(_opaque(part) for part in fields.values()) and _is_default(value):
@@ -68,9 +75,30 @@ def describe(value: object) -> Any:
     for name, norm in NORMS.items():
         if norm is value:
             return name
-    if isinstance(value, types.FunctionType):
+    if callable(value) and hasattr(value, "__qualname__"):  # those of JAX, too, which are no functions of Python
         return {OPAQUE: f"{value.__module__}.{value.__qualname__}, {code_digest(value)}"}
     return {OPAQUE: brief(value)}
+
+
+def _of_arguments(module: eqx.Module) -> bool:
+    """Tell whether the arguments of a class make a module again; those of this package do."""
+    kind = type(module)
+    names = arguments_of(kind)
+    others = [getattr(module, field.name) for field in dataclasses.fields(kind) if field.name not in names]
+    own = kind.__module__.split(".")[0] == __name__.split(".")[0]
+    if own or not any(map(eqx.is_array, jax.tree.leaves(others))):
+        return True
+    try:
+        return bool(eqx.tree_equal(module, kind(**{name: getattr(module, name) for name in names})))
+    except (TypeError, ValueError):
+        return False
+
+
+def _digest(module: eqx.Module) -> str:
+    """Return a digest of a module's structure and numbers."""
+    leaves, structure = jax.tree.flatten(module)
+    texts = [str(np.asarray(leaf).tolist()) for leaf in leaves if eqx.is_array_like(leaf)]
+    return hashlib.sha256("\n".join([str(structure), *texts]).encode()).hexdigest()[:12]
 
 
 @functools.cache

@@ -15,9 +15,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import AbstractArray
+from jaxtyping import AbstractArray, PyTree
 
 from .checks import Check, require, shown_number
 from .tracing import is_traced
@@ -48,10 +49,27 @@ def field(
     return eqx.field(converter=converter, metadata={"labels": labels}, **more)
 
 
+class StaticFunction(eqx.Module):
+    """A function as a pytree without leaves, so that JAX takes modules that hold it."""
+
+    function: Callable = eqx.field(static=True)
+
+    def __call__(self, *args: object, **options: object) -> Any:
+        return self.function(*args, **options)
+
+
+def with_static_functions(tree: PyTree) -> PyTree:
+    """Return a pytree whose leaves that are functions, such as the activations of a network, are static."""
+    if not any(callable(leaf) for leaf in jax.tree.leaves(tree)):
+        return tree
+    return jax.tree.map(lambda leaf: StaticFunction(leaf) if callable(leaf) else leaf, tree)
+
+
 class ShapeChecked(eqx.Module):
     """Base of modules that check on construction that their array fields have the shapes of their annotations.
 
-    Their `repr` is one line, with units; fields of None are left out.
+    Functions in their fields become static, see `with_static_functions`, so that all their leaves are numbers. Their
+    `repr` is one line, with units; fields of None are left out.
     """
 
     def __init_subclass__(cls, **more: object):
@@ -79,6 +97,9 @@ class ShapeChecked(eqx.Module):
         for part in dataclasses.fields(self):
             shapes = _shapes(part)
             value = getattr(self, part.name)
+            if not part.metadata.get("static", False) and (fixed := with_static_functions(value)) is not value:
+                # equinox freezes modules before this check
+                object.__setattr__(self, part.name, fixed)
             # some fields take a module, such as a table, in place of an array
             absent = value is None or isinstance(value, eqx.Module)
             if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):

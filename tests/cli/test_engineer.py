@@ -1,6 +1,5 @@
 """The commands of docs/first_hour/engineer.md, typed into a folder with the files of docs/examples."""
 
-import re
 import shlex
 import shutil
 import subprocess
@@ -9,6 +8,7 @@ import sys
 import pytest
 import xarray as xr
 
+from ..commands import changed
 from ..pages import EXAMPLES, ROOT, blocks, commands, same
 from .commands import call
 
@@ -19,22 +19,6 @@ BLOCKS = blocks(ROOT / "docs" / "first_hour" / "engineer.md")
 def words_of(block):
     """The commands of a block, each as a list of words without the name of the program."""
     return [shlex.split(line)[1:] for line in commands(block) if line.startswith("slipperjax ")]
-
-
-def changed(text, block):
-    """A scene's file in which lines of a block replace those of their names, or follow the header of their table."""
-    table, *rows = block.text.strip().splitlines()
-    for row in rows:
-        name = row.partition(" = ")[0]
-        inside = text.index(table)
-        line = re.compile(rf"^{name} = .*$", re.MULTILINE)
-        found = line.search(text, inside)
-        ends = text.find("\n[", inside + 1)
-        if found and (found.start() < ends or ends < 0):
-            text = text[: found.start()] + row + text[found.end() :]
-        else:
-            text = text.replace(table, f"{table}\n{row}", 1)
-    return text
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import math
 import os
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -486,3 +487,46 @@ def test_each_unit_is_for_its_kind_of_quantity():
     ]
     assert found == pytest.approx([1.0] * 3, rel=1e-15)
     assert ShownUnits().of(distance) is distance
+
+
+class Learned(sj.AbstractContactLaw):
+    """F = K d^1.5 (1 + a network of the approach speed)."""
+
+    net: eqx.nn.MLP
+    clamp: bool = eqx.field(static=True, default=True)
+
+    def damping(self, rate, rate_ratio):
+        return jnp.vectorize(lambda v: self.net(v[None])[0])(rate)
+
+
+class Drawn(sj.AbstractContactLaw):
+    """A law that draws its numbers when it is made."""
+
+    seed: int = eqx.field(static=True)
+    loss: jnp.ndarray
+    clamp: bool = eqx.field(static=True, default=True)
+
+    def __init__(self, stiffness, seed):
+        self.stiffness = stiffness
+        self.seed = seed
+        self.loss = jnp.asarray(np.random.default_rng(seed).uniform(size=3))
+
+    def damping(self, rate, rate_ratio):
+        return self.loss[0]
+
+
+def test_laws_that_a_file_cannot_bring_back_are_refused(tmp_path):
+    scene = sj.paper_scene()
+    drawn = dataclasses.replace(scene, contact=Drawn(1e8, 3))
+    sj.load_scene(drawn.to_toml(tmp_path / "drawn.toml") and tmp_path / "drawn.toml")
+    trained = eqx.tree_at(lambda s: s.contact.loss, drawn, jnp.ones(3))
+    nets = [eqx.nn.MLP(1, 1, 2, 1, key=jax.random.key(k)) for k in (0, 1)]
+    learned = [dataclasses.replace(scene, contact=Learned(1e8, net)) for net in nets]
+    for one, words in ((trained, "Drawn"), (learned[0], "Learned")):
+        with pytest.raises(ValueError, match=f"`contact` must be one that a file can hold, but is {words}"):
+            one.to_toml(tmp_path / "none.toml")
+        with pytest.raises(ValueError, match=r"`scene\.contact.*` cannot be rebuilt"):
+            scene_from_json(scene_to_json(one))
+    assert not (tmp_path / "none.toml").exists()
+    # stores tell networks apart
+    assert scene_to_json(learned[0]) != scene_to_json(learned[1])

@@ -90,9 +90,10 @@ def test_spikes_are_not_passed_over():
     """The impulse of a spike of 2 ms in a curve of 4 s makes its share of the speed."""
     time = np.array([0.0, 0.1, 1.999, 2.0, 2.001, 4.0])
     programme = sj.RocketSled(time, [0.0, 1e4, 1e4, 1e7, 1e4, 1e4], mass=500.0).programme()
-    # without resistance the speed at the end is the impulse over the mass; measured 1e-9
+    # without resistance the speed at the end is the impulse over the mass; the integration allows 1e-9 in each step,
+    # measured 1e-9 and on another processor 1.5e-8
     impulse = 0.5 * 0.1 * 1e4 + 3.9 * 1e4 + 0.001 * (1e7 - 1e4)
-    assert float(programme.speed[-1]) == pytest.approx(impulse / 500.0, rel=1e-8)
+    assert float(programme.speed[-1]) == pytest.approx(impulse / 500.0, rel=1e-7)
     assert float(programme.distance[-1]) == pytest.approx(1e5)
 
 

@@ -117,7 +117,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
             # the forcing frequency follows from the wavelength of 8 m
             found |= answers(name, Singles(data[name], part["speed"] / 8, data["sections"], effort.judged))
             continue
-        evidence = _jumps(part["speed"], effort.progress) if name == "speed" else ""
+        evidence = _jumps(part["speed"]) if name == "speed" else ""
         found |= answers(name, Diagram(data[name], name, effort.judged, evidence))
         for branch in follow_branches(name, effort.flips, progress=effort.progress):
             data[f"{name}_branch_{branch.period}"] = branch.points
@@ -155,14 +155,14 @@ def _histories(scene: Scene, part: CaseList, transient: int, progress: bool | No
     return sweep(scene, part, product=False, steps_per_period=STEPS, **options)
 
 
-def _jumps(speeds: np.ndarray, progress: bool | None) -> str:
+def _jumps(speeds: np.ndarray) -> str:
     """Follow the motion over speed up and down, and return in words where it jumps."""
     path = {"speed": speeds[speeds >= 1500.0]}
     texts = []
     for direction in ("up", "down"):
         # above the scatter of the mean states of chaotic motions, and below the change of the mean state in the jump
-        options = dict(direction=direction, threshold=4.0, steps_per_period=STEPS, progress=progress)
-        texts.append(f"followed {direction}: {jump_text(find_jump(paper_scene(), path, **options))}")
+        jump = find_jump(paper_scene(), path, direction=direction, threshold=4.0, steps_per_period=STEPS)
+        texts.append(f"followed {direction}: {jump_text(jump)}")
     return f"attractors coexist, so the start decides where the motion jumps; {', '.join(texts)}"
 
 
