@@ -15,7 +15,7 @@ import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
-from ..model.contact import EventLatch
+from ..model.contact import EventLatch, PeakRateLatch, Rates
 from ..model.dynamics import (
     Args,
     State,
@@ -50,11 +50,11 @@ NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Return whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch` itself or without memory.
+    """Return whether `ImpulseRK4` integrates a scene's contacts: with a latch of the package or without memory.
 
     With `SmoothSwitch` there are no kinks to know.
     """
-    return not scene.contact.has_memory or type(scene.memory) is EventLatch
+    return not scene.contact.has_memory or type(scene.memory) in (EventLatch, PeakRateLatch)
 
 
 class Ends(NamedTuple):
@@ -235,7 +235,10 @@ def _corrected(
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
-    state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
+    if memory is not None:
+        rates = Rates(path.rate, path.rise, path.bend, end.rate)
+        memory = jnp.where(end.gap >= 0, 0.0, scene.memory.kept(memory, rates, jnp.where(touches, place, 0.0)))
+    state = State(m, memory)
     return state, *_ended(args, t1, frame, end, turning, state)
 
 
