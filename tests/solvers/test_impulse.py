@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import scaled_size
 from slipperjax.solvers.named import resolve_solver
 
 from ..common import cases, scaled_errors, scene_of
 from ..systems.fields import rebound, rebound_slope
+from .pressed import pressed
 
 AT = np.array([1e8, 0.5, 0.7])
 """Stiffness [N/m^1.5], restitution [1] and approach speed [m/s]."""
@@ -114,6 +117,44 @@ def test_nominal_scene_against_the_independent_code():
     print(f"six periods at 100 steps: {ours:.1e}, RK4 {plain:.1e}")
     assert ours < 5e-5  # measured 1.9e-5, and 1.3e-4 with RK4
     assert ours < 0.3 * plain
+
+
+TIMES = np.arange(0.0, 0.0101, 0.002)
+PRESSES = np.array([-3e3, -9e3, 6e3, -2e4, -3e3, 0.0])
+"""Times [s], and forces [N] that press a slipper twice onto its rail, the second time faster."""
+
+
+def pressing(memory, mass=14.0):
+    """A level slipper of which the roof nearly touches a straight rail, and its start."""
+    force = np.column_stack([0 * PRESSES, 0 * PRESSES, PRESSES])
+    slipper = dataclasses.replace(sj.paper_scene().slipper, mass=mass)
+    scene = sj.Scene(100.0, slipper, ROOF, sj.StraightTrack(), law_of(sj.Flores), memory, window=1.0)
+    return dataclasses.replace(scene, load=sj.TabulatedLoad(force, time=TIMES)), sj.Motion(z=-0.95e-3, v_z=-0.05)
+
+
+def pressed_ends(solver, memory):
+    """Compiled once: height [m] and its rate [m/s] after the forces, by steps and mass."""
+
+    @jax.jit
+    def run(steps, mass):
+        scene, start = pressing(memory)
+        scene = scene.replace(mass=mass)
+        end = PeriodMap(scene, ConstantSteps(steps=steps), solver, 1)(sj.initial_state(scene, start)).motion
+        return jnp.stack([end.z, end.v_z])
+
+    return run
+
+
+def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
+    """Measured, in mm and m/s, at 25, 50, 100, 200 and 400 steps: see the printed rows."""
+    law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
+    (gap, rate), counts = pressed(0.05e-3, -0.05, TIMES, PRESSES, **law)
+    assert counts == dict(begins=1, leads=1, holds=2, ends=0)
+    exact = np.array([gap - 1e-3, rate])
+    for solver in (sj.RK4(), sj.ImpulseRK4()):
+        run = pressed_ends(solver, sj.PeakRateLatch())
+        found = [np.max(np.abs(run(float(n), 14.0) - exact) / [1e-3, 1.0]) for n in (25, 50, 100, 200, 400)]
+        print(type(solver).__name__, " ".join(f"{error:.1e}" for error in found))
 
 
 def test_diffrax_solves_with_it():

@@ -29,7 +29,7 @@ def touchdowns(course):
 
 
 def at_floor(course):
-    return (begun(course) <= -0.999999 / course.scene.memory.slowest).sum()
+    return (begun(course) <= -0.999999 / course.scene.contact_memory.slowest).sum()
 
 
 COUNTS = [

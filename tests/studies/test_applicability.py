@@ -108,6 +108,10 @@ def with_number(**numbers):
     return lambda scene: scene.replace(**{name.replace("__", "."): value for name, value in numbers.items()})
 
 
+def with_memory(memory, restitution):
+    return lambda scene: dataclasses.replace(scene, memory=memory).replace(restitution=restitution)
+
+
 def with_law(law, **options):
     return lambda scene: dataclasses.replace(scene, contact=law(1e8, 0.9, **options))
 
@@ -172,6 +176,12 @@ CHANGES = {
         "restitution 0.8": with_number(restitution=0.8),
         "restitution 0.5": with_number(restitution=0.5),
         "restitution 0.3": with_number(restitution=0.3),
+        "rate at touchdown": with_memory(sj.EventLatch(), 0.9),
+        "rate at touchdown, restitution 0.5": with_memory(sj.EventLatch(), 0.5),
+        "rate at touchdown, restitution 0.3": with_memory(sj.EventLatch(), 0.3),
+        "fastest rate": with_memory(sj.PeakRateLatch(), 0.9),
+        "fastest rate, restitution 0.5": with_memory(sj.PeakRateLatch(), 0.5),
+        "fastest rate, restitution 0.3": with_memory(sj.PeakRateLatch(), 0.3),
         "restitution 0.3, four times the steps": (with_number(restitution=0.3), 4),
         "Hunt and Crossley": with_law(sj.HuntCrossley),
         "contacts that may pull": with_law(sj.Flores, clamp=False),
