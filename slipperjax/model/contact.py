@@ -172,12 +172,12 @@ class AbstractMemory(ShapeChecked):
         began = self.at_touchdown(gap, before.rate + place * (rise + (place - 1) * bend))
         rates = Rates(before.rate, rise - bend, bend, rate)
         # closed points keep their memory until they open
-        return jnp.where(gap >= 0, 0.0, self.kept(jnp.where(entered, began, memory), rates, place))
+        return jnp.where(gap >= 0, 0.0, self.kept(jnp.where(entered, began, memory), rates, entered))
 
-    def kept(self, memory: Array, rates: "Rates", begin: Array) -> Array:
+    def kept(self, memory: Array, rates: "Rates", entered: Array) -> Array:
         """Return the memory of contacts after a step, from that at its start or at their touchdown; here the same.
 
-        **Arguments:** `rates`: of the gaps in the step; `begin`: the place of a touchdown, from 0 to 1, 0 without one.
+        **Arguments:** `rates`: of the gaps in the step; `entered`: whether they touched down in it.
         """
         return memory
 
@@ -247,20 +247,22 @@ class PeakRateLatch(EventLatch):
     gently and is pressed in later has at most the damping of an impact at the rate at which it is pressed in.
 
     The memory is 1 / g'_0 [s/m], as that of `EventLatch`. In a step it is that at the step's start: where the rate
-    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step, too.
+    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step, too;
+    of the step of a touchdown it is the rate at the touchdown.
     """
 
     def rate_ratio(self, memory, rate):
         ratio = super().rate_ratio(memory, rate)
         return jnp.where(ratio < 1, ratio, 1.0)
 
-    def kept(self, memory, rates, begin):
+    def kept(self, memory, rates, entered):
         # 1 / g'_0 as a quotient, of the end of the step or of the place inside it where the rate turns
-        turns = (rates.slope + 2 * rates.bend * begin < 0) & (rates.slope + 2 * rates.bend > 0)
+        turns = (rates.slope < 0) & (rates.slope + 2 * rates.bend > 0)
         above = jnp.where(turns, 4 * rates.bend, 1.0)
         below = jnp.where(turns, 4 * rates.bend * rates.start - rates.slope * rates.slope, rates.end)
-        # false of points that are open, have no damping, or recede
-        faster = memory * below > above
+        # false of points that are open, have no damping, or recede. Where a contact begins, its force bends the rate
+        # more than the parabola can, and the rate can have become faster by no more than the step's power 2.5.
+        faster = (memory * below > above) & ~entered
         return jnp.where(faster, above / jnp.where(faster, below, -1.0), memory)
 
 

@@ -238,7 +238,7 @@ def _corrected(
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
     if memory is not None:
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
-        memory = jnp.where(end.gap >= 0, 0.0, scene.contact_memory.kept(memory, rates, jnp.where(touches, place, 0.0)))
+        memory = jnp.where(end.gap >= 0, 0.0, scene.contact_memory.kept(memory, rates, touches))
     state = State(m, memory)
     return state, *_ended(args, t1, frame, end, turning, state)
 

@@ -146,7 +146,7 @@ def pressed_ends(solver, memory):
 
 
 def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
-    """Measured, in mm and m/s, at 25, 50, 100, 200 and 400 steps: see the printed rows."""
+    """At 25, 50, 100, 200 and 400 steps, in mm and m/s."""
     law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
     (gap, rate), counts = pressed(0.05e-3, -0.05, TIMES, PRESSES, **law)
     assert counts == dict(begins=1, leads=1, holds=2, ends=0)
