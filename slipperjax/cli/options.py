@@ -254,7 +254,7 @@ CASE: dict[str, Adds] = {
         click.Choice(list(MEMORIES)),
         "Which velocity the damping refers to: at touchdown (event, or smooth by an equation without events), or the "
         "fastest since touchdown (peak).",
-        show_default="the scene file's, or peak on surveyed and random rails, else event",
+        show_default="the scene file's, or peak on surveyed and random rails and event on others",
     ),
     "set": option(
         "--set",

@@ -169,7 +169,7 @@ class Scene(ShapeChecked):
     @property
     def contact_memory(self) -> AbstractMemory:
         """The model of the contact memory: `memory`, or where that is None `PeakRateLatch` on surveyed and random
-        rails, and `EventLatch`, as in the paper, on others."""
+        rails and over joints, and `EventLatch`, as in the paper, on others."""
         if self.memory is not None:
             return self.memory
         return PeakRateLatch() if self.track.is_rough else EventLatch()

@@ -58,8 +58,8 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def is_rough(self) -> bool:
-        """Whether contacts last on it and are pressed in anew, as on surveyed and random rails; here False. It
-        decides which memory contacts have by default, see `Scene.contact_memory`."""
+        """Whether contacts last on it and are pressed in anew, as on surveyed and random rails and over joints; here
+        False. It decides which memory contacts have by default, see `Scene.contact_memory`."""
         return False
 
     chosen_by: ClassVar[str] = ""
@@ -351,6 +351,10 @@ class LocalTrack(AbstractTrack):
         heights = self.height.shape
         require(heights == places, "height", f"have one value per place, {places}", shown=f"shape {heights}")
         require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
+
+    @property
+    def is_rough(self):
+        return True
 
     @at_once
     def irregularity(self, distance):
