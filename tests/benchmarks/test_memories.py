@@ -5,11 +5,13 @@
 
 import dataclasses
 import statistics
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
@@ -22,6 +24,7 @@ pytestmark = pytest.mark.benchmark
 MEMORIES = {"at touchdown": sj.EventLatch(), "fastest": sj.PeakRateLatch()}
 RAIL = sj.RandomTrack.sled(length=900.0)
 SEEDS = np.arange(100.0, 164.0)
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 RESTITUTIONS = (0.9, 0.5, 0.3)
 
 
@@ -59,6 +62,27 @@ def test_forces_on_sled_rails():
     assert medians[0.3, "at touchdown", 4] > medians[0.9, "at touchdown", 4]
 
 
+JOINT = 0.030 * 0.0254  # [m]
+
+
+def test_a_joint():
+    """Highest force where a slipper of 9 kg at rest on a surveyed rail meets a joint of 0.030 in at 300 m/s."""
+    scene = sj.load_scene(EXAMPLES / "one_slipper.toml", speed=300.0)
+    joint = sj.LocalTrack([10.0], [-JOINT], 0.6, shape="joint")
+    print()
+    ratios = {}
+    for memory in MEMORIES:
+        own = dataclasses.replace(scene, track=sj.SumTrack(scene.track, joint), memory=MEMORIES[memory])
+        for times in (1, 4):
+            steps = times * sj.default_steps_per_period(own)
+            ds = sj.run(own, length=14.0, record=["peak_force", "damping_ratio"], steps_per_period=steps, progress=False)
+            after = ds.sel(distance=slice(8.0, 14.0))
+            ratio = ratios[memory, times] = float(after["damping_ratio"].max())
+            status = sj.Status(int(ds["status"])).name
+            shown(f"joint, {memory}, {steps} steps, ratio {ratio:.1f}, {status}", after["peak_force"].values.ravel())
+    assert ratios["fastest", 4] <= 1.001 * float(scene.contact.factor)
+
+
 @dataclasses.dataclass
 class OnRail(independent_run.Case):
     """A slipper on one of the random rails, whose displacements are looked up."""
@@ -68,6 +92,34 @@ class OnRail(independent_run.Case):
     def rail(self, distance):
         here, slope = self.spline(distance)
         return (*here, 0.0, *slope, 0.0)
+
+
+def test_rails_by_an_independent_code():
+    """The same highest forces over 24 m, before chaos tells the motions apart."""
+    windows = 24
+    places = np.arange(-4.0, windows + 4.0, 0.01)
+    start = [0.0] * 5 + [0.5, 0.5, 0.2, 0.3, 0.4]
+    print()
+    for restitution in (0.5, 0.3):
+        for seed in SEEDS[:3]:
+            scene = on_rail("fastest", restitution).replace(**{"track.seed": seed})
+            motion = jax.vmap(scene.track.prepared().irregularity)(jnp.asarray(places))
+            rail = make_interp_spline(places, np.stack([motion.lateral, motion.vertical], 1), 5)
+            slope = rail.derivative()
+            programme = independent_run.Programme([0.0, windows], [1000.0, 1000.0])
+            case = OnRail(
+                programme, restitution=restitution, fastest=True, spline=lambda x, r=rail, s=slope: (r(x), s(x))
+            )
+            want = independent_run.run(case, start, windows, tolerance=1e-7).peaks.max(axis=1)
+            found = []
+            for times in (1, 4):
+                options = dict(length=windows, window=1.0, record="peak_force", progress=False)
+                options["steps_per_period"] = times * sj.default_steps_per_period(scene)
+                ds = sj.run(scene, start=sj.table_2_start(), begin=0.0, **options)
+                found.append(ds["peak_force"].max(("end", "point")).values.ravel())
+            far = [np.max(np.abs(one / want.max() - want / want.max())) for one in found]
+            print(f"{restitution}, rail {seed:g}: {1e-3 * want.max():.3f} kN; apart in any metre {far}", flush=True)
+            assert far[1] < 0.02
 
 
 def test_cost_of_a_step():

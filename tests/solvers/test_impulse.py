@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from pathlib import Path
 
 import diffrax
 import jax
@@ -54,6 +55,25 @@ def test_rebound_of_a_level_slipper(law):
     assert coarse < 3e-5
     assert fine < 1e-7
     assert np.log2(coarse / fine) / 3 > 1.9  # measured 2.1 to 3.2
+
+
+SCENES = Path(__file__).parents[2] / "docs" / "how_to" / "scenes.md"
+
+
+def test_restitution_in_and_rebound_out():
+    """The table of docs/how_to/scenes.md: in closed form, and of a drop of a level slipper at 0.7 m/s."""
+    given = (0.1, 0.3, 0.5, 0.7, 0.9)
+    rows = []
+    for law in (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh):
+        exact = [rebound(float(law(1e8, restitution).factor)) for restitution in given]
+        rows.append(f"| `{law.__name__}` | " + " | ".join(f"{value:.2f}" for value in exact) + " |")
+        # of 0.1, contact outlasts the run
+        relative = [np.array([1.0, restitution / AT[1], 1.0]) for restitution in given[1:]]
+        found = [dropped(at, 100, sj.ImpulseRK4(), law_of(law)) / AT[2] for at in relative]
+        np.testing.assert_allclose(found, exact[1:], atol=1e-4)
+    print("\n".join(rows))
+    text = SCENES.read_text()
+    assert all(row in text for row in rows)
 
 
 def test_derivatives_of_the_rebound():
