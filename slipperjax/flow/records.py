@@ -322,7 +322,7 @@ def judged_by_contacts(
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """A record without a variable, for the statuses that loads show: no contact, pressed in, too few steps, damped."""
+    """A record without a variable, for statuses that loads show: no contact, pressed in, too few steps, damped."""
 
     def values(self, scene, periods):
         return 4

@@ -95,9 +95,8 @@ class Status(enum.IntEnum):
 
     DAMPED = (
         11,
-        f"damped: the damping force of a contact is more than {MOST_DAMPED:g} times its elastic force, and more than "
-        "at the touchdown of an impact",
-        "take the memory PeakRateLatch, which surveyed and random rails have by default, or a higher restitution",
+        f"damped: a contact's damping force is more than {MOST_DAMPED:g} times its elastic force",
+        "take the memory PeakRateLatch, or a higher restitution",
     )
 
     # the member itself is the code, the texts are attributes of it
@@ -169,8 +168,8 @@ def with_loads(
     scene: Scene,
     most: Real,
 ) -> Int[Array, ""]:
-    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or, on rough rails alone, `DAMPED` where the loads
-    of a whole run show that.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or, on rough rails alone, `DAMPED` where the
+    loads of a whole run show that.
 
     **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
     `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1]; `damping_ratio`: the

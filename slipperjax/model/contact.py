@@ -247,8 +247,8 @@ class PeakRateLatch(EventLatch):
     gently and is pressed in later has at most the damping of an impact at the rate at which it is pressed in.
 
     The memory is 1 / g'_0 [s/m], as that of `EventLatch`. In a step it is that at the step's start: where the rate
-    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step, too;
-    of the step of a touchdown it is the rate at the touchdown.
+    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step,
+    too; after the step of a touchdown it is the rate at the touchdown.
     """
 
     def rate_ratio(self, memory, rate):

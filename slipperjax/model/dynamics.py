@@ -86,16 +86,19 @@ def phase(t: Real, epoch: Real) -> Real:
     return epoch + t
 
 
+def rate_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | None:
+    """Return g' / g'_0 [1] of contacts from their gap rates [m/s] and memories; None for a law without memory."""
+    return None if memory is None else scene.contact_memory.rate_ratio(memory, rate)
+
+
 def damping_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | float:
     """Return the damping force of contacts over the elastic force [1], from their gap rates [m/s] and memories."""
-    ratio = None if memory is None else scene.contact_memory.rate_ratio(memory, rate)
-    return scene.contact.damping(rate, ratio)
+    return scene.contact.damping(rate, rate_ratios(scene, rate, memory))
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
     """Return normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
-    ratio = None if memory is None else scene.contact_memory.rate_ratio(memory, now.rate)
-    return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
+    return store_cotangent(scene.contact.force(now.gap, now.rate, rate_ratios(scene, now.rate, memory)))
 
 
 def forces_at(scene: Scene, frame: RailFrame, now: Contacts, state: State) -> Acting:

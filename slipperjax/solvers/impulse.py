@@ -91,8 +91,9 @@ class ImpulseRK4(AbstractLatchingSolver):
         field = field_of(terms)
         if type(field) is not VectorField or not knows_contacts(args.scene):
             raise ValueError(
-                "Argument `solver` must be another one than ImpulseRK4, which knows contacts with EventLatch or "
-                f"without memory, for a {type(field).__name__} with memory {type(args.scene.contact_memory).__name__}."
+                "Argument `solver` must be another one than ImpulseRK4, which knows contacts with a latch of "
+                f"slipperjax or without memory, for a {type(field).__name__} with memory "
+                f"{type(args.scene.contact_memory).__name__}."
             )
         t0 = jnp.asarray(t0, float)
         rail = _moving(args, t0)

@@ -1,6 +1,6 @@
 """Both latches: forces on random rails and over a joint, steps, an independent code, and the cost of a step.
 
-    pytest -m benchmark -s tests/benchmarks/test_memories.py
+pytest -m benchmark -s tests/benchmarks/test_memories.py
 """
 
 import dataclasses
@@ -39,7 +39,9 @@ def swept(scene, **options):
 
 
 def shown(name, peaks):
-    print(f"{name:44} " + " ".join(f"{1e-3 * x:6.2f}" for x in np.quantile(peaks, [0.5, 0.95, 1.0])) + " kN", flush=True)
+    print(
+        f"{name:44} " + " ".join(f"{1e-3 * x:6.2f}" for x in np.quantile(peaks, [0.5, 0.95, 1.0])) + " kN", flush=True
+    )
 
 
 def test_forces_on_sled_rails():
@@ -75,7 +77,9 @@ def test_a_joint():
         own = dataclasses.replace(scene, track=sj.SumTrack(scene.track, joint), memory=MEMORIES[memory])
         for times in (1, 4):
             steps = times * sj.default_steps_per_period(own)
-            ds = sj.run(own, length=14.0, record=["peak_force", "damping_ratio"], steps_per_period=steps, progress=False)
+            ds = sj.run(
+                own, length=14.0, record=["peak_force", "damping_ratio"], steps_per_period=steps, progress=False
+            )
             after = ds.sel(distance=slice(8.0, 14.0))
             ratio = ratios[memory, times] = float(after["damping_ratio"].max())
             status = sj.Status(int(ds["status"])).name

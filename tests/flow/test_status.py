@@ -12,7 +12,6 @@ import slipperjax as sj
 from slipperjax.flow.status import Status, first_problem, is_lost, with_loads, with_resolution
 from slipperjax.sweeps.follow import find_jump
 
-
 RAIL = sj.RandomTrack.sled(length=250.0)
 
 

@@ -30,7 +30,10 @@ def pressed(gap, rate, times, forces, *, mass, stiffness, factor):
     while times[0] < times[-1]:
         events = {
             "open": {"begins": event(lambda t, y: y[0], -1)},
-            "holds": {"ends": event(lambda t, y: y[0], 1), "leads": event(lambda t, y: y[1] - reference, -1)},
+            "holds": {
+                "ends": event(lambda t, y: y[0], 1),
+                "leads": event(lambda t, y, rate=reference: y[1] - rate, -1),
+            },
             "leads": {"holds": event(lambda t, y: acceleration(t, y), 1)},
         }[mode]
         found = solve_ivp(
