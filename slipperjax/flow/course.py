@@ -112,8 +112,8 @@ def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: A
 
     **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
     [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: as `damping_ratio`,
-    of which those that do not count repeat the first; `args`: scene and epoch; `steps`: integration steps per period, 3
-    at least, may be traced.
+    of which those that do not count repeat the first; `args`: scene and epoch; `steps`: integration steps per
+    period, 3 at least, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
