@@ -5,6 +5,7 @@ pytest -m benchmark -s tests/benchmarks/test_memories.py
 
 import dataclasses
 import statistics
+import time
 from pathlib import Path
 
 import jax
@@ -18,7 +19,6 @@ from slipperjax.flow.period_map import PeriodMap
 from slipperjax.tools.compile import jit
 
 from ..sweeps import independent_run
-from .timing import in_turns
 
 pytestmark = pytest.mark.benchmark
 MEMORIES = {"at touchdown": sj.EventLatch(), "fastest": sj.PeakRateLatch()}
@@ -139,10 +139,17 @@ def test_cost_of_a_step():
 
         return jit(jax.vmap(motion))
 
-    timed = in_turns({name: lambda run=program(memory): run(speeds) for name, memory in MEMORIES.items()}, 40)
-    first, second = (of.later for of in timed.values())
+    programs = {name: program(memory) for name, memory in MEMORIES.items()}
+    taken = {name: [] for name in MEMORIES}
+    for _ in range(60):
+        for name, run in programs.items():
+            # of the processor, which other work on the machine disturbs less
+            begin = time.process_time()
+            jax.block_until_ready(run(speeds))
+            taken[name].append(time.process_time() - begin)
+    # without the first calls, which compile
+    first, second = (of[1:] for of in taken.values())
     micro = 1e6 * statistics.median(first) / (lanes * steps * periods)
     ratio = statistics.median(b / a for a, b in zip(first, second, strict=True))
-    best = min(second) / min(first)
-    print(f"\n{micro:.3f} us per step and case; fastest rate: {ratio:.3f} of it (median), {best:.3f} (of the best)")
-    assert ratio < 1.1
+    print(f"\n{micro:.3f} us of processor time per step and case; with the fastest rate {ratio:.3f} of it")
+    assert ratio < 1.1  # measured 1.02 to 1.04 on a busy machine
