@@ -511,7 +511,7 @@ tests/tools/test_hermite.py -k nearly_touches
 
 the memory between adaptive steps is that at their end
 tests/solvers/test_adaptive.py -k records_of
--        frozen = jnp.where(y1.memory < 0, y1.memory, y0.memory)
+-        frozen = jnp.where(y0.memory < 0, y0.memory, y1.memory)
 +        frozen = y1.memory
 
 inaccurate cases are not marked
