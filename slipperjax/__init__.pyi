@@ -38,6 +38,7 @@ from .model.contact import (
     HertzSpring as HertzSpring,
     HuntCrossley as HuntCrossley,
     LankaraniNikravesh as LankaraniNikravesh,
+    PeakRateLatch as PeakRateLatch,
     SmoothSwitch as SmoothSwitch,
 )
 from .model.dang2024 import paper_scene as paper_scene, paper_section as paper_section, table_2_start as table_2_start

@@ -16,6 +16,7 @@ import click
 import diffrax
 import numpy as np
 
+from ..model.contact import EventLatch, PeakRateLatch, SmoothSwitch
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -234,6 +235,8 @@ begin = option(
     callback=lambda ctx, _, value: None if value is None else number(finite, "begin", value, "m"),
 )
 """The option of commands that travel along the rail."""
+MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
+"""Contact memories by the words of --memory."""
 CASE: dict[str, Adds] = {
     "scene": option("--scene", FILE, "TOML file of a scene, or netCDF file of a result with that scene."),
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
@@ -248,9 +251,10 @@ CASE: dict[str, Adds] = {
     "rail": option("--rail", FILE, "Measured rail, a CSV or netCDF file, in place of the scene's."),
     "memory": option(
         "--memory",
-        click.Choice(["event", "smooth"]),
-        "How contacts keep their velocity at touchdown: latched at the event, or by a smooth equation.",
-        show_default="event, or the scene file's",
+        click.Choice(list(MEMORIES)),
+        "Which velocity the damping refers to: at touchdown (event, or smooth by an equation without events), or the "
+        "fastest since touchdown (peak).",
+        show_default="the scene file's, or peak on surveyed and random rails and event on others",
     ),
     "set": option(
         "--set",
@@ -355,7 +359,6 @@ def make_case(
     """
     # here, because help needs none of them
     from ..flow.datasets import load_scene, load_start
-    from ..model.contact import EventLatch, SmoothSwitch
     from ..model.surveys import load_rail
     from ..model.tracks import HarmonicTrack
     from ..solvers.named import resolve_solver
@@ -366,7 +369,7 @@ def make_case(
     # parts of the scene first, because parameters are written into them
     parts: dict[str, object] = {}
     if memory is not None:
-        parts["memory"] = SmoothSwitch() if memory == "smooth" else EventLatch()
+        parts["memory"] = MEMORIES[memory]()
     if rail is not None:
         parts["track"] = load_rail(rail)
     if wavelength:

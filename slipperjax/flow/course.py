@@ -22,6 +22,7 @@ from ..model.dynamics import (
     Args,
     State,
     contact_forces,
+    damping_ratios,
     drive_force,
     driven_mass,
     motion_rates,
@@ -102,14 +103,17 @@ class Loads(NamedTuple):
     stability_number: Float[Array, "*cases"]
     """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
     methods of fourth order are unstable above 2.8."""
+    damping_ratio: Float[Array, "*cases"]
+    """Highest damping force over elastic force of all points in contact [1]."""
 
 
-def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whole) -> Loads:
+def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: Args, steps: Whole) -> Loads:
     """Return the loads of one forcing period.
 
     **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
-    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `args`: scene and epoch;
-    `steps`: integration steps per period, 3 at least, may be traced.
+    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: as `damping_ratio`,
+    of which those that do not count repeat the first; `args`: scene and epoch; `steps`: integration steps per
+    period, 3 at least, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
@@ -158,7 +162,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Whol
         # the sums are over seconds already
         impulse = step * impulse
         contact = contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
-    return Loads(highest, when, impulse, contact, depth, step * fastest)
+    return Loads(highest, when, impulse, contact, depth, step * fastest, jnp.max(damping))
 
 
 def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
@@ -176,6 +180,7 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
         contact_fraction=jnp.average(loads.contact_fraction, 0, seconds),
         penetration=jnp.max(loads.penetration, 0),
         stability_number=jnp.max(loads.stability_number, 0),
+        damping_ratio=jnp.max(loads.damping_ratio, 0),
     )
 
 
@@ -427,6 +432,13 @@ class Course:
         of_one = functools.partial(contact_forces, self.scene)
         return store(jax.vmap(of_one)(self._contacts[1], self.states.memory))
 
+    @functools.cached_property
+    def damping_ratio(self) -> Float[Array, "ends *slippers 2 points"]:
+        """Damping force over elastic force of points in contact [1] at both ends of every step, 0 of open ones."""
+        _, now = self._contacts
+        ratio = damping_ratios(self.scene, now.rate, self.states.memory)
+        return self._of_points(jnp.where(now.gap < 0, ratio, 0.0))
+
     @property
     def _acting(self) -> Acting:
         """Contacts and their forces at both ends of every step."""
@@ -548,7 +560,8 @@ class Course:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
         rate = jax.vmap(of_one)(*self._contacts, self.states.memory)
-        return contact_loads(self.force.values, self.gap.values, store(rate), self.args, self.steps)
+        damping = jax.lax.stop_gradient(self.damping_ratio)
+        return contact_loads(self.force.values, self.gap.values, store(rate), damping, self.args, self.steps)
 
     @functools.cached_property
     def crossings(self) -> Crossings:

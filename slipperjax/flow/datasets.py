@@ -90,7 +90,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
             scene = parameter(name, scene).replaced(scene, np.nan)
     out: dict[str, object] = {
         "contact_law": type(scene.contact).__name__,
-        "contact_memory": type(scene.memory).__name__,
+        "contact_memory": type(scene.contact_memory).__name__,
     }
     for name, q in PARAMETERS.items():
         value = q.of(scene)

@@ -40,7 +40,7 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
     The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
     itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
     """
-    return _weights_with(type(scene.memory))
+    return _weights_with(type(scene.contact_memory))
 
 
 @functools.cache  # one that is made anew would be compiled anew in every call

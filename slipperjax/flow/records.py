@@ -322,21 +322,22 @@ def judged_by_contacts(
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """A record without a variable, for the statuses that loads show: no contact, pressed in, too few steps."""
+    """A record without a variable, for statuses that loads show: no contact, pressed in, too few steps, damped."""
 
     def values(self, scene, periods):
-        return 3
+        return 4
 
     def begin(self, scene, state):
-        # sum of the contact fractions, greatest penetration and stability number
-        return np.zeros(()), np.full((), -np.inf), np.zeros(())
+        # sum of the contact fractions, greatest penetration, stability number and damping ratio
+        return np.zeros(()), np.full((), -np.inf), np.zeros(()), np.zeros(())
 
     def add(self, carried, course):
-        closed, deepest, stability_number = carried
+        closed, deepest, stability_number, damping_ratio = carried
         new = course.loads
         closed = closed + jnp.sum(new.contact_fraction)
         deepest = jnp.maximum(deepest, jnp.max(new.penetration))
-        return closed, deepest, jnp.maximum(stability_number, new.stability_number)
+        stability_number = jnp.maximum(stability_number, new.stability_number)
+        return closed, deepest, stability_number, jnp.maximum(damping_ratio, new.damping_ratio)
 
     def judge(self, carried, status, scenes, solver):
         limit = most_stability_number(solver)
@@ -389,6 +390,9 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     yield Record(work, lambda c: jnp.sum(c.power.integral) / c.travel.wavelength, "mean")
     drive = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
     yield Record(drive, lambda c: c.drive_force.mean, "mean")
+    text = "highest damping force over elastic force of a point in contact"
+    damping = Quantity("damping_ratio", "1", text, r"F_D/F_E")
+    yield points(damping, lambda c: jnp.max(c.damping_ratio, axis=0))
     # how far a contact that is almost made, or almost lost, is from grazing: its gap's extreme from zero
     distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")

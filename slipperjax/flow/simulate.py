@@ -51,7 +51,7 @@ class TrajectoryRecord(Unlabelled):
     def values(self, scene, periods):
         # a saved state, and the accelerations and forces that are computed from it later
         states = (40 + 3 * scene.points) * self.saves
-        return (states + (5 * scene.points + 1) * self.loads) * periods
+        return (states + (5 * scene.points + 2) * self.loads) * periods
 
     def sample(self, course) -> tuple[State, Loads | None]:
         return course.saved(self.saves), course.loads if self.loads else None
@@ -343,7 +343,7 @@ def _finished(first: State, passage: Passage, scene: Scene, most: Real, epoch: R
         total = over_periods(loads)
         closed = jnp.sum(total.contact_fraction)
         deepest = jnp.max(total.penetration)
-        code = with_loads(code, closed, deepest, total.stability_number, scene, most)
+        code = with_loads(code, closed, deepest, total.stability_number, total.damping_ratio, scene, most)
     return states, loads, times, code
 
 

@@ -27,6 +27,8 @@ at 5 and did not at 1.3."""
 FASTEST_GROWTH = 30.0
 """Logarithm of a tangent's growth in a period above which steps are too long for a contact's damping. At 100 m/s,
 where chaos is strongest, about 10 is the greatest."""
+MOST_DAMPED = 3.0
+"""Damping force over elastic force above which a force on a rough rail is doubted."""
 INACCURATE = 0.1
 """Change of a period's end by half the step above which a run is not trusted, in multiples of `accuracy_scales`."""
 
@@ -91,6 +93,12 @@ class Status(enum.IntEnum):
         "judge the other windows",
     )
 
+    DAMPED = (
+        11,
+        f"damped: a contact's damping force is more than {MOST_DAMPED:g} times its elastic force",
+        "take the memory PeakRateLatch, or a higher restitution",
+    )
+
     # the member itself is the code, the texts are attributes of it
     def __new__(cls, code: int, meaning: str, remedy: str):
         member = int.__new__(cls, code)
@@ -103,7 +111,7 @@ class Status(enum.IntEnum):
         return self.meaning + (f"; {self.remedy}" if self.remedy else "")
 
 
-DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.TOO_SLOW)
+DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.TOO_SLOW, Status.DAMPED)
 """Statuses of cases whose numbers are what was computed, with a doubt; those of other statuses mean nothing."""
 
 
@@ -156,13 +164,16 @@ def with_loads(
     closed: Array,
     penetration: Array,
     stability_number: Array,
+    damping_ratio: Array,
     scene: Scene,
     most: Real,
 ) -> Int[Array, ""]:
-    """Return `code`, or `NO_CONTACT`, `PRESSED_IN` or `TOO_FEW_STEPS` where the loads of a whole run show that.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or, on rough rails alone, `DAMPED` where the
+    loads of a whole run show that.
 
     **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
-    `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1].
+    `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1]; `damping_ratio`: the
+    highest [1].
     """
     # half the smaller one of the section's width and height is as deep as the contact law has a meaning
     points = scene.section.points
@@ -172,7 +183,13 @@ def with_loads(
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > 0.5 * extent, code, Status.PRESSED_IN)
     # replaces the two above, which too long steps can bring about
-    return _too_few_where(stability_number > most, code)
+    code = _too_few_where(stability_number > most, code)
+    if not scene.track.is_rough:
+        return code
+    law = scene.contact
+    usual = jnp.asarray(law.damping(jnp.zeros(()), jnp.ones(()) if law.has_memory else None))
+    # rounding is no excess
+    return at(damping_ratio > 1.001 * jnp.maximum(usual, MOST_DAMPED), code, Status.DAMPED)
 
 
 def with_growth(code: Array, history: Array) -> Int[Array, ""]:

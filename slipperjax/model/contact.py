@@ -8,7 +8,8 @@ with g the gap [m], g' its rate [m/s] and g'_0 < 0 that rate at touchdown, when 
 family differ in c alone.
 
 g'_0 is the contact's memory: one number per point, which changes at touchdowns only. It is latched between steps
-(`EventLatch`) or integrated as an ordinary differential equation (`SmoothSwitch`).
+(`EventLatch`) or integrated as an ordinary differential equation (`SmoothSwitch`). In contacts that last, g'_0 is
+better the fastest approach since touchdown (`PeakRateLatch`).
 """
 
 import abc
@@ -166,9 +167,19 @@ class AbstractMemory(ShapeChecked):
         """
         # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)
-        began = self.at_touchdown(gap, before.touchdown_rate(gap, rate, step, ratio, entered))
+        place = before.touchdown(gap, rate, step, entered)
+        rise, bend = before.change_of_rate(rate, ratio)
+        began = self.at_touchdown(gap, before.rate + place * (rise + (place - 1) * bend))
+        rates = Rates(before.rate, rise - bend, bend, rate)
         # closed points keep their memory until they open
-        return jnp.where(gap >= 0, 0.0, jnp.where(entered, began, memory))
+        return jnp.where(gap >= 0, 0.0, self.kept(jnp.where(entered, began, memory), rates, entered))
+
+    def kept(self, memory: Array, rates: "Rates", entered: Array) -> Array:
+        """Return the memory of contacts after a step, from that at its start or at their touchdown; here the same.
+
+        **Arguments:** `rates`: of the gaps in the step; `entered`: whether they touched down in it.
+        """
+        return memory
 
     def at_touchdown(self, gap: Array, rate: Array) -> Array:
         """Return the memory of points in contact [`unit`] by their rate at touchdown [m/s]; here `initial`."""
@@ -228,6 +239,43 @@ class EventLatch(AbstractMemory):
         return 1 / jnp.minimum(rate, -self.slowest)
 
 
+class PeakRateLatch(EventLatch):
+    """A memory whose g'_0 is the fastest approach since touchdown: the damping of contacts that last is bounded.
+
+    At a rate that is the fastest so far, g' / g'_0 is 1, and it never is more. The force of an impact without other
+    loads is that with `EventLatch`, because such an impact is fastest at touchdown. But a point that touches down
+    gently and is pressed in later has at most the damping of an impact at the rate at which it is pressed in.
+
+    The memory is 1 / g'_0 [s/m], as that of `EventLatch`. In a step it is that at the step's start: where the rate
+    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step,
+    too; after the step of a touchdown it is the rate at the touchdown.
+    """
+
+    def rate_ratio(self, memory, rate):
+        ratio = super().rate_ratio(memory, rate)
+        return jnp.where(ratio < 1, ratio, 1.0)
+
+    def kept(self, memory, rates, entered):
+        # 1 / g'_0 as a quotient, of the end of the step or of the place inside it where the rate turns
+        turns = (rates.slope < 0) & (rates.slope + 2 * rates.bend > 0)
+        above = jnp.where(turns, 4 * rates.bend, 1.0)
+        below = jnp.where(turns, 4 * rates.bend * rates.start - rates.slope * rates.slope, rates.end)
+        # false of points that are open, have no damping, or recede. Where a contact begins, its force bends the rate
+        # more than the parabola can, and the rate can have become faster by no more than the step's power 2.5.
+        faster = (memory * below > above) & ~entered
+        return jnp.where(faster, above / jnp.where(faster, below, -1.0), memory)
+
+
+class Rates(NamedTuple):
+    """Gap rates in a step, start + slope x + bend x^2 of x from 0 to 1 [m/s]; arrays of shape (points,)."""
+
+    start: Array
+    slope: Array
+    bend: Array
+    end: Array
+    """The rate at the step's end."""
+
+
 class Before(NamedTuple):
     """Gaps and gap rates at a step's start and before, for the latch; arrays of shape (points,)."""
 
@@ -240,23 +288,27 @@ class Before(NamedTuple):
     step: Array
     """Length of the previous step [forcing periods], a number; infinite if there was none."""
 
-    def touchdown_rate(self, gap: Array, rate: Array, step: Real, ratio: Real, entered: Array) -> Array:
-        """Return the gap rate of the points that `entered` at the instants of their touchdown [m/s].
+    def touchdown(self, gap: Array, rate: Array, step: Real, entered: Array) -> Array:
+        """Return the places in the step, from 0 to 1, at which the points that `entered` touched down; else 0.
 
-        The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
-        parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
-        simulation to second order. All of this is differentiable, so that tangents include the dependence of the
-        touchdown's time and place on the state.
+        They are the zeros of the gap on the cubic through both ends of the step. All of this is differentiable, so
+        that tangents include the dependence of the touchdown's time and place on the state.
 
         **Arguments:** as for `AbstractMemory.latch`.
         """
         path = Cubic.through(self.gap, step * self.rate, gap, step * rate)
-        x = sign_change(path, gap, entered)
-        # the parabola of the rate through both ends of this step and the start of the previous one
+        return sign_change(path, gap, entered)
+
+    def change_of_rate(self, rate: Array, ratio: Real) -> tuple[Array, Array]:
+        """Return rise and bend [m/s] of the rate in the step, before + x (rise + (x - 1) bend) of x from 0 to 1.
+
+        It is the parabola through both ends and the start of the previous step: a linear interpolation would limit
+        the whole simulation to second order.
+        """
         rise = rate - self.rate
         # a ratio of zero, in the first step, leaves the straight line through both ends
         bend = (rise - ratio * (self.rate - self.earlier_rate)) * (ratio / (1 + ratio))
-        return self.rate + x * (rise + (x - 1) * bend)
+        return rise, bend
 
 
 def _number(value: Array | None) -> Array:

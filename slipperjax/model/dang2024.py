@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from ..tools.types import Real
-from .contact import AbstractMemory, EventLatch, Flores
+from .contact import AbstractMemory, Flores
 from .kinematics import Motion
 from .parameters import PARAMETERS, half_play
 from .scene import Scene
@@ -62,7 +62,7 @@ def paper_scene(
     - `stiffness`: contact stiffness K [N/m^1.5]. `restitution`: coefficient c_r [1].
     - `wavelengths`: one or more wavelengths L_X of the irregularity [m].
     - `amplitude`, `roll_amplitude`: amplitudes of the irregularity [m] and [rad].
-    - `clamp`: whether forces are limited to F >= 0. `memory`: model of the contact memory, default `EventLatch()`.
+    - `clamp`: whether forces are limited to F >= 0. `memory`: model of the contact memory, see `Scene.memory`.
 
     **Returns:** a `Scene`.
 
@@ -74,7 +74,7 @@ def paper_scene(
         section=paper_section(clearance),
         track=HarmonicTrack(wavelengths, amplitude, roll_amplitude),
         contact=Flores(stiffness, restitution, clamp),
-        memory=EventLatch() if memory is None else memory,
+        memory=memory,
     )
 
 

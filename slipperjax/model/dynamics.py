@@ -86,10 +86,19 @@ def phase(t: Real, epoch: Real) -> Real:
     return epoch + t
 
 
+def rate_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | None:
+    """Return g' / g'_0 [1] of contacts from their gap rates [m/s] and memories; None for a law without memory."""
+    return None if memory is None else scene.contact_memory.rate_ratio(memory, rate)
+
+
+def damping_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | float:
+    """Return the damping force of contacts over the elastic force [1], from their gap rates [m/s] and memories."""
+    return scene.contact.damping(rate, rate_ratios(scene, rate, memory))
+
+
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
     """Return normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
-    ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
-    return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
+    return store_cotangent(scene.contact.force(now.gap, now.rate, rate_ratios(scene, now.rate, memory)))
 
 
 def forces_at(scene: Scene, frame: RailFrame, now: Contacts, state: State) -> Acting:
@@ -278,7 +287,7 @@ class VectorField(eqx.Module):
         # d(g')/dt along the flow: of the rail's motion and of the slipper's
         gap_rate = lambda t, motion: contacts(args.frame(t), motion).rate
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
-        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
+        memory = scene.contact_memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
         return State(rates, travel.period * memory)
 
     def linearised(self, t: Real, state: State, args: Args) -> Linearised:
@@ -347,7 +356,7 @@ class VectorField(eqx.Module):
         step = t1 - t0
         # by the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
-        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / before.step)
+        memory = args.scene.contact_memory.latch(state.memory, before, now.gap, now.rate, seconds, step / before.step)
         # the derivative is that with the new memory
         state = State(state.motion, memory)
         rates = self.from_contacts(t1, frame, now, state, args)

@@ -33,7 +33,7 @@ class StateLayout:
         memory = None
         if scene.contact.has_memory:
             points = scene.point_names
-            unit = scene.memory.unit
+            unit = scene.contact_memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
         motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
         modes = 0 if scene.slipper.modes is None else scene.slipper.modes.count

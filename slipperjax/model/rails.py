@@ -63,6 +63,10 @@ class SplineTrack(AbstractTrack):
     def wavelength(self):
         return self.forcing_length
 
+    @property
+    def is_rough(self):
+        return True
+
     def irregularity(self, distance):
         return self.motion(distance)[0]
 
@@ -136,6 +140,10 @@ class AbstractRail(AbstractTrack):
     """A rail of samples or of a spectrum, which runs evaluate as a spline."""
 
     ends: eqx.AbstractVar[str]
+
+    @property
+    def is_rough(self):
+        return True
 
     @abc.abstractmethod
     def prepared(self) -> SplineTrack:

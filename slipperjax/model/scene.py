@@ -20,7 +20,7 @@ from ..tools.fields import ShapeChecked, field, unit_of, with_static_functions
 from ..tools.files import user_path, write_whole
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
-from .contact import AbstractContactLaw, AbstractMemory, EventLatch
+from .contact import AbstractContactLaw, AbstractMemory, EventLatch, PeakRateLatch
 from .loads import AbstractFriction, AbstractLoad
 from .modes import Modes
 from .parameters import PARAMETERS, check_no_overlap, parameter
@@ -39,7 +39,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "section": (Section, "a slipperjax.Section"),
     "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
     "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
-    "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
+    "memory": (AbstractMemory, "slipperjax.EventLatch(), slipperjax.PeakRateLatch() or slipperjax.SmoothSwitch()"),
     "load": (AbstractLoad, "a load such as slipperjax.AppliedLoad(...)"),
     "sled": (SledMass, "a slipperjax.SledMass"),
     "wear": (AbstractWear, "a law of wear such as slipperjax.Wear(...)"),
@@ -67,8 +67,8 @@ class Scene(ShapeChecked):
     section: Section
     track: AbstractTrack
     contact: AbstractContactLaw
-    memory: AbstractMemory = EventLatch()
-    """Model of the contact memory, for laws that have one."""
+    memory: AbstractMemory | None = None
+    """Model of the contact memory, for laws that have one; None for that of `contact_memory`."""
     gravity: Float[Array, ""] | None = eqx.field(
         converter=dataclasses.replace(PARAMETERS["gravity"].check, optional=True), default=None
     )
@@ -88,7 +88,7 @@ class Scene(ShapeChecked):
         for name, (kind, text) in PARTS.items():
             part = getattr(self, name)
             # these parts may be None
-            if part is not None or name not in ("load", "friction", "sled", "wear"):
+            if part is not None or name not in ("memory", "load", "friction", "sled", "wear"):
                 instance(name, part, kind, text)
         _check_mounts(self)
         if is_traced((self.track, self.slipper.length)):
@@ -109,7 +109,8 @@ class Scene(ShapeChecked):
             head.append(f"gravity={shown_number(self.gravity)} m/s^2")
         if self.window is not None:
             head.append(f"window={shown_number(self.window)} m")
-        rows = ",\n  ".join([", ".join(head), *map(repr, self.parts.values())])
+        parts = self.parts | {"memory": self.contact_memory}
+        rows = ",\n  ".join([", ".join(head), *(repr(parts[name]) for name in PARTS if name in parts)])
         return f"Scene({rows})"
 
     @property
@@ -172,14 +173,22 @@ class Scene(ShapeChecked):
         return {name: getattr(self, name) for name in PARTS if getattr(self, name) is not None}
 
     @property
+    def contact_memory(self) -> AbstractMemory:
+        """The model of the contact memory: `memory`, or where that is None `PeakRateLatch` on surveyed and random
+        rails and over joints, and `EventLatch`, as in the paper, on others."""
+        if self.memory is not None:
+            return self.memory
+        return PeakRateLatch() if self.track.is_rough else EventLatch()
+
+    @property
     def latches_memory(self) -> bool:
         """Whether contacts have a memory that changes between steps only."""
-        return self.contact.has_memory and not self.memory.integrated
+        return self.contact.has_memory and not self.contact_memory.integrated
 
     @property
     def integrates_memory(self) -> bool:
         """Whether contacts have a memory that is integrated with the motion."""
-        return self.contact.has_memory and self.memory.integrated
+        return self.contact.has_memory and self.contact_memory.integrated
 
     @property
     def mounted(self) -> tuple[Mounted, ...]:

@@ -118,7 +118,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
             # contacts that carry a slipper at rest approach by rounding errors alone
             approach = rate - contacts(frame, rest).rate
             rate = jnp.where(jnp.abs(approach) > LEAST_APPROACH, approach, 0.0)
-        memory = scene.memory.initial(now.gap, rate)
+        memory = scene.contact_memory.initial(now.gap, rate)
     return State(motion, memory), outside
 
 

@@ -63,9 +63,10 @@ def _approach(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
 
 def settle_memory(scene: Scene) -> Scene:
     """Copy a scene with the contact memory's settings of None filled in for it, see `SmoothSwitch`."""
-    memory = scene.memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
+    memory = scene.contact_memory
+    scaled = memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
     # the same object where nothing was left to fill in
-    return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
+    return scene if scaled is memory else eqx.tree_at(lambda s: s.memory, scene, scaled)
 
 
 def prepared(scene: Scene) -> Scene:

@@ -57,6 +57,12 @@ class AbstractTrack(ShapeChecked):
         """Return the track as runs evaluate it, with all work done that is the same at all distances."""
         return self
 
+    @property
+    def is_rough(self) -> bool:
+        """Whether contacts last on it and are pressed in anew, as on surveyed and random rails and over joints; here
+        False. It decides which memory contacts have by default, see `Scene.contact_memory`."""
+        return False
+
     chosen_by: ClassVar[str] = ""
     """Name of the field that chooses one of many rails, see `chosen`; empty for a single track."""
 
@@ -347,6 +353,10 @@ class LocalTrack(AbstractTrack):
         require(heights == places, "height", f"have one value per place, {places}", shown=f"shape {heights}")
         require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
 
+    @property
+    def is_rough(self):
+        return True
+
     @at_once
     def irregularity(self, distance):
         x = distance[..., None] - _row(self.place, distance)
@@ -393,6 +403,10 @@ class _OfTwo(AbstractTrack):
         """The least multiple of the first wavelength after which both recur [m]."""
         lengths = jnp.stack([track.recurrence for track in self._both])
         return self.wavelength * least_common_count(self.wavelength, lengths)
+
+    @property
+    def is_rough(self):
+        return any(track.is_rough for track in self._both)
 
     @property
     def begin(self):

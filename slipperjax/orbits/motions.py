@@ -72,7 +72,7 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
     assert proposed.memory is not None
     assert mapped.memory is not None
     now = contacts(rail_frame(scene, 0.0), proposed.motion)
-    fresh = scene.memory.initial(now.gap, now.rate)
+    fresh = scene.contact_memory.initial(now.gap, now.rate)
     # For a contact that was open, the rate latched during the period is a better guess than that of a fresh start.
     latched = jnp.where(mapped.memory < 0, mapped.memory, fresh)
     memory = jnp.where(proposed.memory < 0, proposed.memory, latched)

@@ -87,7 +87,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         if scene.integrates_memory:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
             # of errors in the memory counts what contacts feel, in the scale of the vertical velocity
-            felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
+            felt = scene.contact_memory.felt(now.gap, now.rate, contact_depth(scene))
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory) * felt) / self.scales.v_z / self.tolerance)
         elif scene.latches_memory:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
@@ -111,7 +111,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
             gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
             period = args.travel(at).period
             acceleration = (now.rate - before.rate) / (t1 - t0)
-            step = _until(gap - scene.memory.closing_gap, period * rate, period * acceleration, wanted)
+            step = _until(gap - scene.contact_memory.closing_gap, period * rate, period * acceleration, wanted)
         return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
 
     def _longest(self, args, t):

@@ -15,12 +15,13 @@ import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
-from ..model.contact import EventLatch
+from ..model.contact import EventLatch, PeakRateLatch, Rates
 from ..model.dynamics import (
     Args,
     State,
     VectorField,
     contact_forces,
+    damping_ratios,
     forces_at,
     newton_euler,
     per_period,
@@ -50,11 +51,11 @@ NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Return whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch` itself or without memory.
+    """Return whether `ImpulseRK4` integrates a scene's contacts: with a latch of the package or without memory.
 
     With `SmoothSwitch` there are no kinks to know.
     """
-    return not scene.contact.has_memory or type(scene.memory) is EventLatch
+    return not scene.contact.has_memory or type(scene.contact_memory) in (EventLatch, PeakRateLatch)
 
 
 class Ends(NamedTuple):
@@ -90,8 +91,9 @@ class ImpulseRK4(AbstractLatchingSolver):
         field = field_of(terms)
         if type(field) is not VectorField or not knows_contacts(args.scene):
             raise ValueError(
-                "Argument `solver` must be another one than ImpulseRK4, which knows contacts with EventLatch or "
-                f"without memory, for a {type(field).__name__} with memory {type(args.scene.memory).__name__}."
+                "Argument `solver` must be another one than ImpulseRK4, which knows contacts with a latch of "
+                f"slipperjax or without memory, for a {type(field).__name__} with memory "
+                f"{type(args.scene.contact_memory).__name__}."
             )
         t0 = jnp.asarray(t0, float)
         rail = _moving(args, t0)
@@ -191,7 +193,7 @@ def _corrected(
     if memory is not None:
         # the rate at the touchdown, without what the contact itself does in the step
         at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
-        slowest = -scene.memory.slowest
+        slowest = -scene.contact_memory.slowest
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
@@ -212,7 +214,7 @@ def _corrected(
     deepest = jnp.where(gap < before.gap, gap, before.gap)
     deepest = jnp.where(deepest < 0, deepest, 0.0)
     stiff = 1.5 / stiffest * seconds
-    damped = _damping(scene, 1 / dampest, memory)
+    damped = damping_ratios(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
     total, total_early, (rough,) = resultants(
@@ -235,7 +237,10 @@ def _corrected(
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
-    state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
+    if memory is not None:
+        rates = Rates(path.rate, path.rise, path.bend, end.rate)
+        memory = jnp.where(end.gap >= 0, 0.0, scene.contact_memory.kept(memory, rates, touches))
+    state = State(m, memory)
     return state, *_ended(args, t1, frame, end, turning, state)
 
 
@@ -300,7 +305,7 @@ def _edge(
     end = gap
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
-        one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
+        one, other = (1 + damping_ratios(scene, v, memory) for v in (path.rate, rate))
         limited = (start < 0) & (one * other < 0)
         ends = jnp.where(limited, other < 0, ends)
         line = Cubic(one, other - one, 0.0, 0.0)
@@ -320,11 +325,6 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
     first = jnp.ones_like(gap)
     middle, last = (scene.contact.force(*at, first) for at in ((path.gap.value(0.5), path.rate_at(0.5)), (gap, rate)))
     return x * ((2 * middle - last) * (1 / 3) + (0.5 * x) * last)
-
-
-def _damping(scene: Scene, rate, memory: Array | None):
-    """Return the damping force over the elastic one [1]."""
-    return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:

@@ -178,7 +178,7 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
     return RecordSet(records), tuple(one for one in outputs if isinstance(one, AbstractStage))
 
 
-OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
+OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse", "damping_ratio")}
 """Records that look at contact loads."""
 
 

@@ -51,6 +51,7 @@ def test_what_is_of_another_kind(name, function, wrong):
 
 
 SCENE = sj.paper_scene()
+LATCHED = sj.paper_scene(memory=sj.EventLatch())
 OF_SCENES = [
     model.contact_points,
     model.accuracy_scales,
@@ -93,7 +94,7 @@ STATE = sj.initial_state(SCENE, sj.Motion())
 OTHERS_OF_THE_MODEL = [
     (lambda: sj.simulate(SCENE, 2, steps_per_period=[40, 80]), "`steps_per_period` must be a whole number"),
     (lambda: sj.Store(None), "`store` must be a path that ends in .zarr"),
-    (lambda: model.parameter("memory.slowest", SCENE), "`.*EventLatch has no numbers, and so not 'slowest'"),
+    (lambda: model.parameter("memory.slowest", LATCHED), "`.*EventLatch has no numbers, and so not 'slowest'"),
     (lambda: sj.reactions("now", STATE, sj.Args(SCENE)), "`t` must be real numbers"),
     (lambda: sj.reactions(0.0, None, sj.Args(SCENE)), "`state` must be a slipperjax.State"),
     (lambda: sj.reactions(0.0, STATE, SCENE), "`args` must be slipperjax.Args"),

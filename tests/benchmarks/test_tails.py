@@ -50,7 +50,9 @@ RAILS = {
 
 
 def scene_of(rail, speed, restitution):
-    return dataclasses.replace(sj.paper_scene(speed, restitution=restitution), track=RAILS[rail]())
+    # the rate at touchdown needs more steps than the fastest one
+    scene = sj.paper_scene(speed, restitution=restitution, memory=sj.EventLatch())
+    return dataclasses.replace(scene, track=RAILS[rail]())
 
 
 def ensemble(rail, speed, restitution, steps, seeds):

@@ -125,7 +125,7 @@ def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_per
     """Of points whose force is highest in the first, the second and the last of three periods, equal, and zero."""
     forces = np.array([[5.0, 2.0, 1.0, 4.0, 0.0], [1.0, 6.0, 2.0, 4.0, 0.0], [3.0, 5.0, 7.0, 4.0, 0.0]])
     when = np.where(forces > 0, EPOCH + np.arange(3.0)[:, None] + np.linspace(0.1, 0.9, 5), np.nan)
-    loads = over_periods(Loads(*[jnp.zeros((1, 2, 5))] * 5, jnp.zeros(1)))
+    loads = over_periods(Loads(*[jnp.zeros((1, 2, 5))] * 5, *[jnp.zeros(1)] * 2))
     carried = jnp.zeros((2, 5)), jnp.full((2, 5), jnp.nan)
     for force, instant in zip(forces, when, strict=True):
         course = made_up_course()

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.status import Status, first_problem, is_lost, with_resolution
+from slipperjax.flow.status import Status, first_problem, is_lost, with_loads, with_resolution
 from slipperjax.sweeps.follow import find_jump
+
+RAIL = sj.RandomTrack.sled(length=250.0)
 
 
 def test_every_status_has_a_meaning_and_what_to_do():
-    assert [int(s) for s in Status] == list(range(11))
+    assert [int(s) for s in Status] == list(range(12))
     assert str(Status.FINITE) == "finite"
     for status in list(Status)[1:]:
         assert status.meaning
@@ -38,6 +40,35 @@ def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():
     earlier = np.array([0, 0, 1, 2, 3, 3])
     later = np.array([0, 2, 3, 1, 1, 2])
     assert first_problem(earlier, later).tolist() == [0, 2, 1, 2, 1, 3]
+
+
+@pytest.mark.parametrize("memory", [sj.EventLatch(), sj.PeakRateLatch()])
+def test_damping_that_dwarfs_the_elastic_force_is_doubted_on_rough_rails(memory):
+    scene = dataclasses.replace(sj.paper_scene(1000.0, restitution=0.5, memory=memory), track=RAIL)
+    options = dict(transient=1, periods=4, record="damping_ratio", product=False, progress=False)
+    ds = sj.sweep(scene, {"track.seed": np.arange(8.0)}, **options)
+    highest = ds["damping_ratio"].max(("end", "point")).values
+    if isinstance(memory, sj.PeakRateLatch):
+        # as at a touchdown, c of Eq. (12)
+        np.testing.assert_allclose(highest, float(scene.contact.factor), rtol=1e-9)
+    else:
+        assert np.mean(highest > 3) > 0.5
+    np.testing.assert_array_equal(ds["status"] == Status.DAMPED, highest > 3)
+    assert not is_lost(Status.DAMPED)
+
+
+def test_damping_on_the_papers_rail_is_not_doubted():
+    """Where the law itself has more than three times at each touchdown it is none on rough ones, either."""
+    of = lambda scene, ratio: int(
+        with_loads(jnp.zeros((), int), jnp.ones(()), jnp.zeros(()), jnp.zeros(()), jnp.asarray(ratio), scene, 5.0)
+    )
+    assert of(sj.paper_scene(), 9.0) == Status.FINITE
+    rough = dataclasses.replace(sj.paper_scene(), track=RAIL)
+    law = sj.Flores(1e8, 0.3)  # c is 3.73
+    assert [of(rough, ratio) for ratio in (2.9, 3.1)] == [Status.FINITE, Status.DAMPED]
+    assert [of(dataclasses.replace(rough, contact=law), ratio) for ratio in (3.7, 3.8)] == [0, Status.DAMPED]
+    constant = dataclasses.replace(rough, contact=sj.ConstantDamping(1e8, 0.5))
+    assert of(constant, 3.1) == Status.DAMPED
 
 
 def test_an_interrupt_says_what_it_left():

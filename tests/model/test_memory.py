@@ -1,10 +1,14 @@
 """Contact memories of one's own: the methods that the abstract classes ask for are enough."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import slipperjax as sj
+from slipperjax.model.contact import Rates
 from slipperjax.model.layout import coordinates
 
 from ..common import SCALES
@@ -49,6 +53,46 @@ def end(memory, solver="RK4", steps=100):
 def height(clearance, memory, steps):
     scene = sj.paper_scene(clearance=clearance, memory=memory)
     return sj.simulate(scene, 1, steps_per_period=steps, solver="RK4").end.motion.z
+
+
+SURVEY = sj.SampledTrack(np.arange(0.0, 20.0, 0.5), 1e-4 * np.sin(np.arange(40.0)), 1e-4 * np.cos(np.arange(40.0)))
+JOINT = sj.LocalTrack([10.0], [-1e-4], 0.3)
+
+
+@pytest.mark.parametrize(
+    ("track", "memory"),
+    [
+        (sj.HarmonicTrack((8.0,), 1e-3, 0.0), sj.EventLatch),
+        (sj.StraightTrack(), sj.EventLatch),
+        (SURVEY, sj.PeakRateLatch),
+        (SURVEY.prepared(), sj.PeakRateLatch),
+        (sj.RandomTrack.sled(length=250.0), sj.PeakRateLatch),
+        (sj.TrackSet([SURVEY, SURVEY]), sj.PeakRateLatch),
+        (sj.SumTrack(sj.StraightTrack(), JOINT), sj.PeakRateLatch),
+    ],
+)
+def test_a_scene_has_the_memory_of_its_track(track, memory):
+    scene = dataclasses.replace(sj.paper_scene(), track=track)
+    assert type(scene.contact_memory) is memory
+    assert type(dataclasses.replace(scene, memory=sj.SmoothSwitch()).contact_memory) is sj.SmoothSwitch
+    assert memory.__name__ in repr(scene)
+
+
+def test_the_fastest_rate_of_a_step_is_kept():
+    """At its end, inside it, and never that of a step in which the rate is slower, of an open point, or at rest."""
+    memory = -1 / np.array([1.0, 1.0, 1.0, 1.0, np.inf]) - np.array([0, 0, 0, 0, np.finfo(float).tiny])
+    rates = Rates(
+        start=jnp.array([-0.9, -0.9, -0.9, 0.5, -0.1]),
+        slope=jnp.array([-0.6, -1.6, 0.1, 0.1, -0.5]),
+        bend=jnp.array([0.0, 1.6, 0.0, 0.0, 0.0]),
+        end=jnp.array([-1.5, -0.9, -0.8, 0.6, -0.6]),
+    )
+    found = sj.PeakRateLatch().kept(jnp.asarray(memory), rates, jnp.zeros(5, bool))
+    np.testing.assert_allclose(found[:4], [-1 / 1.5, -1 / 1.3, -1.0, -1.0], rtol=1e-14)
+    assert found[4] == memory[4]
+    np.testing.assert_array_equal(sj.PeakRateLatch().kept(jnp.asarray(memory), rates, jnp.ones(5, bool)), memory)
+    ratio = sj.PeakRateLatch().rate_ratio(jnp.array([-1.0, -1.0, -1.0, 0.0]), jnp.array([-0.5, -2.0, 0.5, -3.0]))
+    np.testing.assert_array_equal(ratio, [0.5, 1.0, -0.5, 1.0])
 
 
 def test_a_latched_memory_of_ones_own():

@@ -42,7 +42,12 @@ class Bump(sj.AbstractTrack):
 def scenes():
     scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
     laws = (sj.HuntCrossley(1e9, 1 / 3, clamp=False), sj.HertzSpring(1e7), sj.ConstantDamping(1e8, 0.1))
-    memories = (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3))
+    memories = (
+        sj.SmoothSwitch(),
+        sj.SmoothSwitch(1e-6, relaxation=1e-7),
+        sj.EventLatch(2e-3),
+        sj.PeakRateLatch(2e-3),
+    )
     parts = {"track": (sj.StraightTrack(), Bump(5.0, (1e-3, 0.3))), "contact": laws, "memory": memories}
     others = [dataclasses.replace(scene, **{name: part}) for name in parts for part in parts[name]]
     load, friction = sj.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]), sj.FadingFriction(0.3, 1e6, 0.5)

@@ -9,7 +9,7 @@ import slipperjax as sj
 from slipperjax.flow import Record
 from slipperjax.model.quantities import Quantity
 
-SCENE = dataclasses.replace(sj.paper_scene(1000.0), track=sj.RandomTrack.sled(length=500.0))
+SCENE = dataclasses.replace(sj.paper_scene(1000.0, memory=sj.EventLatch()), track=sj.RandomTrack.sled(length=500.0))
 BY_EVENTS = {0.5: (4.71, 0.05), 0.95: (6.62, 0.16)}
 """Quantiles over 384 rails of the highest force over 400 m after 40 m [kN], and their standard errors.
 
@@ -29,7 +29,7 @@ def touchdowns(course):
 
 
 def at_floor(course):
-    return (begun(course) <= -0.999999 / course.scene.memory.slowest).sum()
+    return (begun(course) <= -0.999999 / course.scene.contact_memory.slowest).sum()
 
 
 COUNTS = [
@@ -46,7 +46,7 @@ def on_rails(count, solver):
 def test_forces_on_sled_rails_at_default_steps():
     """With places at which gaps rise, 40 of 17,974 touchdowns were at the least rate, the 95 % quantile 11.3 kN."""
     ds = on_rails(192, "ImpulseRK4")
-    assert np.all(ds["status"] == 0)
+    assert np.all(ds["status"].isin([sj.Status.FINITE, sj.Status.DAMPED]))
     assert ds["touchdowns"].sum() > 100_000
     assert ds["at_floor"].sum() <= 10  # measured 1 and 3 by the rounding of two levels of optimisation
     force = ds["peak_force"].max(("end", "point")).values / 1e3

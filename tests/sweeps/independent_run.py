@@ -1,8 +1,9 @@
 """A run of a slipper over a rail, written anew from the equations with NumPy and SciPy, to test slipperjax with.
 
 It shares no code with slipperjax, and differs from it where it can: time is the independent variable, not distance;
-attitudes are Euler angles; an adaptive method of eighth order stops at every touchdown and every lift-off; work and
-impulse are states of the differential equation. SI units.
+attitudes are Euler angles; an adaptive method of eighth order stops at every touchdown and every lift-off, and where
+an approach becomes the fastest of its contact, or slower again; work and impulse are states of the differential
+equation. SI units.
 """
 
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ CORNERS = np.array(  # Table 1, y and z
 )
 MATE = np.array([9, 2, 1, 4, 3, 6, 5, 8, 7, 0])  # the other corner of each point's face
 SLOWEST = 1e-3  # least approach rate that is remembered
+STEP = 1e-7  # for the slopes of rates
 SAMPLING = 1e-5  # between instants at which forces are looked at, about 1 % of the time of a contact
 # where in the state: y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z, then integrals over time
 MOTION = slice(0, 10)
@@ -83,7 +85,10 @@ class Programme:
 
 @dataclass
 class Case:
-    """A slipper on a rail that is a sum of sines, equal along y and z and in roll."""
+    """A slipper on a rail that is a sum of sines, equal along y and z and in roll.
+
+    With `fastest` the damping refers to the fastest approach since touchdown, and not to that at touchdown.
+    """
 
     programme: Programme
     wavelengths: tuple = (8.0,)
@@ -99,6 +104,7 @@ class Case:
     friction: float = 0.0
     force_by_square: tuple = (0.0, 0.0, 0.0)
     moment_by_square: tuple = (0.0, 0.0, 0.0)
+    fastest: bool = False
 
     def __post_init__(self):
         side = np.repeat([0.5, -0.5], 10) * self.length
@@ -109,27 +115,23 @@ class Case:
         self.factor = 8 * (1 - self.restitution) / (5 * self.restitution)
 
     def rail(self, distance):
-        """Displacement along y and z, roll, and their slopes, at a distance."""
+        """Displacements along y and z, roll, and the slopes of these, at a distance."""
         waves = [2 * np.pi / length for length in self.wavelengths]
         height, slope = sum(np.sin(k * distance) for k in waves), sum(k * np.cos(k * distance) for k in waves)
-        return (
-            self.amplitude * height,
-            self.roll_amplitude * height,
-            self.amplitude * slope,
-            self.roll_amplitude * slope,
-        )
+        sizes = np.array([self.amplitude, self.amplitude, self.roll_amplitude])
+        return (*(sizes * height), *(sizes * slope))
 
     def track(self, travel, speed):
         """Positions, velocities (less the travel's) and normals of the rail's points."""
         positions, velocities, normals = [], [], []
         for node in range(2):
-            offset, roll, rate, spin = self.rail(travel - node * self.length)
-            rate, spin = rate * speed, spin * speed
+            lateral, vertical, roll, *slopes = self.rail(travel - node * self.length)
+            v_y, v_z, spin = (slope * speed for slope in slopes)
             s, c = np.sin(roll), np.cos(roll)
             turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
             arm = self.on_track[10 * node : 10 * node + 10] @ turn.T
-            positions.append(np.array([(0.5 - node) * self.length, offset, offset]) + arm)
-            velocities.append(np.array([0, rate, rate]) + spin * cross(np.array([1.0, 0, 0]), arm))
+            positions.append(np.array([(0.5 - node) * self.length, lateral, vertical]) + arm)
+            velocities.append(np.array([0, v_y, v_z]) + spin * cross(np.array([1.0, 0, 0]), arm))
             normals.append(self.plain_normals[:10] @ turn.T)
         across = np.concatenate([place[MATE] - place for place in positions])
         lengthwise = positions[1] - positions[0]
@@ -148,17 +150,17 @@ class Case:
         rate = np.sum(normal * (moving - velocity), axis=1)
         return gap, rate, normal, arm, moving, turn
 
-    def forces(self, gap, rate, began):
-        """Eq. (12), from rates at touchdown `began`, which are zero of open points."""
+    def forces(self, gap, rate, began, leads):
+        """Eq. (12), from reference rates `began`, which are zero of open points, and 1 where a rate `leads` them."""
         closed = began < 0
-        ratio = np.where(closed, rate, 0.0) / np.where(closed, began, 1.0)
+        ratio = np.where(leads, 1.0, np.where(closed, rate, 0.0) / np.where(closed, began, 1.0))
         force = self.stiffness * np.maximum(-gap, 0.0) ** 1.5 * (1 + self.factor * ratio)
         return np.where(closed, np.maximum(force, 0.0), 0.0)
 
-    def rates(self, state, began, travel, speed, acceleration):
+    def rates(self, state, began, leads, travel, speed, acceleration):
         """Derivative of the state with its integrals."""
         gap, rate, normal, arm, moving, turn = self.geometry(state, travel, speed)
-        force = self.forces(gap, rate, began)
+        force = self.forces(gap, rate, began, leads)
         sliding = moving + np.array([speed, 0.0, 0.0])
         sliding = sliding - np.sum(sliding * normal, axis=1, keepdims=True) * normal
         slip = np.linalg.norm(sliding, axis=1)
@@ -202,7 +204,7 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
     programme = case.programme
     ends = np.array([programme.when(window * (k + 1)) for k in range(windows)])
     knots = [t for t in programme.times[1:] if t < ends[-1]]
-    state, time, began = np.zeros(51), 0.0, np.zeros(POINTS)
+    state, time, began, leads = np.zeros(51), 0.0, np.zeros(POINTS), np.zeros(POINTS, bool)
     state[MOTION] = start
     assert np.all(case.geometry(state, *programme.at(0, 0.0)[:2])[0] > 0)
     totals, peaks = np.zeros((windows + 1, 51)), np.zeros((windows, POINTS))
@@ -212,19 +214,37 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
         until = knots[0] if knots else ends[-1]
         found = {}
 
-        def gaps(t, y, part=part, found=found):
-            if found.get("at") != t or not np.array_equal(found["y"], y):
-                travel, speed, _ = programme.at(part, t)
-                found.update(at=t, y=y.copy(), gaps=case.geometry(y, travel, speed)[0])
-            return found["gaps"]
+        def points(t, y, part=part):
+            return case.geometry(y, *programme.at(part, t)[:2])[:2]
 
-        events = []
+        def flow(t, y, part=part, began=began, leads=leads):
+            return case.rates(y, began, leads, *programme.at(part, t))
+
+        def seen(t, y, points=points, flow=flow, found=found):
+            """Gaps, their rates, and the slopes of these."""
+            if found.get("at") != t or not np.array_equal(found["y"], y):
+                slope = np.zeros(POINTS)
+                if case.fastest:
+                    later, before = (points(t + h, y + h * flow(t, y))[1] for h in (STEP, -STEP))
+                    slope = (later - before) / (2 * STEP)
+                found.update(at=t, y=y.copy(), seen=(*points(t, y), slope))
+            return found["seen"]
+
+        events, points_of = [], []
         for k in range(POINTS):
-            event = lambda t, y, k=k: gaps(t, y)[k]
-            event.terminal, event.direction = True, 1 if began[k] < 0 else -1
-            events.append(event)
+            of_gap = lambda t, y, k=k: seen(t, y)[0][k]
+            passing = lambda t, y, k=k, rate=began[k]: seen(t, y)[1][k] - rate
+            turning = lambda t, y, k=k: seen(t, y)[2][k]
+            # a point that touches down, one that opens or passes its fastest rate, one that does not gain any more
+            kinds = [(turning, 1)] if leads[k] else [(of_gap, 1 if began[k] < 0 else -1)]
+            if case.fastest and began[k] < 0 and not leads[k]:
+                kinds.append((passing, -1))
+            for event, event.direction in kinds:
+                event.terminal = True
+                events.append(event)
+                points_of.append((k, event))
         solution = solve_ivp(
-            lambda t, y, part=part, began=began: case.rates(y, began, *programme.at(part, t)),
+            flow,
             (time, until),
             state,
             "DOP853",
@@ -243,21 +263,28 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
         for t in instants:
             travel, speed, _ = programme.at(part, t)
             gap, rate, *_ = case.geometry(solution.sol(t), travel, speed)
-            force = case.forces(gap, rate, began)
+            force = case.forces(gap, rate, began, leads)
             # both windows have their common end
             for k in {int(travel / window - 1e-9), int(travel / window + 1e-9)} & set(range(windows)):
                 peaks[k] = np.maximum(peaks[k], force)
         time, state = stop, solution.y[:, -1]
         if solution.status == 1:
             travel, speed, _ = programme.at(part, time)
-            gap, rate, *_ = case.geometry(state, travel, speed)
-            began = began.copy()
-            for k in (k for k in range(POINTS) if len(solution.t_events[k])):
-                if began[k] < 0:
+            gap, rate, slope = seen(time, state)
+            began, leads = began.copy(), leads.copy()
+            for (k, event), times in zip(points_of, solution.t_events, strict=True):
+                if not len(times):
+                    continue
+                if leads[k]:
+                    began[k], leads[k] = rate[k], False
+                elif began[k] == 0:
+                    began[k] = min(rate[k], -SLOWEST)
+                    leads[k] = case.fastest and rate[k] < -SLOWEST and slope[k] < 0
+                    touchdowns[min(int(travel / window), windows - 1), k] += 1
+                elif event.direction == 1:
                     began[k] = 0.0
                 else:
-                    began[k] = min(rate[k], -SLOWEST)
-                    touchdowns[min(int(travel / window), windows - 1), k] += 1
+                    leads[k] = True
         elif knots:
             knots.pop(0)
             part += 1

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import slipperjax as sj
@@ -59,6 +60,24 @@ def test_a_run_is_that_of_an_independent_implementation():
     np.testing.assert_allclose(of("friction_work"), want.heat, rtol=0, atol=2e-6 * want.heat.max())
     np.testing.assert_allclose(ds["drive_force"], want.drive, rtol=0, atol=1e-7 * np.abs(want.drive).max())
     # 8e-7 of 1 mm, 10 mrad, 1 m/s, 10 rad/s
+    np.testing.assert_array_less(np.abs(motion_at_end(ds) - want.motion), 5e-6 * independent_run.SIZES[:10])
+
+
+@pytest.mark.slow
+def test_damping_by_the_fastest_approach_is_that_of_an_independent_implementation():
+    """Which stops where an approach becomes the fastest of its contact, and where it is so no more."""
+    places, speeds = [0.0, 24.0], [1000.0, 1000.0]
+    case = independent_run.Case(independent_run.Programme(places, speeds), **RAIL, restitution=0.5, fastest=True)
+    want = independent_run.run(case, [0.0] * 5 + list(START.values()), WINDOWS)
+    scene = sj.paper_scene(1000.0, **RAIL, restitution=0.5, memory=sj.PeakRateLatch())
+    options = dict(length=WINDOWS, steps_per_period=1600, record=["peak_force", "impulse"])
+    ds = sj.run(scene, start=sj.Motion(**START), **options)
+    of = lambda name: ds[name].values.reshape(WINDOWS, 20)
+    apart = lambda a, b: np.max(np.abs(a - b)) / np.max(np.abs(b))
+    print(apart(of("peak_force"), want.peaks), apart(of("impulse"), want.impulse))
+    print(np.max(np.abs(motion_at_end(ds) - want.motion) / independent_run.SIZES[:10]))
+    np.testing.assert_allclose(of("peak_force"), want.peaks, rtol=0, atol=1e-4 * want.peaks.max())
+    np.testing.assert_allclose(of("impulse"), want.impulse, rtol=0, atol=2e-6 * want.impulse.max())
     np.testing.assert_array_less(np.abs(motion_at_end(ds) - want.motion), 5e-6 * independent_run.SIZES[:10])
 
 

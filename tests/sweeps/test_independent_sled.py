@@ -59,6 +59,7 @@ def scene_of(case):
         section=sj.paper_section(2 * play),
         track=sj.TwoRails(*tracks),
         contact=sj.Flores(case.stiffness, case.restitution),
+        memory=sj.EventLatch(),
         gravity=case.gravity,
     )
 

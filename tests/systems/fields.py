@@ -67,7 +67,7 @@ class Ball(VectorField):
     def close_step(self, before, t0, t1, state, args, frame=None):
         step = t1 - t0
         gap, rate = state.motion.z[None], state.motion.v_z[None]
-        latched = args.scene.memory.latch(
+        latched = args.scene.contact_memory.latch(
             state.memory, before, gap, rate, step * args.scene.period, step / before.step
         )
         state = sj.State(state.motion, latched)
