@@ -174,8 +174,8 @@ REACTIONS: dict[str, Quantity] = _named(
 """Forces and gaps."""
 
 LOADS: dict[str, Quantity] = _named(
-    Quantity("peak_force", "N", "highest normal contact force", r"F_{\mathrm{max}}", shown_unit="kN"),
-    Quantity("peak_period", "1", "forcing periods passed at the highest contact force"),
+    Quantity("peak_force", "N", "highest normal force of a contact point", r"F_{\mathrm{max}}", shown_unit="kN"),
+    Quantity("peak_period", "1", "forcing periods passed at the highest force of a contact point"),
     Quantity("impulse", "N s", "integral of the normal contact force over time", r"\int F\,dt"),
     Quantity("contact_fraction", "1", "share of the time in contact"),
     Quantity(
@@ -187,6 +187,14 @@ LOADS: dict[str, Quantity] = _named(
     ),
 )
 """Loads of contact points, over every integration step of a run."""
+
+SLIPPER_LOADS: dict[str, Quantity] = _named(
+    Quantity("peak_slipper_force", "N", "greatest net force of a slipper", r"F_{\mathrm{net}}", shown_unit="kN"),
+    Quantity("peak_slipper_moment", "N m", "greatest net moment of a slipper about its middle", r"M_{\mathrm{net}}"),
+    Quantity("peak_slipper_distance", "m", "distance travelled at the greatest net force of a slipper"),
+    Quantity("static_ratio", "1", "greatest vertical net force of a slipper over its static share of the weight"),
+)
+"""Net loads of slippers: sums over a slipper's contact points at one instant, those of greatest magnitude."""
 
 POINT_DIMS = ("slipper", "end", "point")
 """Dimensions of values of contact points in datasets; only those of a sled have that of slippers."""

@@ -39,7 +39,7 @@ def compare(
     length: float,
     rails: int = 1,
     starts: int = 1,
-    record: str = "peak_force",
+    record: str = "peak_slipper_force",
     quantiles: Sequence[float] = (0.5, 0.95),
     start: object = None,
     seed: int = 0,
@@ -119,10 +119,10 @@ def compare(
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
-    """Return the number of each run: of all its windows, the highest of all points; NaN for lost runs."""
+    """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
     values = ds[record.name].transpose("distance", "case", ...).values
     joined = np.asarray(record.join.reduce(values, axis=0))
-    numbers = joined.reshape(len(joined), -1).max(axis=1)
+    numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 

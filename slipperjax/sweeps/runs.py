@@ -52,6 +52,7 @@ from .windows import (
     Wearing,
     Worn,
     default_records,
+    named_records,
     play_added,
     run_record,
     stretch_ends,
@@ -241,7 +242,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = []
-    for one in chosen:
+    for one in (single for several in chosen for single in named_records(several)):
         known.append(run_record(one))
         ok = known[-1] is not None
         require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
