@@ -178,7 +178,7 @@ def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
 def static_loads(scene: Scene) -> Array:
     """Return each slipper's share of the weight [N], (*slippers,); NaN without gravity."""
     weight = jnp.nan if scene.gravity is None else driven_mass(scene) * scene.gravity
-    return (weight * scene.slipper.static_shares).reshape(scene.point_shape[:-2])
+    return jnp.reshape(weight * scene.slipper.static_shares, scene.point_shape[:-2])
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:

@@ -196,13 +196,22 @@ SLIPPER_LOADS: dict[str, Quantity] = _named(
 )
 """Net loads of slippers: sums over a slipper's contact points at one instant, those of greatest magnitude."""
 
-POINT_DIMS = ("slipper", "end", "point")
-"""Dimensions of values of contact points in datasets; only those of a sled have that of slippers."""
+NET_DIMS = ("axis", "about")
+"""Dimensions of slippers' net loads in datasets, which have signs."""
+POINT_DIMS = ("slipper", "end", "point", *NET_DIMS)
+"""Dimensions of values of contact points and slippers in datasets; only those of a sled have that of slippers."""
 
 
 def point_dims(values: Any) -> list[str]:
-    """Return the dimensions of contact points that an `xarray.DataArray` has."""
+    """Return the dimensions of contact points and slippers that an `xarray.DataArray` has."""
     return [name for name in POINT_DIMS if name in values.dims]
+
+
+def highest_of_points(values: Any) -> Any:
+    """Return the highest value of all contact points, or the greatest magnitude of all net loads of slippers, of an
+    `xarray.DataArray`; NaN where one is."""
+    sizes = abs(values) if set(NET_DIMS) & set(values.dims) else values
+    return sizes.max(point_dims(values), skipna=False)
 
 
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}

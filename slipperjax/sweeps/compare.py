@@ -62,7 +62,8 @@ def compare(
         and `RandomRails.like`.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
-    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum.
+    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum;
+        by default the greatest net force of a slipper.
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
@@ -79,7 +80,7 @@ def compare(
     of_windows = run_record(record)
     if of_windows is None:
         raise ValueError(
-            f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
+            f"Argument `record` must be the name of a number, such as peak_slipper_force, but is {brief(record)}."
         )
     shares = [
         float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
