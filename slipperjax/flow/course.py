@@ -328,10 +328,10 @@ class StepCubics:
         rises = self.greatest >= -self.least
         (up, highest), (down, lowest) = self._highest, self._falling._highest
         # stored, as in `greatest`
-        size = store(self.course.counted(jnp.where(rises, highest, lowest), -jnp.inf))
+        size = store(self.course.counted(jnp.where(rises[None], highest, lowest), -jnp.inf))
         first = jnp.arange(self.course.capacity).reshape(-1, *[1] * (size.ndim - 1))
-        place = (first + jnp.where(rises, up, down)) / self.course.steps
-        here = size == jnp.max(size, axis=0)
+        place = (first + jnp.where(rises[None], up, down)) / self.course.steps
+        here = size == jnp.max(size, axis=0, keepdims=True)
         # the first of equal ones
         return jnp.where(self.extreme != 0, jnp.min(store(jnp.where(here, place, jnp.inf)), axis=0), jnp.nan)
 

@@ -442,12 +442,12 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
     about = ("slipper", ("about", ("x", "y", "z")))
     yield Record(moment, lambda c: load(c).extreme[..., 2:], "extreme", about, lambda c: load(c).samples[..., 2:])
     yield SlipperPeakDistance()
-    ratio = lambda c, force: jnp.abs(force[..., 1]) / static_loads(c.scene)
+    ratio = lambda c, load: jnp.abs(load[..., 1]) / static_loads(c.scene)
     yield Record(
         SLIPPER_LOADS["static_ratio"],
         lambda c: ratio(c, load(c).extreme),
         dims=("slipper",),
-        samples=lambda c: ratio(c, load(c).samples),
+        samples=lambda c: jax.vmap(functools.partial(ratio, c))(load(c).samples),
     )
 
 

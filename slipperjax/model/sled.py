@@ -132,7 +132,7 @@ class Sled(AbstractBody):
         """
         places = jnp.array([[0.0 if place is None else place for place in (m.x, m.y)] for m in self.mounts])
         middle = jnp.mean(places, axis=0)
-        x, y = (places - middle).T
+        x, y = (places - middle[None]).T
         xx, xy, yy = x @ x, x @ y, y @ y
         # shares lie in a plane over the places, which gives the force no moment about the centre of mass; those of
         # slippers in line on a line. Without LAPACK, which must not be called from two threads.

@@ -10,7 +10,7 @@ import pytest
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.flow.datasets import dataset_of
-from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, static_load, summary
+from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, summary
 from slipperjax.plots.runs import RunView
 from slipperjax.plots.tables import of_hundreds, of_windows, of_worst, tables
 
@@ -125,7 +125,10 @@ def test_files_hold_what_the_tables_hold(tmp_path):
     for name, table in wanted.items():
         pd.testing.assert_frame_equal(sheets[name], table, check_dtype=False, rtol=1e-12)
     assert sheets["summary"]["summary"][0] == "status: finite"
-    assert "highest contact force 1124 lbf at C2 (rear), 729.99 ft and 100 m/s" in sheets["summary"]["summary"].values
+    assert (
+        "highest single contact point 1124 lbf at C2 (rear), 729.99 ft and 100 m/s"
+        in sheets["summary"]["summary"].values
+    )
 
 
 def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
@@ -193,7 +196,7 @@ def test_windows_that_are_lost_are_named_and_left_out():
         "100 to 350 m in 2.5 s, speed 100 m/s",
         "without the lengths that have no meaning:",
     ]
-    assert lines[4].startswith("highest contact force 1 kN at A1 (front), 222 m")
+    assert lines[4].startswith("highest single contact point 1 kN at A1 (front), 222 m")
     kept = 6 * (sum(range(WINDOWS)) - sum(range(120, 130)))
     assert f"{kept} impacts, {kept / 2.4:.4g} per second" in lines
     hundreds = tables(view)["100 m"]
@@ -234,7 +237,3 @@ def test_wrong_files_and_units_are_one_line(tmp_path):
         with pytest.raises(ValueError, match=words):
             plots.report(**{"ds": run()} | wrong)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_static_load_is_of_weight_and_load():
-    assert static_load(sj.paper_scene().replace(gravity=10.0), 300.0) == pytest.approx(140.0)

@@ -51,7 +51,13 @@ def test_a_run_is_drawn_over_one_distance():
     lateral, rail, speed, force, impacts, spectra = axes
     assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 6
     assert [ax.get_xlabel() for ax in axes] == [""] * 5 + ["distance [m]"]
-    wanted = ["lateral\n[mm]", "vertical\n[mm]", "speed $V$ [m/s]", "contact force $F$ [kN]", "impacts [1/s]"]
+    wanted = [
+        "lateral\n[mm]",
+        "vertical\n[mm]",
+        "speed $V$ [m/s]",
+        "highest single\ncontact point [kN]",
+        "impacts [1/s]",
+    ]
     assert [ax.get_ylabel() for ax in axes[:5]] == wanted
     assert rail.figure.get_suptitle() == "$V$ = 100 m/s"
     for ax in (lateral, rail):
@@ -86,7 +92,7 @@ def test_a_run_is_drawn_in_a_user_s_units():
     assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0 / 25.4, rel=1e-3)
     assert speed.get_ylabel() == "speed $V$ [mph]"
     assert drawn(speed.lines[0])[0] == pytest.approx([100 / 0.3048, 100 / 0.44704])
-    assert force.get_ylabel() == "contact force $F$ [lbf]"
+    assert force.get_ylabel() == "highest single\ncontact point [lbf]"
     assert heights(force)[0][0][122] == pytest.approx(5e3 / 4.4482216)
     assert legend(force)[-1] == "1124 lbf at C2, 729.99 ft"
     assert spectra.get_xlabel() == "distance [ft]"
@@ -139,7 +145,7 @@ def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
 
 def test_what_a_run_lacks_is_left_out():
     axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
-    assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "contact force $F$ [kN]"]
+    assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "highest single\ncontact point [kN]"]
     assert axes[-1].get_xlabel() == "distance [m]"
     spectra = plots.run_overview(made(bands=False))[-1]
     assert not len(spectra.collections)
