@@ -442,7 +442,7 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
     about = ("slipper", ("about", ("x", "y", "z")))
     yield Record(moment, lambda c: load(c).extreme[..., 2:], "extreme", about, lambda c: load(c).samples[..., 2:])
     yield SlipperPeakDistance()
-    ratio = lambda c, load: jnp.abs(load[..., 1]) / static_loads(c.scene)
+    ratio = lambda c, load: jnp.abs(load[..., 1]) / static_loads(c.scene, c.travel)
     yield Record(
         SLIPPER_LOADS["static_ratio"],
         lambda c: ratio(c, load(c).extreme),

@@ -175,10 +175,14 @@ def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
     return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
 
 
-def static_loads(scene: Scene) -> Array:
-    """Return each slipper's share of the weight [N], (*slippers,); NaN without gravity."""
-    weight = jnp.nan if scene.gravity is None else driven_mass(scene) * scene.gravity
-    return jnp.reshape(weight * scene.slipper.static_shares, scene.point_shape[:-2])
+def static_loads(scene: Scene, travel: Travel) -> Array:
+    """Return each slipper's static share of the weight and of the applied load along z [N], (*slippers,); NaN where
+    there is none."""
+    down = 0.0 if scene.gravity is None else driven_mass(scene) * scene.gravity
+    if scene.load is not None:
+        down = down - scene.load.wrench(travel)[0][2]
+    loads = jnp.abs(jnp.reshape(down * scene.slipper.static_shares, scene.point_shape[:-2]))
+    return jnp.where(loads > 0, loads, jnp.nan)
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:

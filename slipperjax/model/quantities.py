@@ -192,7 +192,7 @@ SLIPPER_LOADS: dict[str, Quantity] = _named(
     Quantity("peak_slipper_force", "N", "greatest net force of a slipper", r"F_{\mathrm{net}}", shown_unit="kN"),
     Quantity("peak_slipper_moment", "N m", "greatest net moment of a slipper about its middle", r"M_{\mathrm{net}}"),
     Quantity("peak_slipper_distance", "m", "distance travelled at the greatest net force of a slipper"),
-    Quantity("static_ratio", "1", "greatest vertical net force of a slipper over its static share of the weight"),
+    Quantity("static_ratio", "1", "greatest vertical net force of a slipper over its static load"),
 )
 """Net loads of slippers: sums over a slipper's contact points at one instant, those of greatest magnitude."""
 

@@ -189,13 +189,12 @@ def _net_loads(view: RunView) -> Iterator[str]:
         at = peak_of(ds.sel(axis=[axis]), NET)
         slipper = at["slipper"].item() if "slipper" in at.coords else ""
         times = ""
-        # how much harder than at rest; without gravity there is nothing to compare with
+        # how much harder than at rest; without gravity and load there is nothing to compare with
         if axis == "z" and view.scene is not None:
-            loads = dict(zip(view.scene.slipper.names or [""], np.ravel(static_loads(view.scene)), strict=True))
-            static = float(loads[slipper])
+            static = static_load(view.scene, slipper, float(at["peak_slipper_distance"]))
             if static > 0:
-                share = _said(view.quantity(NET), static)
-                times = f": {abs(float(at[NET])) / static:.3g} times its static share of the weight, {share}"
+                load = _said(view.quantity(NET), static)
+                times = f": {abs(float(at[NET])) / static:.3g} times its static load of {load}"
         yield from _peak(view, NET, f"greatest net {AXES[axis]} force of a slipper", slipper, at, times)
     if "peak_slipper_moment" in ds:
         moment = abs(ds["peak_slipper_moment"])
@@ -236,6 +235,12 @@ def _from_to(view: RunView, begin: float, end: float) -> str:
     """Return a length of rail [m] in words."""
     ends = " to ".join(map(in_hundredths, view.places([begin, end]).tolist()))
     return f"{ends} {view.quantity('distance').display_unit}"
+
+
+def static_load(scene: Scene, slipper: str, distance: float) -> float:
+    """Return the share of a slipper, "" for a single one, in the weight and the load along z at a place [N]."""
+    loads = np.ravel(static_loads(scene, scene.travel(scene.epoch_at(distance))))
+    return float(loads[scene.slipper.names.index(slipper) if slipper else 0])
 
 
 def described(view: RunView) -> list[str]:

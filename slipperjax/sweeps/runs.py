@@ -136,9 +136,9 @@ def run(
       `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
       `Status.TOO_SLOW` where it does: by default net loads of each slipper, those of greatest magnitude with their
       signs, `peak_slipper_force` [N], its place `peak_slipper_distance` [m], `peak_slipper_moment` [N m] and with
-      gravity `static_ratio` [1]; of each point `peak_force` [N], its place `peak_distance` [m], `contact_fraction`
-      [1], `impacts`, the number of touchdowns, and `impulse` [N s]; `drive_force` [N], and greatest accelerations,
-      `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
+      gravity or a load `static_ratio` [1]; of each point `peak_force` [N], its place `peak_distance` [m],
+      `contact_fraction` [1], `impacts`, the number of touchdowns, and `impulse` [N s]; `drive_force` [N], greatest
+      accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
     - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
       `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; of the
       windows' highest forces `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from which a

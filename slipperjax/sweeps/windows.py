@@ -114,8 +114,8 @@ DEFAULT = (
     *("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force"),
     *(f"peak_{name}" for name in ACCELERATIONS),
 )
-"""Records of each window by default; with gravity `static_ratio`, with friction `friction_work`, with a mass on it
-`spring_force`, and of a sled `slipper_force` and `slipper_roll`, too."""
+"""Records of each window by default; with gravity or a load `static_ratio`, with friction `friction_work`, with a
+mass on it `spring_force`, and of a sled `slipper_force` and `slipper_roll`, too."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 """Records of each stretch."""
 
@@ -123,7 +123,7 @@ PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 def default_records(scene: Scene) -> list[str]:
     """Return the names of the records that a run keeps of each window by default."""
     names = list(DEFAULT)
-    names += ["static_ratio"] * (scene.gravity is not None)
+    names += ["static_ratio"] * (scene.gravity is not None or scene.load is not None)
     names += ["friction_work"] * (scene.friction is not None)
     names += ["spring_force"] * (scene.sled is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)

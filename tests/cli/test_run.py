@@ -1,5 +1,6 @@
 """The command `run`: what it reads, computes, writes and prints."""
 
+import dataclasses
 import re
 import shutil
 
@@ -10,7 +11,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.model.surveys import SurveyedTrack
-from slipperjax.plots.report import summary
+from slipperjax.plots.report import static_load, summary
 from slipperjax.plots.runs import RunView, peak_of
 from slipperjax.tools.units import STANDARD_GRAVITY
 
@@ -81,10 +82,13 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
         words = rf"greatest net {name} force of a slipper (..) kN at (..) m and (..) m/s"
         assert numbers(text, words) == pytest.approx([net[window] / 1e3, place, ds["speed"][window]], rel=1e-3)
         assert text.index(f"net {name} force") < text.index("highest single contact point")
-    vertical = float(np.abs(ds["peak_slipper_force"].sel(axis="z")).max())
-    times, share = numbers(text, "m/s: (..) times its static share of the weight, (..) kN\n")
-    assert [times, share] == pytest.approx([vertical / (15 * 9.81), 15 * 9.81 / 1e3], rel=1e-2)
-    assert times == pytest.approx(float(ds["static_ratio"].max()), rel=1e-2)
+    vertical = np.abs(ds["peak_slipper_force"].sel(axis="z"))
+    place = float(ds["peak_slipper_distance"].sel(axis="z")[int(vertical.argmax())])
+    static = abs(15 * 9.81 + 500 - 0.004 * float(scene.speed.at(place)) ** 2)
+    times, load = numbers(text, "m/s: (..) times its static load of (..) kN\n")
+    assert [times, load] == pytest.approx([float(vertical.max()) / static, static / 1e3], rel=1e-2)
+    middle = abs(15 * 9.81 + 500 - 0.004 * ds["speed"] ** 2)
+    np.testing.assert_allclose(ds["static_ratio"], vertical / middle, rtol=1e-9)
     moment = np.abs(ds["peak_slipper_moment"]).max("distance")
     words = "moments of a slipper about its middle: x (..) N m, y (..) N m, z (..) N m\n"
     assert numbers(text, words) == pytest.approx(moment.values.tolist(), rel=1e-3)
@@ -241,7 +245,8 @@ def test_the_documented_file_is_read(tmp_path):
     with pytest.warns(sj.ImplausibleWarning, match="Remark"):
         scene, table = sj.load_scene(file), sj.load_run(file)
     assert table == dict(length=100.0, window=1.0)
-    assert float(scene.speed.speed[1]) == pytest.approx(900.0)
+    place = float(scene.speed.distance[1])  # where the speed is 900 m/s
+    assert static_load(scene, "", place) == pytest.approx(14 * 9.81 + 800 - 324)
 
 
 def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
@@ -249,6 +254,15 @@ def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
     _, error = call(["run", file, "--out", tmp_path / "run"], capsys, 130)
     assert error == "no of 1 cases were finished: nothing is written\ninterrupted\n"
     assert names(tmp_path) == ["sled.toml"]
+
+
+def test_the_static_load_is_across_the_rail():
+    scene = sj.paper_scene()
+    assert np.isnan(static_load(scene, "", 300.0))
+    heavy = scene.replace(gravity=10.0)
+    assert static_load(heavy, "", 300.0) == pytest.approx(140.0)
+    on_it = sj.SledMass(50.0, [1e6, 1e6])
+    assert static_load(dataclasses.replace(heavy, sled=on_it), "", 300.0) == pytest.approx(640.0)
 
 
 def test_the_worst_stretch_is_named():

@@ -37,6 +37,56 @@ def run(status=0, **variables):
     return ds
 
 
+def with_net_loads(ds):
+    """Adds net forces of 1 kN along z and 0.5 along y, but -6 kN along y at 222.25 m."""
+    force, place = np.tile([0.5e3, 1e3], (WINDOWS, 1)), np.full((WINDOWS, 2), 222.0)
+    force[122, 0], place[122, 0] = -6e3, 222.25
+    over = ("distance", "axis")
+    net = {"peak_slipper_force": (over, force), "peak_slipper_distance": (over, place)}
+    net["peak_slipper_moment"] = (("distance", "about"), np.tile([10.0, -30.0, 20.0], (WINDOWS, 1)))
+    net["peak_slipper_force_percentile"] = 10 * ds["peak_force_percentile"]
+    return ds.assign(net).assign_coords(axis=["y", "z"], about=["x", "y", "z"])
+
+
+def test_net_loads_come_first_in_words_tables_and_pictures():
+    scene = sj.paper_scene().replace(gravity=10.0)
+    view = RunView.of(with_net_loads(run()), scene)
+    lines = summary(view)
+    assert lines[2:6] == [
+        "greatest net vertical force of a slipper 1 kN at 222 m and 100 m/s: 7.14 times its static load of 0.14 kN",
+        "greatest net lateral force of a slipper -6 kN at 222.25 m and 100 m/s",
+        "greatest net moments of a slipper about its middle: x 10 N m, y 30 N m, z 20 N m",
+        "highest single contact point 5 kN at C2 (rear), 222.5 m and 100 m/s",
+    ]
+    assert any("greatest net force of a slipper: 80 kN from 300 to 350 m" in line for line in lines)
+    windows = of_windows(view)
+    assert windows.columns[5:11].tolist() == [
+        *("peak_slipper_force", "slipper_load", "peak_slipper_distance"),
+        *("peak_force", "point", "peak_distance"),
+    ]
+    assert windows.iloc[122, 5:8].tolist() == [-6e3, "lateral", 222.25]
+    assert windows.iloc[0, 5:7].tolist() == [1e3, "vertical"]
+    hundreds = of_hundreds(windows)
+    assert hundreds["peak_slipper_force"].tolist() == [1e3, -6e3, 1e3]
+    assert hundreds["peak_slipper_force y"].tolist() == [0.5e3, -6e3, 0.5e3]
+    assert hundreds["peak_slipper_moment y"].tolist() == [-30.0] * 3
+    worst = of_worst(windows).iloc[0]
+    assert worst.tolist() == [222.25, 100.0, "lateral", -6e3, "C2", 5e3]
+    _, along, _ = pages_of(_of_run(view))
+    net, single = along.axes[3:5]
+    assert [ax.get_ylabel() for ax in (net, single)] == [
+        "net force\nof a slipper [kN]",
+        "highest single\ncontact point [kN]",
+    ]
+    assert legend(net) == ["lateral, 6 kN", "vertical, 1 kN"]
+    overview = plots.run_overview(view.ds, scene)
+    assert [ax.get_ylabel() for ax in overview[3:5]] == [net.get_ylabel(), single.get_ylabel()]
+    assert legend(overview[3])[-1] == "-6 kN at lateral, 222.25 m"
+    assert overview[3].patches[0].get_data()[0][122] == 6.0
+    # each stretch has its percentiles, times ten
+    assert overview[3].patches[1].get_data()[0].tolist() == [0.0, 30.0, 60.0]
+
+
 def test_tables_join_windows_as_their_numbers_want():
     windows = of_windows(RunView.of(run(), sj.paper_scene()))
     assert len(windows) == WINDOWS
