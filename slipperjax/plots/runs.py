@@ -272,7 +272,7 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
         at = view.quantity("distance")
         place = float(at.shown(peak[PEAKS[name].place]))
         where = f"{peak[PEAKS[name].dim].item()}, {in_hundredths(place)} {at.display_unit}"
-        label = f"{high:.4g} {force.display_unit} at {where}"
+        label = f"{high:.4g} {force.display_unit}: {where}"
         ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=label)
     finish_forces(ax, view, name)
 

@@ -81,7 +81,7 @@ def test_net_loads_come_first_in_words_tables_and_pictures():
     assert legend(net) == ["lateral, 6 kN", "vertical, 1 kN"]
     overview = plots.run_overview(view.ds, scene)
     assert [ax.get_ylabel() for ax in overview[3:5]] == [net.get_ylabel(), single.get_ylabel()]
-    assert legend(overview[3])[-1] == "-6 kN at lateral, 222.25 m"
+    assert legend(overview[3])[-1] == "-6 kN: lateral, 222.25 m"
     assert overview[3].patches[0].get_data()[0][122] == 6.0
     # each stretch has its percentiles, times ten
     assert overview[3].patches[1].get_data()[0].tolist() == [0.0, 30.0, 60.0]
