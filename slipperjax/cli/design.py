@@ -39,6 +39,9 @@ AROUND = {1: 11, 2: 5, 3: 3}
 """Designs along each variable in a grid around the best one, by the number of variables."""
 
 OBJECTIVE_UNITS = {
+    "peak_slipper_force": "kN",
+    "peak_slipper_moment": "N m",
+    "static_ratio": "1",
     "peak_force": "kN",
     **dict.fromkeys(("rms_a_y", "rms_a_z"), "m/s^2"),
     **dict.fromkeys(("rms_alpha_x", "rms_alpha_y", "rms_alpha_z"), "rad/s^2"),

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..analysis.kinds import Regime
-from ..flow.records import POINTS, RECORDS, AbstractNumber, OnePoint, Record
+from ..flow.records import RECORDS, AbstractNumber, OnePoint, Record
 from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -27,15 +27,14 @@ ObjectiveLike = Objective | str | Callable
 
 
 def _scalar(record: AbstractNumber) -> AbstractNumber:
-    """Return a record as one number: the greatest or least of all points."""
-    of_points = isinstance(record, Record) and record.dims == POINTS
-    return OnePoint(record) if of_points and record.over in ("max", "min") else record
+    """Return a record as one number: the greatest or least of all points or slippers."""
+    return OnePoint(record) if isinstance(record, Record) and record.is_extreme else record
 
 
 OBJECTIVES: dict[str, Objective] = {
     name: _scalar(RECORDS[name])
     for name in (
-        "peak_force",
+        *("peak_slipper_force", "peak_slipper_moment", "static_ratio", "peak_force"),
         *(name for name in RECORDS if name.startswith("rms_")),
         *("impact_impulse", "contact_load", "contact_work", "drive_force"),
         *(f"excursion_{name}" for name in ("y", "z", "roll", "pitch", "yaw")),
@@ -43,7 +42,8 @@ OBJECTIVES: dict[str, Objective] = {
     )
 }
 OBJECTIVES["exponent"] = LargestExponent()
-"""Objectives by name; with a point behind, such as peak_force_A1, of one contact point."""
+"""Objectives by name; with a point behind, such as peak_force_A1, of one contact point; with a slipper or an
+axis, such as peak_slipper_force_left1_z, of one net load."""
 
 
 def objective_named(objective: object) -> Objective:

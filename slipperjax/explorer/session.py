@@ -23,7 +23,7 @@ from ..model.kinematics import Motion
 from ..model.parameters import parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
-from ..plots.runs import edges_of, peak_of
+from ..plots.runs import PEAKS, edges_of, main_peak, peak_of
 from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
 from ..sweeps.runs import run as run_along
@@ -198,7 +198,8 @@ class Session:
         session = cls([view], Case(scene, start))
         # the window with the highest force, where forces are known
         if view.is_run:
-            place = float(peak_of(ds)["peak_distance"]) if "peak_force" in ds else 0.0
+            name = main_peak(ds)
+            place = 0.0 if name is None else float(peak_of(ds, name)[PEAKS[name].place])
             session.case = session.case_at(session.nearest(place))
         return session
 

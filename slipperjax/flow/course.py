@@ -28,6 +28,7 @@ from ..model.dynamics import (
     motion_rates,
     per_period,
     sled_force,
+    slipper_wrenches,
 )
 from ..model.kinematics import Contacts, Motion, RailFrame, contacts, modal_compliance
 from ..model.layout import coordinate_rows
@@ -322,6 +323,24 @@ class StepCubics:
         return -self._falling.greatest
 
     @functools.cached_property
+    def extreme(self) -> Float[Array, "..."]:
+        """The value of greatest magnitude, with its sign."""
+        return jnp.where(self.greatest >= -self.least, self.greatest, self.least)
+
+    @functools.cached_property
+    def extreme_place(self) -> Float[Array, "..."]:
+        """Where `extreme` is [forcing periods since the start of this one]; NaN where all values are zero."""
+        rises = self.greatest >= -self.least
+        (up, highest), (down, lowest) = self._highest, self._falling._highest
+        # stored, as in `greatest`
+        size = store(self.course.counted(jnp.where(rises[None], highest, lowest), -jnp.inf))
+        first = jnp.arange(self.course.capacity).reshape(-1, *[1] * (size.ndim - 1))
+        place = (first + jnp.where(rises[None], up, down)) / self.course.steps
+        here = size == jnp.max(size, axis=0, keepdims=True)
+        # the first of equal ones
+        return jnp.where(self.extreme != 0, jnp.min(store(jnp.where(here, place, jnp.inf)), axis=0), jnp.nan)
+
+    @functools.cached_property
     def shallowest_turn(self) -> Float[Array, "..."]:
         """The magnitude of the extreme that is nearest to zero; infinite where there is none."""
         # extremes inside a step: where the slope at its ends changes its sign
@@ -342,9 +361,14 @@ class StepCubics:
         )
 
     @functools.cached_property
+    def _highest(self) -> tuple[Array, Array]:
+        """The place in every step where the value is greatest [steps], and that value."""
+        return highest_point(*self._ends)
+
+    @property
     def _tops(self) -> Array:
         """The greatest value in every step."""
-        return highest_point(*self._ends)[1]
+        return self._highest[1]
 
     @property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
@@ -490,12 +514,20 @@ class Course:
 
     @functools.cached_property
     def slipper_load(self) -> StepCubics:
-        """Force along y and z [N] and moment about the body's x axis [N m] of each slipper's normal forces,
-        (ends, *slippers, 3)."""
-        frame, now = self._contacts
-        directions = (*frame.normal[1:], now.lever[0])
-        parts = [self._of_points(self._forces * along).sum((-2, -1)) for along in directions]
-        return self._curve(store(jnp.stack(parts, axis=-1)))
+        """Net force along y and z [N], and net moment about its middle along the body's x, y and z axes [N m], of
+        each slipper's contacts, (ends, *slippers, 5)."""
+
+        def of_one(place: Array, at: Acting) -> Array:
+            _, *loads = slipper_wrenches(self.scene, at, self.args.travel(place))
+            return jnp.stack(loads, axis=-1)
+
+        return self._curve(store(jax.vmap(of_one)(self._instants, self._acting)))
+
+    @functools.cached_property
+    def slipper_roll(self) -> StepCubics:
+        """Moment about the body's x axis of each slipper's normal forces [N m], (ends, *slippers)."""
+        _, now = self._contacts
+        return self._curve(store(self._of_points(self._forces * now.lever[0]).sum((-2, -1))))
 
     @functools.cached_property
     def gap(self) -> StepCubics:

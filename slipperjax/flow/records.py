@@ -7,6 +7,7 @@ takes over. A descent therefore follows its smooth twin, `smooth`.
 import abc
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
+from ..model.dynamics import static_loads
+from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, SLIPPER_LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.checks import instance, number, one_of, positive, require
@@ -30,6 +32,8 @@ from .status import most_stability_number, with_loads
 
 POINTS = ("end", "point")
 """Dimensions of values at each contact point."""
+OF_SLIPPERS = ("slipper", ("axis", ("y", "z")))
+"""Dimensions of the net forces of slippers."""
 
 
 class Join(NamedTuple):
@@ -40,6 +44,8 @@ class Join(NamedTuple):
     """Reduces values along axis 0; the result can be reduced with further values."""
     value: Callable[[AnyArray, Whole], AnyArray] = lambda joined, periods: joined
     """Finishes: gives the number from the reduced value and the number of periods."""
+    size: Callable[[AnyArray], AnyArray] = lambda values: values
+    """Gives that by which the greatest of several values, such as those of all points, is chosen."""
 
 
 def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
@@ -47,6 +53,13 @@ def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
     xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
     # the slope of a square root at zero is infinite, and would make the derivative NaN even in a branch not taken
     return xp.where(square == 0, 0.0, xp.sqrt(xp.where(square == 0, 1.0, square)))
+
+
+def _farthest(values: AnyArray, axis: int = 0) -> Array:
+    """Return the value of greatest magnitude, with its sign."""
+    highest = jnp.max(values, axis=axis)
+    lowest = jnp.min(values, axis=axis)
+    return jnp.where(highest >= -lowest, highest, lowest)
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
@@ -65,6 +78,7 @@ def _log_sum(values: Array, axis: int = 0) -> Array:
 JOINS: dict[str, Join] = {
     "max": Join(-np.inf, jnp.max),
     "min": Join(np.inf, jnp.min),
+    "extreme": Join(0.0, _farthest, size=abs),
     "sum": Join(0.0, jnp.sum),
     "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods),
     "rms": Join(0.0, jnp.sum, _root_mean),
@@ -161,8 +175,8 @@ class Record(AbstractNumber):
     """Gives a real number, or an array with axes `dims`, from a `slipperjax.flow.Course`. Another function, or the
     same text in another lambda, is compiled anew."""
     over: str = "max"
-    """How the values of forcing periods become one: by "max", "min", "sum" or "mean", or by "rms", for which
-    `function` gives squares."""
+    """How the values of forcing periods become one: by "max", "min", "extreme", which is the value of greatest
+    magnitude with its sign, "sum" or "mean", or by "rms", for which `function` gives squares."""
     dims: tuple[str | tuple[str, tuple], ...] = ()
     samples: Callable[[Course], PyTree] | None = None
     """For a greatest magnitude, the values that it is of, with samples along the first axis; for `smooth`."""
@@ -176,6 +190,11 @@ class Record(AbstractNumber):
     @property
     def join(self):
         return JOINS[self.over]
+
+    @property
+    def is_extreme(self) -> bool:
+        """Whether it is a greatest or least value of each of several points or slippers."""
+        return bool(self.dims) and self.over in ("max", "min", "extreme")
 
     def of(self, course):
         value = jnp.asarray(self.function(course))
@@ -232,18 +251,19 @@ class PowerMean(AbstractNumber):
 
 @dataclass(frozen=True)
 class OnePoint(AbstractNumber):
-    """One number from a record of all contact points: that of one point, or the greatest or least of all."""
+    """One number from a record of all contact points or slippers: that of one of them, or the greatest or least."""
 
     record: Record
-    """A greatest or least value at each point, such as the highest force."""
+    """A greatest or least value at each point or of each slipper, such as the highest force."""
     point: str | None = None
-    """A point's name and 1 for the front or 2 for the rear, such as "A1", of a sled "left2_A1"; None for all."""
+    """A point's name and 1 for the front or 2 for the rear, such as "A1", of a sled "left2_A1"; of slippers the
+    labels, such as "left2_z", or "z" of a single one; None for all."""
 
     def __post_init__(self):
         instance("record", self.record, Record, "a slipperjax.flow.Record")
         need = "be a point's name with 1 or 2, or None"
         require(self.point is None or isinstance(self.point, str), "point", need, self.point)
-        if self.record.dims != POINTS or self.record.over not in ("max", "min"):
+        if not self.record.is_extreme:
             raise ValueError(f"Argument `record` must be a greatest or least of points, but is {self.record.name}.")
 
     @property
@@ -263,15 +283,16 @@ class OnePoint(AbstractNumber):
         return None if of_points is None else lambda course: self._at_point(course, of_points(course))
 
     def of(self, course):
-        return self.join.reduce(self._at_point(course, self.record.of(course)).ravel(), axis=0)
+        return self.join.reduce(self.join.size(self._at_point(course, self.record.of(course))).ravel(), axis=0)
 
-    def _at_point(self, course: Course, values: Float[Array, "... 2 points"]) -> Array:
+    def _at_point(self, course: Course, values: Float[Array, "..."]) -> Array:
         if self.point is None:
             return values
         scene = course.scene
-        names = scene.point_names
+        labels = self.record.labels(scene)
+        names = scene.point_names if "point" in labels else list(map("_".join, itertools.product(*labels.values())))
         require(self.point in names, "point", f"be one of {', '.join(names)}", self.point)
-        return values[..., *np.unravel_index(names.index(self.point), scene.point_shape)]
+        return values[..., *np.unravel_index(names.index(self.point), self.record.shape(scene))]
 
 
 class AbstractAtPeak(AbstractQuantityRecord):
@@ -279,9 +300,13 @@ class AbstractAtPeak(AbstractQuantityRecord):
 
     dims = POINTS
 
+    def height(self, course: Course) -> Array:
+        """Return what is highest at that instant of one forcing period."""
+        return course.loads.peak_force
+
     @abc.abstractmethod
     def of(self, course: Course) -> PyTree:
-        """Return the number at the highest forces of one forcing period, as `Loads`."""
+        """Return the number at the highest values of one forcing period, in the shape of `height`."""
 
     def begin(self, scene, state):
         # the highest forces so far, and the numbers there
@@ -290,7 +315,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
 
     def add(self, carried, course):
         highest, there = carried
-        force = course.loads.peak_force
+        force = self.height(course)
         # an open point has no highest force yet, and keeps NaN
         higher = force > highest
         return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
@@ -307,6 +332,40 @@ class PeakPeriod(AbstractAtPeak):
 
     def finish(self, carried, samples, span):
         return np.asarray(carried[1]) - span.start
+
+
+def _only(values: Array, axis: int = 0) -> Array:
+    """Return the only one of some values along the first axis, NaN for several."""
+    return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
+
+
+@dataclass(frozen=True)
+class PeakDistance(AbstractAtPeak, AbstractNumber):
+    """The distance travelled at the highest normal force of each point; NaN where it is open throughout."""
+
+    quantity = Quantity("peak_distance", "m", "distance travelled at the highest force of a contact point")
+    # distances alone do not tell where the highest force of several windows was
+    join = Join(np.nan, _only)
+
+    def of(self, course):
+        return course.loads.peak_period * course.travel.wavelength
+
+    def finish(self, carried, samples, span):
+        return np.asarray(carried[1])
+
+
+@dataclass(frozen=True)
+class SlipperPeakDistance(PeakDistance):
+    """The distance travelled at the greatest net force of each slipper along each axis; NaN without contact."""
+
+    quantity = SLIPPER_LOADS["peak_slipper_distance"]
+    dims = OF_SLIPPERS
+
+    def height(self, course):
+        return jnp.abs(course.slipper_load.extreme[..., :2])
+
+    def of(self, course):
+        return (course.slipper_load.extreme_place[..., :2] + course.args.epoch) * course.travel.wavelength
 
 
 @jit
@@ -372,6 +431,27 @@ def _rms(k: int, q: Quantity) -> Record:
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
+def _of_slippers() -> Iterator[AbstractQuantityRecord]:
+    """Yield the records of slippers' net loads."""
+    force = SLIPPER_LOADS["peak_slipper_force"]
+    load = lambda c: c.slipper_load
+    yield Record(
+        force, lambda c: load(c).extreme[..., :2], "extreme", OF_SLIPPERS, lambda c: load(c).samples[..., :2]
+    )
+    moment = SLIPPER_LOADS["peak_slipper_moment"]
+    # another dimension than that of forces, which have no x
+    about = ("slipper", ("about", ("x", "y", "z")))
+    yield Record(moment, lambda c: load(c).extreme[..., 2:], "extreme", about, lambda c: load(c).samples[..., 2:])
+    yield SlipperPeakDistance()
+    ratio = lambda c, load: jnp.abs(load[..., 1]) / static_loads(c.scene, c.travel)
+    yield Record(
+        SLIPPER_LOADS["static_ratio"],
+        lambda c: ratio(c, load(c).extreme),
+        dims=("slipper",),
+        samples=lambda c: jax.vmap(functools.partial(ratio, c))(load(c).samples),
+    )
+
+
 def _records() -> Iterator[AbstractQuantityRecord]:
     """Yield all records of numbers that can be asked for by name."""
     points = functools.partial(Record, dims=POINTS)
@@ -380,6 +460,7 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     yield points(LOADS["impulse"], lambda c: c.loads.impulse, "sum")
     yield points(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean")
     yield points(LOADS["penetration"], lambda c: c.loads.penetration)
+    yield from _of_slippers()
     greatest = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
     yield points(greatest, lambda c: c.loads.impulse, samples=_impulse_samples)
     # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
@@ -406,6 +487,7 @@ RECORDS: Mapping[str, AbstractQuantityRecord] = {record.name: record for record 
 """Records of numbers by name."""
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "loads": tuple(LOADS),
+    "slipper_peak": tuple(SLIPPER_LOADS),
     "rms": tuple(f"rms_{name}" for name in ACCELERATIONS),
     "extremes": tuple(f"{which}_{name}" for which in ("largest", "smallest") for name in COORDINATES),
 }

@@ -247,7 +247,7 @@ class Peak(NamedTuple):
         # rails without waves are known by distance
         if travel_unit(scene) != "period":
             when = f"{float(self.period * scene.wavelength):.2f} m"
-        return f"highest contact force {float(self.force):.0f} N at {where}, {when}"
+        return f"highest single contact point {float(self.force):.0f} N at {where}, {when}"
 
 
 class Trajectory(eqx.Module):

@@ -27,6 +27,8 @@ from .kinematics import (
     SledMotion,
     attitude_rates,
     contacts,
+    cross,
+    in_slipper_frame,
     rail_frame,
     rotation,
     track_nodes,
@@ -164,6 +166,32 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
 def driven_mass(scene: Scene) -> Array:
     """Return the mass that the drive accelerates [kg]: of the slipper, and of the sled on it."""
     return scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
+
+
+def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
+    """Return the net force of each slipper's contacts along x, y and z [N], and their net moment about the slipper's
+    middle along the body's x, y and z axes [N m], friction included; shape (*slippers,) each."""
+    # a single slipper has no axis of slippers
+    axes = scene.point_shape[:-2]
+    total = sums(*((at.force * w).reshape(*axes, -1) for w in per_force(scene, at, travel)))
+    if not axes:
+        return total
+    force, moment = total[:3], total[3:]
+    places = zip(*(slipper.place for slipper in scene.mounted), strict=True)
+    middle = [jnp.stack([jnp.zeros(()) if v is None else v for v in along]) for along in places]
+    # from the moment about the body's centre to that about each slipper's middle
+    carried = cross(middle, in_slipper_frame(rotation(at.motion), force))
+    return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
+
+
+def static_loads(scene: Scene, travel: Travel) -> Array:
+    """Return each slipper's static share of the weight and of the applied load along z [N], (*slippers,); NaN where
+    there is none."""
+    down = 0.0 if scene.gravity is None else driven_mass(scene) * scene.gravity
+    if scene.load is not None:
+        down = down - scene.load.wrench(travel)[0][2]
+    loads = jnp.abs(jnp.reshape(down * scene.slipper.static_shares, scene.point_shape[:-2]))
+    return jnp.where(loads > 0, loads, jnp.nan)
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:

@@ -23,7 +23,7 @@ from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .contact import Flores
-from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, Quantity
+from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, SLIPPER_LOADS, Quantity
 from .slipper import Slipper
 from .tracks import HarmonicTrack, on_host
 
@@ -215,7 +215,7 @@ def quantity(name: str) -> Quantity:
     **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
     """
     instance("name", name, str, "the name of a quantity")
-    return (PARAMETERS | STARTS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS)[name]
+    return (PARAMETERS | STARTS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS | SLIPPER_LOADS)[name]
 
 
 def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:

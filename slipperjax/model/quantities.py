@@ -174,8 +174,8 @@ REACTIONS: dict[str, Quantity] = _named(
 """Forces and gaps."""
 
 LOADS: dict[str, Quantity] = _named(
-    Quantity("peak_force", "N", "highest normal contact force", r"F_{\mathrm{max}}", shown_unit="kN"),
-    Quantity("peak_period", "1", "forcing periods passed at the highest contact force"),
+    Quantity("peak_force", "N", "highest normal force of a contact point", r"F_{\mathrm{max}}", shown_unit="kN"),
+    Quantity("peak_period", "1", "forcing periods passed at the highest force of a contact point"),
     Quantity("impulse", "N s", "integral of the normal contact force over time", r"\int F\,dt"),
     Quantity("contact_fraction", "1", "share of the time in contact"),
     Quantity(
@@ -188,13 +188,30 @@ LOADS: dict[str, Quantity] = _named(
 )
 """Loads of contact points, over every integration step of a run."""
 
-POINT_DIMS = ("slipper", "end", "point")
-"""Dimensions of values of contact points in datasets; only those of a sled have that of slippers."""
+SLIPPER_LOADS: dict[str, Quantity] = _named(
+    Quantity("peak_slipper_force", "N", "greatest net force of a slipper", r"F_{\mathrm{net}}", shown_unit="kN"),
+    Quantity("peak_slipper_moment", "N m", "greatest net moment of a slipper about its middle", r"M_{\mathrm{net}}"),
+    Quantity("peak_slipper_distance", "m", "distance travelled at the greatest net force of a slipper"),
+    Quantity("static_ratio", "1", "greatest vertical net force of a slipper over its static load"),
+)
+"""Net loads of slippers: sums over a slipper's contact points at one instant, those of greatest magnitude."""
+
+NET_DIMS = ("axis", "about")
+"""Dimensions of slippers' net loads in datasets, which have signs."""
+POINT_DIMS = ("slipper", "end", "point", *NET_DIMS)
+"""Dimensions of values of contact points and slippers in datasets; only those of a sled have that of slippers."""
 
 
 def point_dims(values: Any) -> list[str]:
-    """Return the dimensions of contact points that an `xarray.DataArray` has."""
+    """Return the dimensions of contact points and slippers that an `xarray.DataArray` has."""
     return [name for name in POINT_DIMS if name in values.dims]
+
+
+def highest_of_points(values: Any) -> Any:
+    """Return the highest value of all contact points, or the greatest magnitude of all net loads of slippers, of an
+    `xarray.DataArray`; NaN where one is."""
+    sizes = abs(values) if set(NET_DIMS) & set(values.dims) else values
+    return sizes.max(point_dims(values), skipna=False)
 
 
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -123,16 +124,28 @@ class Sled(AbstractBody):
         return tuple(names)
 
     @property
-    def static_shares(self) -> Float[np.ndarray, " slippers"]:
+    def static_shares(self):
         """Shares of the slippers in the sled's weight [1], on level rails whose contacts are alike.
 
         Of the forces in balance, those of the least squares, which equal springs have; of two in line or three they
         are the only ones.
         """
-        places = np.array([[0.0 if v is None else float(v) for v in (m.x, m.y)] for m in self.mounts])
-        balance = np.vstack([np.ones(len(places)), places.T])
-        # no moment about the centre of mass
-        return np.linalg.lstsq(balance, np.array([1.0, 0.0, 0.0]), rcond=None)[0]
+        places = jnp.array([[0.0 if place is None else place for place in (m.x, m.y)] for m in self.mounts])
+        middle = jnp.mean(places, axis=0)
+        x, y = (places - middle[None]).T
+        xx, xy, yy = x @ x, x @ y, y @ y
+        # shares lie in a plane over the places, which gives the force no moment about the centre of mass; those of
+        # slippers in line on a line. Without LAPACK, which must not be called from two threads.
+        trace = xx + yy
+        plane = xx * yy - xy * xy
+        in_line = plane <= 1e-12 * trace * trace
+        line = jnp.where(trace > 0, trace * trace, 1.0)
+        inverse = jnp.where(
+            in_line,
+            jnp.array([[xx, xy], [xy, yy]]) / line,
+            jnp.array([[yy, -xy], [-xy, xx]]) / jnp.where(in_line, 1.0, plane),
+        )
+        return 1 / len(self.mounts) - jnp.stack([x, y], axis=1) @ (inverse @ middle)
 
     def mounted(self, section):
         slippers = []

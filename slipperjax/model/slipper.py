@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import positive, warn
 from ..tools.fields import ShapeChecked, field
 from ..tools.tracing import is_traced
-from ..tools.types import Real
+from ..tools.types import AnyArray, Real
 from .modes import Modes
 from .section import Section
 
@@ -47,6 +47,11 @@ class AbstractBody(ShapeChecked):
     def modes(self) -> Modes | None:
         """Elastic modes; None for a rigid body."""
         return None
+
+    @property
+    def static_shares(self) -> Float[AnyArray, " slippers"]:
+        """Shares of the slippers in the weight [1]."""
+        return np.ones(1)
 
     @abc.abstractmethod
     def mounted(self, section: Section) -> tuple[Mounted, ...]:

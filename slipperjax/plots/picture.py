@@ -13,7 +13,7 @@ from .designs import design_overview
 from .environment import vibration
 from .fits import fit_overview
 from .maps import attractor_map, basin_map, bifurcations, exponents, parameters_of, quantity_map, regime_map
-from .runs import run_overview
+from .runs import PEAKS, run_overview
 from .style import as_dataset
 from .trajectories import overview
 
@@ -38,7 +38,7 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
     """Draw the picture that fits a result.
 
     The page of a trajectory, a run, a design or a fit; a branch; the bifurcation diagrams, exponents or map of a
-    sweep. Of a sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers. Of
+    sweep. Of a sweep of numbers it is the net or peak force over one parameter or two, or else the first number. Of
     `follow` each direction has its own colour.
 
     **Arguments:** `result`: a `Trajectory`, a branch, a design, or a dataset of slipperjax; `options`: as for the
@@ -67,7 +67,7 @@ def plot(result: object, **options: object) -> Axes | np.ndarray:
         if name != "status"
     ]
     if numbers and len(parameters) in (1, 2):
-        name = "peak_force" if "peak_force" in numbers else numbers[0]
+        name = next((name for name in PEAKS if name in numbers), numbers[0])
         return quantity_map(ds, **({"name": name} | options))
     shown = ", ".join(parameters) or "no parameter"
     raise ValueError(

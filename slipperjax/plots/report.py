@@ -18,7 +18,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from ..flow.status import is_lost, step_error
-from ..model.dynamics import driven_mass
+from ..model.dynamics import static_loads
 from ..model.parameters import PARAMETERS
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import PARTS, Scene
@@ -29,6 +29,7 @@ from ..tools.units import STANDARD_GRAVITY
 from .comparisons import comparison, table as table_of_designs, verdict
 from .environment import environment_summary, environment_table, vibration
 from .runs import (
+    PEAKS,
     RunView,
     draw_panels,
     draw_speed,
@@ -36,10 +37,11 @@ from .runs import (
     edges_of_bands,
     finish_forces,
     in_hundredths,
+    main_peak,
     peak_of,
     speed_name,
 )
-from .style import COLORS, POINT_COLORS, by_contact, legend_above, line_color, page, set_log_ticks, styled, with_unit
+from .style import AXES, COLORS, POINT_COLORS, legend_above, line_color, page, set_log_ticks, styled, with_unit
 from .tables import APART, HUNDRED, of_hundreds, of_windows, tables, words
 
 WIDTH = 105
@@ -53,7 +55,8 @@ PAGE = (7.2, 9.4)
 LENGTHS = 8
 """Most lengths of rail that are listed with their status."""
 POINTS = 5
-"""Contact points that the envelope shows, those with the highest forces."""
+"""Contact points or net loads that an envelope shows, those with the highest forces."""
+NET = "peak_slipper_force"
 
 
 def report(
@@ -151,8 +154,12 @@ def _results(view: RunView) -> Iterator[str]:
     lost = is_lost(view.codes)
     if lost.any():
         yield "without the lengths that have no meaning:"
+    if NET in ds:
+        yield from _net_loads(view)
     if "peak_force" in ds:
-        yield from _peak(view)
+        at = peak_of(ds)
+        point = f"{at['contact'].item()} ({at['end'].item()})"
+        yield from _peak(view, "peak_force", "highest single contact point", point, at)
     if "impacts" in ds:
         impacts = float(ds["impacts"].sum())
         seconds = float(np.diff(view.times)[~lost].sum())
@@ -165,34 +172,48 @@ def _results(view: RunView) -> Iterator[str]:
     if "friction_work" in ds:
         heat = view.units.of(Quantity("friction_work", "J", "heat", shown_unit="kJ"))
         yield f"friction work {_said(heat, ds['friction_work'].sum())}"
-    if "peak_force_percentile" in ds:
-        percentile = ds["peak_force_percentile"].sel(percentile=99)
-        yield from _worst(view, "99th percentile of the windows' highest forces", "peak_force", percentile)
+    name = main_peak(ds)
+    if f"{name}_percentile" in ds:
+        text = f"99th percentile of a window's {view.quantity(name).long_name}"
+        yield from _worst(view, text, name, ds[f"{name}_percentile"].sel(percentile=99))
     if "rms_a_z" in ds:
         yield from _worst(view, "RMS of a_z", "a_z", ds["rms_a_z"])
     if "probe_error" in ds and view.scene is not None:
         yield step_error(view.scene, ds["probe_error"].values, ds["probe_error"].attrs.get("over", ""))
 
 
-def _peak(view: RunView) -> Iterator[str]:
-    """Yield the highest contact force and where it was, unless nothing touched."""
-    at = peak_of(view.ds)
-    peak = float(at["peak_force"])
-    # NaN, too, is no peak
-    if not peak > 0:
+def _net_loads(view: RunView) -> Iterator[str]:
+    """Yield the greatest net forces of slippers, vertical and lateral, where they were, and the greatest moments."""
+    ds = view.ds
+    for axis in ("z", "y"):
+        at = peak_of(ds.sel(axis=[axis]), NET)
+        slipper = at["slipper"].item() if "slipper" in at.coords else ""
+        times = ""
+        # how much harder than at rest; without gravity and load there is nothing to compare with
+        if axis == "z" and view.scene is not None:
+            static = static_load(view.scene, slipper, float(at["peak_slipper_distance"]))
+            if static > 0:
+                load = _said(view.quantity(NET), static)
+                times = f": {abs(float(at[NET])) / static:.3g} times its static load of {load}"
+        yield from _peak(view, NET, f"greatest net {AXES[axis]} force of a slipper", slipper, at, times)
+    if "peak_slipper_moment" in ds:
+        moment = abs(ds["peak_slipper_moment"])
+        most = moment.max([dim for dim in moment.dims if dim != "about"])
+        q = view.quantity("peak_slipper_moment")
+        each = [f"{about} {_said(q, value)}" for about, value in zip(most["about"].values, most, strict=True)]
+        yield f"greatest net moments of a slipper about its middle: {', '.join(each)}"
+
+
+def _peak(view: RunView, name: str, text: str, at_what: str, at: xr.Dataset, times: str = "") -> Iterator[str]:
+    """Yield in words a force of `PEAKS`, which `at` has, and where it was, unless nothing touched."""
+    force = float(at[name])
+    # NaN, too, is no force
+    if not abs(force) > 0:
         return
-    name = speed_name(view.ds)
-    speed = float(at[name])
-    point = f"{at['contact'].item()} ({at['end'].item()})"
     distance = view.quantity("distance")
-    where = f"{in_hundredths(distance.shown(float(at['peak_distance'])))} {distance.display_unit}"
-    place = f"{where} and {_said(view.quantity('speed'), speed)}"
-    times = ""
-    # how much harder than at rest; without gravity and load nothing to compare with
-    static = 0.0 if view.scene is None else static_load(view.scene, float(at["peak_distance"]))
-    if static > 0:
-        times = f": {peak / static:.3g} times the static load of {_said(view.quantity('peak_force'), static)}"
-    yield f"highest contact force {_said(view.quantity('peak_force'), peak)} at {point}, {place}{times}"
+    where = f"{in_hundredths(distance.shown(float(at[PEAKS[name].place])))} {distance.display_unit}"
+    place = f"{where} and {_said(view.quantity('speed'), at[speed_name(view.ds)])}"
+    yield f"{text} {_said(view.quantity(name), force)} at {f'{at_what}, ' * bool(at_what)}{place}{times}"
 
 
 def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterator[str]:
@@ -216,15 +237,10 @@ def _from_to(view: RunView, begin: float, end: float) -> str:
     return f"{ends} {view.quantity('distance').display_unit}"
 
 
-def static_load(scene: Scene, distance: float) -> float:
-    """Return the resultant of weight and applied load across the rail at a place of it [N]."""
-    # gravity pulls downward, a load in any direction
-    y = z = 0.0
-    if scene.load is not None:
-        force, _ = scene.load.wrench(scene.travel(scene.epoch_at(distance)))
-        y, z = float(force[1]), float(force[2])
-    weight = 0.0 if scene.gravity is None else float(driven_mass(scene) * scene.gravity)
-    return float(np.hypot(y, z - weight))
+def static_load(scene: Scene, slipper: str, distance: float) -> float:
+    """Return the share of a slipper, "" for a single one, in the weight and the load along z at a place [N]."""
+    loads = np.ravel(static_loads(scene, scene.travel(scene.epoch_at(distance))))
+    return float(loads[scene.slipper.names.index(slipper) if slipper else 0])
 
 
 def described(view: RunView) -> list[str]:
@@ -307,7 +323,7 @@ def pages_of(made: Report) -> Iterator[Figure]:
 def _figures(view: RunView) -> Iterator[Figure]:
     """Yield the pictures of a run, of numbers only where there are some."""
     finite = lambda name: name in view.ds and bool(np.isfinite(view.ds[name]).any())
-    panels = {"peak_force": _draw_envelope, "impacts": _draw_impacts}
+    panels = {name: functools.partial(_draw_envelope, name=name) for name in PEAKS} | {"impacts": _draw_impacts}
     draws = [draw_speed, *(draw for name, draw in panels.items() if finite(name))]
     page = draw_panels(view, draws)[0].figure
     page.set_size_inches(PAGE)
@@ -317,11 +333,12 @@ def _figures(view: RunView) -> Iterator[Figure]:
         yield _spectra(view, bands)
 
 
-def _draw_envelope(ax: Axes, view: RunView) -> None:
-    """Draw the highest force of each of the most loaded points along the rail, in `BINS` steps at most."""
+def _draw_envelope(ax: Axes, view: RunView, name: str) -> None:
+    """Draw some of `PEAKS` along the rail, a line for each of the highest points or slippers, of `BINS` steps."""
     ds = view.ds
-    q = view.quantity("peak_force")
-    force = q.shown(by_contact(ds[["peak_force"]])["peak_force"])
+    q = view.quantity(name)
+    dim = PEAKS[name].dim
+    force = q.shown(abs(PEAKS[name].listed(ds[[name]])[name]))
     size = -(-force.sizes["distance"] // BINS)
     edges = view.edges("distance")
     edges = np.append(edges[:-1:size], edges[-1])
@@ -330,10 +347,10 @@ def _draw_envelope(ax: Axes, view: RunView) -> None:
     most = highest.max("distance")
     # points that never touch have no line
     ranked = most.where(most > 0, drop=True).sortby(most, ascending=False)[:POINTS]
-    for name, color in zip(ranked["contact"].values, POINT_COLORS, strict=False):
-        label = f"{name}, {ranked.sel(contact=name):.4g} {q.display_unit}"
-        ax.stairs(highest.sel(contact=name), edges, baseline=None, lw=0.8, color=color, label=label)
-    finish_forces(ax, view)
+    for at, color in zip(ranked[dim].values, POINT_COLORS, strict=False):
+        label = f"{at}, {ranked.sel({dim: at}):.4g} {q.display_unit}"
+        ax.stairs(highest.sel({dim: at}), edges, baseline=None, lw=0.8, color=color, label=label)
+    finish_forces(ax, view, name)
 
 
 def _draw_impacts(ax: Axes, view: RunView) -> None:

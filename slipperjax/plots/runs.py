@@ -1,5 +1,6 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
+import functools
 import json
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from .style import (
     FLAGGED_LABEL,
     axis_label,
     by_contact,
+    by_load,
     check_dataset,
     color_bar,
     color_norm,
@@ -121,13 +123,13 @@ def units_along(scene: Scene | None, chosen: ShownUnits) -> ShownUnits:
 
 
 def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str] | None = None) -> np.ndarray:
-    """Draw a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
+    """Draw a run on one page, over the distance travelled: rail, speed and time, forces, impacts, spectra.
 
-    What the dataset lacks is left out, and so is what means nothing by its status. Forces are the highest of all
-    points in each window, with their percentiles in each stretch of windows, and a dot at the highest of all; impacts
-    are those of all points at the front and at the rear, or of each slipper of a sled. Spectra are root mean squares
-    of the vertical acceleration in third octaves; those that are finer than a stretch resolves, or beyond half of the
-    sampling frequency, are blank.
+    What the dataset lacks is left out, and so is what means nothing by its status. Forces are the greatest net forces
+    of slippers in each window, below them those of the highest single contact point, both with their percentiles in
+    each stretch of windows and a dot at the highest of all; impacts are those of all points at the front and at the
+    rear, or of each slipper of a sled. Spectra are root mean squares of the vertical acceleration in third octaves;
+    those that are finer than a stretch resolves, or beyond half of the sampling frequency, are blank.
 
     **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
     whose rail is drawn, default that of the dataset; `units`: such as ("ft", "lbf"), each for the quantities of its
@@ -139,7 +141,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str
     # panels by the variable that they need
     panels = {
         "seconds": draw_speed,
-        "peak_force": _draw_forces,
+        **{name: functools.partial(_draw_forces, name=name) for name in PEAKS},
         "impact_rate": _draw_impacts,
         "band_a_z": _draw_bands,
     }
@@ -254,27 +256,25 @@ def draw_speed(ax: Axes, view: RunView) -> None:
     legend_above(ax, [*ax.lines, *beside.lines])
 
 
-def _draw_forces(ax: Axes, view: RunView) -> None:
+def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
+    """Draw the highest of some of `PEAKS` in each window, and its percentiles in each stretch."""
     ds = view.ds
-    force = view.quantity("peak_force")
-    # infinities are no numbers to show
-    of_points = ds["peak_force"].where(np.isfinite(ds["peak_force"]))
-    windows = force.shown(of_points.max(point_dims(of_points)).values)
-    _draw_steps(ax, view, "distance", windows, "each window", COLORS["grey"])
+    force = view.quantity(name)
+    _draw_steps(ax, view, "distance", highest(ds, name, "distance", unit=force), "each window", COLORS["grey"])
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
-        values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
+        values = force.shown(ds[f"{name}_percentile"].isel(percentile=k).values)
         _draw_steps(ax, view, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
-    peak = peak_of(ds)
-    high = force.shown(float(peak["peak_force"]))
+    peak = peak_of(ds, name)
+    high = force.shown(float(peak[name]))
     # a run without contact has no peak
-    if high > 0:
+    if abs(high) > 0:
         at = view.quantity("distance")
-        place = float(at.shown(peak["peak_distance"]))
-        where = f"{peak['contact'].item()}, {in_hundredths(place)} {at.display_unit}"
-        label = f"{high:.4g} {force.display_unit} at {where}"
-        ax.plot(place, high, "o", ms=3.5, mew=0, color=line_color(1), label=label)
-    finish_forces(ax, view)
+        place = float(at.shown(peak[PEAKS[name].place]))
+        where = f"{peak[PEAKS[name].dim].item()}, {in_hundredths(place)} {at.display_unit}"
+        label = f"{high:.4g} {force.display_unit}: {where}"
+        ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=label)
+    finish_forces(ax, view, name)
 
 
 def in_hundredths(distance: float) -> str:
@@ -282,32 +282,59 @@ def in_hundredths(distance: float) -> str:
     return f"{round(distance, 2):.12g}"
 
 
-def finish_forces(ax: Axes, view: RunView) -> None:
-    """Label a panel of contact forces, and shade the lengths of rail that have a status of their own."""
-    ax.set_ylabel(name_label(view.quantity("contact_force")))
+def finish_forces(ax: Axes, view: RunView, name: str) -> None:
+    """Label a panel of some of `PEAKS`, and shade the lengths of rail that have a status of their own."""
+    ax.set_ylabel(with_unit(PEAKS[name].label, view.quantity(name).display_unit, brackets=True))
     ax.set_ylim(bottom=0)
     for begin, end, _ in view.flagged:
         ax.axvspan(*view.places([begin, end]), color=COLORS["red"], alpha=0.15, lw=0, label=FLAGGED_LABEL)
     legend_above(ax)
 
 
-def peak_of(ds: xr.Dataset) -> xr.Dataset:
+class PeakWords(NamedTuple):
+    """How highest forces of a kind are placed, listed and called."""
+
+    place: str
+    """Variable that says where they are [m]."""
+    dim: str
+    """Dimension along which `listed` has them."""
+    listed: Callable[[xr.Dataset], xr.Dataset]
+    label: str
+    """Of axes."""
+
+
+PEAKS = {
+    "peak_slipper_force": PeakWords("peak_slipper_distance", "load", by_load, "net force\nof a slipper"),
+    "peak_force": PeakWords("peak_distance", "contact", by_contact, "highest single\ncontact point"),
+}
+"""Highest forces of runs: net ones of slippers first, of single contact points second."""
+
+
+def main_peak(ds: xr.Dataset) -> str | None:
+    """Return the name of the first of `PEAKS` that a run has; None without any."""
+    return next((name for name in PEAKS if name in ds), None)
+
+
+def peak_of(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
     """Return `highest_forces` at the window with the highest one."""
-    return _at_highest(highest_forces(ds), "distance")
+    return _at_highest(highest_forces(ds, name), name, "distance")
 
 
-def highest_forces(ds: xr.Dataset) -> xr.Dataset:
-    """Return the highest contact force in each window of a run, and its place, at its contact point.
+def highest_forces(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
+    """Return the force of greatest magnitude in each window of a run, and its place, at its contact point or slipper.
 
-    The coordinates are those of `by_contact`; the force is NaN where none is known.
+    The coordinates are those of `by_contact`, or of `by_load`; the force is NaN where none is known.
+
+    **Arguments:** `name`: one of `PEAKS`.
     """
-    places = ds.get("peak_distance", ds["distance"])
-    return _at_highest(by_contact(ds[["peak_force"]].assign(peak_distance=places)), "contact")
+    place, dim, listed, _ = PEAKS[name]
+    places = ds.get(place, ds["distance"])
+    return _at_highest(listed(ds[[name]].assign({place: places})), name, dim)
 
 
-def _at_highest(ds: xr.Dataset, dim: str) -> xr.Dataset:
+def _at_highest(ds: xr.Dataset, name: str, dim: str) -> xr.Dataset:
     # NaN is lower than any force
-    return ds.isel({dim: ds["peak_force"].fillna(-np.inf).argmax(dim)})
+    return ds.isel({dim: abs(ds[name]).fillna(-np.inf).argmax(dim)})
 
 
 def _draw_impacts(ax: Axes, view: RunView) -> None:

@@ -11,7 +11,7 @@ from ..model.kinematics import contact_points
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require, whole
 from ..tools.types import Numbers
-from .runs import RUN_SOURCE, RunView
+from .runs import RUN_SOURCE, RunView, main_peak
 from .sections import RAIL_STYLE, SLIPPER_STYLE
 from .style import (
     check_dataset,
@@ -28,7 +28,7 @@ from .style import (
 def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str] | None = None) -> Axes:
     """Draw a sled on its rails from above, to scale: its slippers with their names, and its centre of mass.
 
-    It travels to the right. Of a run, slippers are coloured by their highest forces, where these mean something.
+    It travels to the right. Of a run, slippers are coloured by their greatest net forces, where these mean something.
 
     **Arguments:** `source`: a scene, or a dataset of `run` without a grid or of one case of it; `ax`: the Axes to
     draw into, default those of a new figure; `units`: of forces, as for `run_overview`.
@@ -44,9 +44,10 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
     rails = np.zeros(len(names)) if axis is None else np.asarray(axis).reshape(len(names), -1)[:, 0]
     with drawing(ax, None if view is None else view.ds, 5.0, 3.6) as ax:
         colors = [SLIPPER_STYLE["facecolor"]] * len(names)
-        if view is not None and "peak_force" in view.ds:
-            q = view.quantity("peak_force")
-            force = view.ds["peak_force"]
+        name = None if view is None else main_peak(view.ds)
+        if view is not None and name is not None:
+            q = view.quantity(name)
+            force = abs(view.ds[name])
             values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
             by_force = ScalarMappable(color_norm(values))
             color_bar(ax, by_force, name_label(q))

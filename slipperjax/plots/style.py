@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
@@ -23,7 +23,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, quantity
-from ..model.quantities import REACTIONS, Quantity, point_dims
+from ..model.quantities import NET_DIMS, REACTIONS, Quantity, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
 
@@ -53,6 +53,9 @@ COLUMN = 3.5
 """Width of a figure with one panel [inches]."""
 PAGE = 7.2
 """Width of a figure with several panels [inches]."""
+
+AXES = {"y": "lateral", "z": "vertical"}
+"""Axes of net forces in words."""
 
 FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
@@ -182,6 +185,15 @@ def by_contact(ds: xr.Dataset) -> xr.Dataset:
     return flat.assign_coords(contact=names.values, color=("contact", colors))
 
 
+def by_load(ds: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with one dimension `load` in place of those of slippers' net forces, with labels such as
+    "left1 vertical", of a single slipper "vertical"."""
+    dims = point_dims(ds)
+    each = product(*(ds[dim].values for dim in dims))
+    labels = [" ".join(AXES.get(str(label), str(label)) for label in one) for one in each]
+    return ds.stack(load=dims, create_index=False).assign_coords(load=labels)
+
+
 def typeset(unit: str) -> str:
     """Return a unit such as m/s^2 with its exponents raised, as matplotlib writes them."""
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
@@ -234,12 +246,18 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
     return quantity_of(name, ds).shown(ds[name].values)
 
 
-def highest(ds: xr.Dataset, name: str, *dims: str) -> np.ndarray:
-    """Return a variable over `dims` in its display unit, with its maximum along all other dimensions."""
+def highest(ds: xr.Dataset, name: str, *dims: str, unit: Quantity | None = None) -> np.ndarray:
+    """Return a variable over `dims` in its display unit, with its maximum along all other dimensions.
+
+    **Arguments:** `unit`: the quantity with the unit in which it is shown; default its own.
+    """
     values = ds[name].astype(float)
+    # of net loads the greatest magnitude
+    if set(NET_DIMS) & set(values.dims):
+        values = abs(values)
     # xarray leaves NaN out, and infinities are no numbers to draw
     values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
-    return quantity_of(name, ds).shown(values.values)
+    return (unit or quantity_of(name, ds)).shown(values.values)
 
 
 def as_dataset(result: object) -> object:

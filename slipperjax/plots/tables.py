@@ -8,14 +8,19 @@ import pandas as pd
 
 from ..flow.status import Status
 from ..model.quantities import Quantity, point_dims
-from .runs import RunView, edges_of, highest_forces, speed_name, stretch_of_windows
+from .runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
 SUMMED = ("impacts", "impulse", "friction_work")
 """Numbers that are summed over points and windows; of others the highest counts."""
 MEANS = ("speed", "contact_fraction", "drive_force", "slipper_force", "slipper_roll")
 """Numbers that are averaged over windows."""
-PLACED = ("peak_force", "point", "peak_distance")
-"""What belongs to the highest force."""
+PLACED = {
+    "peak_slipper_force": ("slipper_load", "peak_slipper_distance"),
+    "peak_force": ("point", "peak_distance"),
+}
+"""What belongs to the highest forces of `PEAKS`: at what, in words, and where."""
+SIGNED = ("peak_slipper_force", "peak_slipper_moment")
+"""Numbers of which that of greatest magnitude counts."""
 HUNDRED = 100.0
 """Length of rail of the second table [m]."""
 APART = 10.0
@@ -27,7 +32,8 @@ WORST = 10
 def of_windows(view: RunView) -> pd.DataFrame:
     """Return a row for each window: place [m], status in words, and numbers of all points together [SI unit].
 
-    Names of columns are those of the dataset's variables. The highest force has its `point` and its `peak_distance`.
+    Names of columns are those of the dataset's variables. The greatest net force of all slippers has its slipper and
+    axis as `slipper_load`, and its place; the highest force of a contact point has its `point` and its place.
     """
     ds = view.ds
     edges = edges_of(ds, "distance")
@@ -38,17 +44,21 @@ def of_windows(view: RunView) -> pd.DataFrame:
         "speed": ds[speed_name(ds)].values,
         "status": [words(code) for code in view.codes],
     }
-    if "peak_force" in ds:
-        at = highest_forces(ds)
-        force = at["peak_force"].values
-        # point and place are empty without contact
+    for name, (label, place) in PLACED.items():
+        if name not in ds:
+            continue
+        at = highest_forces(ds, name)
+        force = at[name].values
+        touched = abs(force) > 0
+        # label and place are empty without contact
         columns |= {
-            "peak_force": force,
-            "point": np.where(force > 0, at["contact"].values, ""),
-            "peak_distance": np.where(force > 0, at["peak_distance"].values, np.nan),
+            name: force,
+            label: np.where(touched, at[PEAKS[name].dim].values, ""),
+            place: np.where(touched, at[place].values, np.nan),
         }
     for name, values in ds.data_vars.items():
-        if "distance" not in values.dims or name in PLACED or values.dtype.kind not in "fiu":
+        known = name in columns and name not in SIGNED
+        if "distance" not in values.dims or known or values.dtype.kind not in "fiu":
             continue
         if "point" in values.dims:
             joined = values.sum if name in SUMMED else values.max
@@ -76,32 +86,45 @@ def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
         row: dict[str, object] = {"from": part["from"].iloc[0]}
         row |= {"to": part["to"].iloc[-1], "time": part["time"].iloc[-1]}
         row["status"] = ", ".join(part["status"].unique())
-        if "peak_force" in part:
-            # NaN counts as the highest there
-            highest = int(np.argmax(part["peak_force"].to_numpy()))
-            row |= {name: part[name].iloc[highest] for name in PLACED}
+        for name, placed in PLACED.items():
+            if name in part:
+                # NaN counts as the highest there
+                highest = int(np.argmax(part[name].abs().to_numpy()))
+                row |= {each: part[each].iloc[highest] for each in (name, *placed)}
         for name in part.columns.difference(list(row), sort=False):
             # the variable comes first, before a slipper or a direction
             of = name.split(" ")[0]
             how = "sum" if of in SUMMED else "mean" if of in MEANS else "max"
-            row[name] = part[name].agg(how, skipna=False)
+            row[name] = _farthest(part[name]) if of in SIGNED else part[name].agg(how, skipna=False)
         rows.append(row)
     return pd.DataFrame(rows, columns=windows.columns)
 
 
+def _farthest(values: pd.Series) -> float:
+    """Return the value of greatest magnitude, with its sign; NaN where one is."""
+    return values.iloc[int(np.argmax(values.abs().to_numpy()))]
+
+
 def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
-    """Return the windows with the highest forces, the highest first, whose places are `APART` or more apart.
+    """Return the windows with the greatest net forces, the greatest first, whose places are `APART` or more apart.
+
+    Each has its highest contact point. Without net forces those with the highest contact points are returned.
 
     **Arguments:** `windows`: the table of `of_windows`.
     """
-    columns = ["peak_distance", "speed", "point", "peak_force"]
-    rows = []
+    known = [name for name in PLACED if name in windows]
     # without forces there are none
-    left = windows[windows["peak_force"] > 0] if "peak_force" in windows else windows[:0]
+    name = known[0] if known else "peak_force"
+    label, place = PLACED[name]
+    columns = [place, "speed", label, name]
+    for other in known[1:]:
+        columns += [PLACED[other][0], other]
+    rows = []
+    left = windows[windows[name].abs() > 0] if known else windows[:0]
     while len(left) and len(rows) < WORST:
-        row = left.loc[left["peak_force"].idxmax()]
+        row = left.loc[left[name].abs().idxmax()]
         rows.append(row[columns])
-        left = left[(left["peak_distance"] - row["peak_distance"]).abs() >= APART]
+        left = left[(left[place] - row[place]).abs() >= APART]
     return pd.DataFrame(rows, columns=columns).reset_index(drop=True)
 
 
@@ -119,12 +142,12 @@ def shown_table(view: RunView, table: pd.DataFrame) -> pd.DataFrame:
 
 def quantity_of_column(view: RunView, name: str) -> Quantity | None:
     """Return the quantity of a column; None for one of words."""
-    if name in ("status", "point"):
+    if name in ("status", "point", "slipper_load"):
         return None
     if name == "time":
         return view.units.of(Quantity(name, "s", name))
     # distances, also that of the peak
-    if name in ("from", "to", "peak_distance"):
+    if name.split(" ")[0] in ("from", "to", "peak_distance", "peak_slipper_distance"):
         return view.quantity("distance")
     # the variable comes first, before a direction
     return view.quantity(name.split(" ")[0])

@@ -39,7 +39,7 @@ def compare(
     length: float,
     rails: int = 1,
     starts: int = 1,
-    record: str = "peak_force",
+    record: str = "peak_slipper_force",
     quantiles: Sequence[float] = (0.5, 0.95),
     start: object = None,
     seed: int = 0,
@@ -62,7 +62,8 @@ def compare(
         and `RandomRails.like`.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
-    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum.
+    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum;
+        by default the greatest net force of a slipper.
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
@@ -79,7 +80,7 @@ def compare(
     of_windows = run_record(record)
     if of_windows is None:
         raise ValueError(
-            f"Argument `record` must be the name of a number, such as peak_force, but is {brief(record)}."
+            f"Argument `record` must be the name of a number, such as peak_slipper_force, but is {brief(record)}."
         )
     shares = [
         float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
@@ -119,10 +120,10 @@ def compare(
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
-    """Return the number of each run: of all its windows, the highest of all points; NaN for lost runs."""
+    """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
     values = ds[record.name].transpose("distance", "case", ...).values
     joined = np.asarray(record.join.reduce(values, axis=0))
-    numbers = joined.reshape(len(joined), -1).max(axis=1)
+    numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 

@@ -19,7 +19,7 @@ from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
-from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
+from ..model.quantities import COORDINATE_SCALES, LOADS, SLIPPER_LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, Motions, classify_motions
@@ -178,7 +178,7 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
     return RecordSet(records), tuple(one for one in outputs if isinstance(one, AbstractStage))
 
 
-OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse", "damping_ratio")}
+OF_LOADS = {RECORDS[name] for name in (*LOADS, *SLIPPER_LOADS, "impact_impulse", "damping_ratio")}
 """Records that look at contact loads."""
 
 

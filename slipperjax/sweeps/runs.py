@@ -25,7 +25,7 @@ from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
-from ..model.quantities import point_dims
+from ..model.quantities import highest_of_points
 from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
@@ -52,6 +52,7 @@ from .windows import (
     Wearing,
     Worn,
     default_records,
+    named_records,
     play_added,
     run_record,
     stretch_ends,
@@ -133,13 +134,15 @@ def run(
 
     - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
       `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
-      `Status.TOO_SLOW` where it does: by default `peak_force` [N] of each point, `peak_distance` where it was [m],
-      `contact_fraction` [1], `impacts`, the number of touchdowns, `impulse` [N s], `drive_force` [N], and greatest
+      `Status.TOO_SLOW` where it does: by default net loads of each slipper, those of greatest magnitude with their
+      signs, `peak_slipper_force` [N], its place `peak_slipper_distance` [m], `peak_slipper_moment` [N m] and with
+      gravity or a load `static_ratio` [1]; of each point `peak_force` [N], its place `peak_distance` [m],
+      `contact_fraction` [1], `impacts`, the number of touchdowns, and `impulse` [N s]; `drive_force` [N], greatest
       accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
     - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
-      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s];
-      `peak_force_percentile` of the windows' highest forces [N]; `state`, from which a run can go on; with wear
-      `play` [m].
+      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; of the
+      windows' highest forces `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from which a
+      run can go on; with wear `play` [m].
 
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted` after
     Ctrl-C, with the finished runs.
@@ -241,7 +244,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = []
-    for one in chosen:
+    for one in (single for several in chosen for single in named_records(several)):
         known.append(run_record(one))
         ok = known[-1] is not None
         require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
@@ -536,11 +539,12 @@ def _with_rates(ds: xr.Dataset) -> xr.Dataset:
         seconds = ends - ends.shift(stretch=1, fill_value=0.0)
         rate = ds["impacts"].groupby(stretch).sum(skipna=False) / seconds
         ds["impact_rate"] = rate.assign_attrs(units="1/s", long_name="rate of touchdowns")
-    if "peak_force" in ds:
-        highest = ds["peak_force"].max(point_dims(ds["peak_force"]), skipna=False).groupby(stretch)
-        values = highest.quantile(np.array(PERCENTILES) / 100, skipna=False)
+    for name in ("peak_slipper_force", "peak_force"):
+        if name not in ds:
+            continue
+        values = highest_of_points(ds[name]).groupby(stretch).quantile(np.array(PERCENTILES) / 100, skipna=False)
         values = values.rename(quantile="percentile").assign_coords(percentile=list(PERCENTILES))
         values["percentile"].attrs["units"] = "%"
-        words = ds["peak_force"].attrs | {"long_name": "percentile of the windows' highest forces"}
-        ds["peak_force_percentile"] = values.transpose(..., "stretch", "percentile").assign_attrs(words)
+        words = ds[name].attrs | {"long_name": f"percentile of a window's {ds[name].attrs['long_name']}"}
+        ds[f"{name}_percentile"] = values.transpose(..., "stretch", "percentile").assign_attrs(words)
     return ds

@@ -13,7 +13,15 @@ from jaxtyping import Array, Float, Int
 
 from ..flow.course import Course
 from ..flow.record import AbstractRecord, Unlabelled
-from ..flow.records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
+from ..flow.records import (
+    ALIASES,
+    POINTS,
+    RECORDS,
+    AbstractNumber,
+    AbstractQuantityRecord,
+    PeakDistance,
+    Record,
+)
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
 from ..tools.checks import whole
@@ -37,26 +45,6 @@ def _peak(k: int, q: Quantity) -> Record:
     return Record(Quantity(f"peak_{q.name}", q.unit, text, rf"|{q.symbol}|_{{\max}}"), size, "max")
 
 
-def _only(values: Array, axis: int = 0) -> Array:
-    """Return the only one of some values along the first axis, NaN for several."""
-    return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
-
-
-@dataclass(frozen=True)
-class PeakDistance(AbstractAtPeak, AbstractNumber):
-    """The distance travelled at the highest normal force of each point; NaN where it is open throughout."""
-
-    quantity = Quantity("peak_distance", "m", "distance travelled at the highest contact force")
-    # distances alone do not tell where the highest force of several windows was
-    join = Join(np.nan, _only)
-
-    def of(self, course):
-        return course.loads.peak_period * course.travel.wavelength
-
-    def finish(self, carried, samples, span):
-        return np.asarray(carried[1])
-
-
 @dataclass(frozen=True)
 class AccelerationHistory(AbstractNumber):
     """Accelerations of the body at equal distances, from which `slipperjax.environment` makes those of any place."""
@@ -67,7 +55,7 @@ class AccelerationHistory(AbstractNumber):
     quantity = Quantity(
         "body_acceleration", "", "accelerations, angular velocities and modal accelerations, SI units"
     )
-    join = Join(np.nan, _only)
+    join = PeakDistance.join
 
     def __post_init__(self):
         whole("samples", self.samples, 1, 100_000)
@@ -112,7 +100,7 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
         ),
         Record(
             Quantity("slipper_roll", "N m", "mean moment of a slipper's contacts about the x axis", r"\bar M_X"),
-            lambda c: c.slipper_load.mean[..., 2],
+            lambda c: c.slipper_roll.mean,
             "mean",
             ("slipper",),
         ),
@@ -122,11 +110,12 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
 }
 """Records of numbers for runs, besides those of `RECORDS`."""
 DEFAULT = (
+    *("peak_slipper_force", "peak_slipper_moment", "peak_slipper_distance"),
     *("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force"),
     *(f"peak_{name}" for name in ACCELERATIONS),
 )
-"""Records of each window by default; with friction `friction_work`, with a mass on it `spring_force`, and of a sled
-`slipper_force` and `slipper_roll`, too."""
+"""Records of each window by default; with gravity or a load `static_ratio`, with friction `friction_work`, with a
+mass on it `spring_force`, and of a sled `slipper_force` and `slipper_roll`, too."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 """Records of each stretch."""
 
@@ -134,10 +123,16 @@ PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 def default_records(scene: Scene) -> list[str]:
     """Return the names of the records that a run keeps of each window by default."""
     names = list(DEFAULT)
+    names += ["static_ratio"] * (scene.gravity is not None or scene.load is not None)
     names += ["friction_work"] * (scene.friction is not None)
     names += ["spring_force"] * (scene.sled is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
     return names
+
+
+def named_records(name: object) -> tuple[object, ...]:
+    """Return the names that a name of several records stands for, and anything else by itself."""
+    return ALIASES.get(name, (name,)) if isinstance(name, str) else (name,)
 
 
 def run_record(name: Any) -> AbstractNumber | None:

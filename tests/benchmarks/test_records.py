@@ -21,7 +21,7 @@ from .timing import in_turns
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 CASES, STEPS, PERIODS, ROUNDS = 256, 100, 20, 7
 
-NAMED = ["motion", "peak_force", "rms", "extremes", "sections"]
+NAMED = ["motion", "peak_force", "slipper_peak", "rms", "extremes", "sections"]
 OWN = [RECORDS["drive_force"]]
 ASKED = {
     "plain": None,

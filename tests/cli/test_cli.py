@@ -156,7 +156,7 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     assert error == ""
     case = "speed 1000 m/s, clearance 1 mm, length 0.2 m, from the scene file's start"
     assert text.startswith(
-        f"wrote {out}.nc and {out}.png\n{case}; 50 steps per period; status: finite; highest contact force "
+        f"wrote {out}.nc and {out}.png\n{case}; 50 steps per period; status: finite; highest single contact point "
     )
     assert f" {peak.max():.0f} N at {name}, period {when:.3f}; half the step changes the motion by " in text
     assert " per period (unit: 1 mm" in text
@@ -173,7 +173,9 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
         "distance [m],vertical [mm]\n" + "".join(f"{k / 2},{np.sin(k / 4):.4f}\n" for k in range(40, 130))
     )
     text, _ = call([*words, "--rail", rail], capsys)
-    assert re.search(r"; 50 steps per 8 m; .* highest contact force \d+ N at \w\d, [234]\d\.\d* m; half the", text)
+    assert re.search(
+        r"; 50 steps per 8 m; .* highest single contact point \d+ N at \w\d, [234]\d\.\d* m; half the", text
+    )
     assert re.search(r"half the step changes the motion by \S+ per 8 m \(unit", text)
 
 

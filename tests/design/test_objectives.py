@@ -22,6 +22,10 @@ from ..flow.made_up import made_up_course, wave
 PEAK, ROLL = OBJECTIVES["peak_force"], OBJECTIVES["excursion_roll"]
 
 
+NET = [wave(60.0, -0.5), wave(20.0), *[wave(7.0, 0.5)] * 3]
+"""Net force along y, which is greatest downwards, and z, and net moments."""
+
+
 def spread(curve, shape=()):
     """A wave at many places."""
     return tuple(np.broadcast_to(a.reshape(-1, *[1] * len(shape)), (len(a), *shape)) for a in curve)
@@ -35,6 +39,7 @@ def some_course(**curves):
         gap=spread(wave(1e-4, 1.5, 2), (2, 10)),
         power=spread(wave(0.0), (2, 10)),
         drive_force=wave(3.0, 2.0),
+        slipper_load=tuple(np.stack(each, axis=-1) for each in zip(*NET, strict=True)),
     )
     return made_up_course(**(parts | curves))
 
@@ -59,6 +64,9 @@ def power_mean(order):
 SINES = [
     (PEAK, 100.0),
     (OnePoint(RECORDS["peak_force"], "C2"), 100.0),
+    (OBJECTIVES["peak_slipper_force"], 90.0),
+    (objective_named("peak_slipper_force_z"), 20.0),
+    (PowerMean(objective_named("peak_slipper_force_z"), 64), 20 * power_mean(64)),
     (OBJECTIVES["rms_a_y"], 100 / math.sqrt(2)),
     (ROLL, 2e-3),
     (PowerMean(ROLL, 8), 2e-3 * power_mean(8)),
@@ -120,6 +128,7 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
     assert point == OnePoint(RECORDS["peak_force"], "A1") != objective_named("peak_force_A2")
     assert hash(PowerMean(PEAK, 16)) == hash(PowerMean(PEAK, 16))
     assert point.name == "peak_force_A1"
+    assert objective_named("peak_slipper_force_z") == OnePoint(RECORDS["peak_slipper_force"], "z")
     assert objective_named(RECORDS["peak_force"]) == PEAK
     result = objective_named(lambda course: course.steps * 1.0)
     assert isinstance(result, Record)
@@ -128,8 +137,8 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
 
 def test_wrong_choices_are_refused():
     for make, words in [
-        (lambda: objective_named("rms_a_x"), "Argument `objective` must be one of peak_force, rms_a_y"),
-        (lambda: objective_named(RECORDS["impulse"]), "Argument `objective` must be one of peak_force"),
+        (lambda: objective_named("rms_a_x"), "Argument `objective` must be one of peak_slipper_force, "),
+        (lambda: objective_named(RECORDS["impulse"]), "Argument `objective` must be one of peak_slipper_force"),
         (lambda: PowerMean(PEAK, 0), "Argument `order` must be positive"),
         (lambda: PowerMean(RECORDS["rms_a_y"]), "Argument `record` must have samples"),
         (lambda: OnePoint(RECORDS["impulse"]), "Argument `record` must be a greatest or least of points"),

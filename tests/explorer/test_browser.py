@@ -223,7 +223,7 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         fill((2, 2))
         window.page.get_by_text("not computed yet").wait_for(state="hidden", timeout=WAIT)
         window.page.locator("select").first.select_option("peak_force")
-        window.wait("Colours: highest normal contact force")
+        window.wait("Colours: highest normal force of a contact point")
         window.look(1300, 1.5)
         window.ready()
         window.close()

@@ -30,7 +30,7 @@ def test_numbers_of_lost_cases_mean_nothing():
     assert is_lost(Status.DERAILED)
     assert not is_lost(Status.INACCURATE)
     run = sj.simulate(sj.paper_scene(), 1, steps_per_period=50)
-    assert "status 0: finite, highest contact force" in repr(run)
+    assert "status 0: finite, highest single contact point" in repr(run)
     for status in (Status.DERAILED, Status.PRESSED_IN, Status.TOO_FEW_STEPS):
         lost = dataclasses.replace(run, status=jnp.asarray(int(status)))
         assert repr(lost).endswith(f"50 steps per period, status {int(status)}: {status})")

@@ -10,7 +10,7 @@ import pytest
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.flow.datasets import dataset_of
-from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, static_load, summary
+from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, summary
 from slipperjax.plots.runs import RunView
 from slipperjax.plots.tables import of_hundreds, of_windows, of_worst, tables
 
@@ -35,6 +35,56 @@ def run(status=0, **variables):
     ds = ds.assign(more | variables).assign_coords(direction=["lateral", "vertical"])
     ds["friction_work"].attrs["units"] = "J"
     return ds
+
+
+def with_net_loads(ds):
+    """Adds net forces of 1 kN along z and 0.5 along y, but -6 kN along y at 222.25 m."""
+    force, place = np.tile([0.5e3, 1e3], (WINDOWS, 1)), np.full((WINDOWS, 2), 222.0)
+    force[122, 0], place[122, 0] = -6e3, 222.25
+    over = ("distance", "axis")
+    net = {"peak_slipper_force": (over, force), "peak_slipper_distance": (over, place)}
+    net["peak_slipper_moment"] = (("distance", "about"), np.tile([10.0, -30.0, 20.0], (WINDOWS, 1)))
+    net["peak_slipper_force_percentile"] = 10 * ds["peak_force_percentile"]
+    return ds.assign(net).assign_coords(axis=["y", "z"], about=["x", "y", "z"])
+
+
+def test_net_loads_come_first_in_words_tables_and_pictures():
+    scene = sj.paper_scene().replace(gravity=10.0)
+    view = RunView.of(with_net_loads(run()), scene)
+    lines = summary(view)
+    assert lines[2:6] == [
+        "greatest net vertical force of a slipper 1 kN at 222 m and 100 m/s: 7.14 times its static load of 0.14 kN",
+        "greatest net lateral force of a slipper -6 kN at 222.25 m and 100 m/s",
+        "greatest net moments of a slipper about its middle: x 10 N m, y 30 N m, z 20 N m",
+        "highest single contact point 5 kN at C2 (rear), 222.5 m and 100 m/s",
+    ]
+    assert any("greatest net force of a slipper: 80 kN from 300 to 350 m" in line for line in lines)
+    windows = of_windows(view)
+    assert windows.columns[5:11].tolist() == [
+        *("peak_slipper_force", "slipper_load", "peak_slipper_distance"),
+        *("peak_force", "point", "peak_distance"),
+    ]
+    assert windows.iloc[122, 5:8].tolist() == [-6e3, "lateral", 222.25]
+    assert windows.iloc[0, 5:7].tolist() == [1e3, "vertical"]
+    hundreds = of_hundreds(windows)
+    assert hundreds["peak_slipper_force"].tolist() == [1e3, -6e3, 1e3]
+    assert hundreds["peak_slipper_force y"].tolist() == [0.5e3, -6e3, 0.5e3]
+    assert hundreds["peak_slipper_moment y"].tolist() == [-30.0] * 3
+    worst = of_worst(windows).iloc[0]
+    assert worst.tolist() == [222.25, 100.0, "lateral", -6e3, "C2", 5e3]
+    _, along, _ = pages_of(_of_run(view))
+    net, single = along.axes[3:5]
+    assert [ax.get_ylabel() for ax in (net, single)] == [
+        "net force\nof a slipper [kN]",
+        "highest single\ncontact point [kN]",
+    ]
+    assert legend(net) == ["lateral, 6 kN", "vertical, 1 kN"]
+    overview = plots.run_overview(view.ds, scene)
+    assert [ax.get_ylabel() for ax in overview[3:5]] == [net.get_ylabel(), single.get_ylabel()]
+    assert legend(overview[3])[-1] == "-6 kN: lateral, 222.25 m"
+    assert overview[3].patches[0].get_data()[0][122] == 6.0
+    # each stretch has its percentiles, times ten
+    assert overview[3].patches[1].get_data()[0].tolist() == [0.0, 30.0, 60.0]
 
 
 def test_tables_join_windows_as_their_numbers_want():
@@ -125,7 +175,10 @@ def test_files_hold_what_the_tables_hold(tmp_path):
     for name, table in wanted.items():
         pd.testing.assert_frame_equal(sheets[name], table, check_dtype=False, rtol=1e-12)
     assert sheets["summary"]["summary"][0] == "status: finite"
-    assert "highest contact force 1124 lbf at C2 (rear), 729.99 ft and 100 m/s" in sheets["summary"]["summary"].values
+    assert (
+        "highest single contact point 1124 lbf at C2 (rear), 729.99 ft and 100 m/s"
+        in sheets["summary"]["summary"].values
+    )
 
 
 def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
@@ -193,7 +246,7 @@ def test_windows_that_are_lost_are_named_and_left_out():
         "100 to 350 m in 2.5 s, speed 100 m/s",
         "without the lengths that have no meaning:",
     ]
-    assert lines[4].startswith("highest contact force 1 kN at A1 (front), 222 m")
+    assert lines[4].startswith("highest single contact point 1 kN at A1 (front), 222 m")
     kept = 6 * (sum(range(WINDOWS)) - sum(range(120, 130)))
     assert f"{kept} impacts, {kept / 2.4:.4g} per second" in lines
     hundreds = tables(view)["100 m"]
@@ -234,7 +287,3 @@ def test_wrong_files_and_units_are_one_line(tmp_path):
         with pytest.raises(ValueError, match=words):
             plots.report(**{"ds": run()} | wrong)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_static_load_is_of_weight_and_load():
-    assert static_load(sj.paper_scene().replace(gravity=10.0), 300.0) == pytest.approx(140.0)

@@ -51,7 +51,13 @@ def test_a_run_is_drawn_over_one_distance():
     lateral, rail, speed, force, impacts, spectra = axes
     assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 6
     assert [ax.get_xlabel() for ax in axes] == [""] * 5 + ["distance [m]"]
-    wanted = ["lateral\n[mm]", "vertical\n[mm]", "speed $V$ [m/s]", "contact force $F$ [kN]", "impacts [1/s]"]
+    wanted = [
+        "lateral\n[mm]",
+        "vertical\n[mm]",
+        "speed $V$ [m/s]",
+        "highest single\ncontact point [kN]",
+        "impacts [1/s]",
+    ]
     assert [ax.get_ylabel() for ax in axes[:5]] == wanted
     assert rail.figure.get_suptitle() == "$V$ = 100 m/s"
     for ax in (lateral, rail):
@@ -66,7 +72,7 @@ def test_a_run_is_drawn_over_one_distance():
     assert [values.tolist() for values, _ in percentiles] == [[0, 3, 6], [1, 4, 7], [2, 5, 8]]
     assert all(edges.tolist() == [100.0, *ENDS] for _, edges in percentiles)
     assert drawn(marked(force, "o")[0]).tolist() == [[222.5, 5.0]]
-    assert legend(force) == ["each window", *(f"{k} % of a stretch" for k in (50, 90, 99)), "5 kN at C2, 222.5 m"]
+    assert legend(force) == ["each window", *(f"{k} % of a stretch" for k in (50, 90, 99)), "5 kN: C2, 222.5 m"]
     assert [values.tolist() for values, _ in heights(impacts)] == [[3, 21, 39], [12, 30, 48]]
     (mesh,) = spectra.collections
     np.testing.assert_array_equal(mesh.get_array(), np.ma.masked_invalid([[1, 3, np.nan], [2, 40, 6]]))
@@ -86,9 +92,9 @@ def test_a_run_is_drawn_in_a_user_s_units():
     assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0 / 25.4, rel=1e-3)
     assert speed.get_ylabel() == "speed $V$ [mph]"
     assert drawn(speed.lines[0])[0] == pytest.approx([100 / 0.3048, 100 / 0.44704])
-    assert force.get_ylabel() == "contact force $F$ [lbf]"
+    assert force.get_ylabel() == "highest single\ncontact point [lbf]"
     assert heights(force)[0][0][122] == pytest.approx(5e3 / 4.4482216)
-    assert legend(force)[-1] == "1124 lbf at C2, 729.99 ft"
+    assert legend(force)[-1] == "1124 lbf: C2, 729.99 ft"
     assert spectra.get_xlabel() == "distance [ft]"
     assert np.nanmax(spectra.collections[0].get_array()) == pytest.approx(40 / 9.80665)
 
@@ -101,7 +107,7 @@ def test_windows_with_a_status_are_shaded_and_lost_ones_are_not_drawn():
     highest, _ = heights(force)[0]
     assert np.isnan(highest).tolist() == ((codes == 3) | (codes == 2)).tolist()
     # the highest force was in a lost window, and stretches with such have no numbers
-    assert legend(force)[-2:] == ["1 kN at A1, 222 m", "status not 0"]
+    assert legend(force)[-2:] == ["1 kN: A1, 222 m", "status not 0"]
     assert np.isnan(heights(force)[1][0]).tolist() == [True, True, False]
     shaded = [patch.get_extents().transformed(force.transData.inverted()) for patch in force.patches[4:]]
     assert [box.intervalx.tolist() for box in shaded] == [
@@ -118,9 +124,9 @@ def test_windows_with_a_status_are_shaded_and_lost_ones_are_not_drawn():
 @pytest.mark.parametrize(
     ("part", "stretches", "peak"),
     [
-        (slice(120, 130), [1], "5 kN at C2, 222.5 m"),
-        (slice(90, 110), [0, 1], "1 kN at A1, 222 m"),
-        (slice(0, 250), [0, 1, 2], "5 kN at C2, 222.5 m"),
+        (slice(120, 130), [1], "5 kN: C2, 222.5 m"),
+        (slice(90, 110), [0, 1], "1 kN: A1, 222 m"),
+        (slice(0, 250), [0, 1, 2], "5 kN: C2, 222.5 m"),
     ],
 )
 def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
@@ -139,7 +145,7 @@ def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
 
 def test_what_a_run_lacks_is_left_out():
     axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
-    assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "contact force $F$ [kN]"]
+    assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "highest single\ncontact point [kN]"]
     assert axes[-1].get_xlabel() == "distance [m]"
     spectra = plots.run_overview(made(bands=False))[-1]
     assert not len(spectra.collections)

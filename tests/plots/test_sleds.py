@@ -132,14 +132,27 @@ def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     wanted = run["slipper_force"].sel(slipper="left2", direction="vertical").mean("distance")
     np.testing.assert_allclose(column, [float(wanted)], rtol=1e-12)  # measured 0
     assert any(f"at {name} (" in line for line in summary(view))
+    # net loads of its slippers come first
+    net = run["peak_slipper_force"].values.reshape(30, -1)
+    window, load = np.unravel_index(np.argmax(np.abs(net)), net.shape)
+    slipper = NAMES[load // 2]
+    loaded = f"{slipper} {('lateral', 'vertical')[load % 2]}"
+    at = peak_of(run, "peak_slipper_force")
+    assert (at["load"].item(), float(at["peak_slipper_force"])) == (loaded, net[window, load])
+    assert table["peak_slipper_force"].abs().max() == np.abs(net).max()
+    static = np.abs(run["peak_slipper_force"].sel(axis="z")) / (100 * 9.81)
+    np.testing.assert_allclose(run["static_ratio"], static, rtol=1e-9)
+    assert any(f"at {slipper}, " in line for line in summary(view) if line.startswith("greatest net vertical"))
     axes = plots.run_overview(run)
     assert legend(axes[0]) == ["left lateral", "right lateral"]
-    assert f"at {name}, " in legend(axes[3])[-1]
-    assert legend(axes[4]) == NAMES
+    assert f": {loaded}, " in legend(axes[3])[-1]
+    assert f": {name}, " in legend(axes[4])[-1]
+    assert legend(axes[5]) == NAMES
     each = run["impact_rate"].sum(("end", "point")).values
-    assert [patch.get_data()[0].tolist() for patch in axes[4].patches] == each.T.tolist()
+    assert [patch.get_data()[0].tolist() for patch in axes[5].patches] == each.T.tolist()
     along = list(pages_of(_of_run(view)))[1]
-    assert legend(along.axes[3])[0].startswith(f"{name}, ")
+    assert legend(along.axes[3])[0].startswith(f"{loaded}, ")
+    assert legend(along.axes[4])[0].startswith(f"{name}, ")
     for ending in ("pdf", "csv", "xlsx"):
         assert plots.report(run, tmp_path / f"sled.{ending}").startswith("wrote ")
     assert isinstance(plots.plot(run), np.ndarray)
@@ -155,12 +168,12 @@ def test_a_plan_has_each_slipper_at_its_place_coloured_by_its_force(run):
             pytest.approx([y - half, y + half]) for _, y, _ in CORNERS
         ]
         assert {round(rail.get_y() + rail.get_height() / 2, 6) for rail in ax.patches} == {0.9, -0.9}
-    highest = run["peak_force"].max(("distance", "end", "point")).values / 1e3
+    highest = np.abs(run["peak_slipper_force"]).max(("distance", "axis")).values / 1e3
     assert [text.get_text() for text in ax.texts] == [
         f"{name}\n{force:.4g} kN" for name, force in zip(NAMES, highest, strict=True)
     ]
     bar = bar_of(ax)
-    assert bar.get_ylabel() == r"peak force $F_{\mathrm{max}}$ [kN]"
+    assert bar.get_ylabel() == r"peak slipper force $F_{\mathrm{net}}$ [kN]"
     assert bar.get_ylim() == pytest.approx((highest.min(), highest.max()))
     # the darkest colour is that of the lowest force
     light = [area.get_facecolor()[0][:3].sum() for area in ax.collections]

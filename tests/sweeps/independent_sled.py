@@ -165,6 +165,16 @@ class Case:
         acts = (began < 0) & ~clamped
         return np.where(acts, self.stiffness * np.maximum(-gap, 0.0) ** 1.5 * self.damped(rate, began), 0.0)
 
+    def net(self, times, states, began, clamped):
+        """Of each slipper's contacts the force along y and z, and the moment about its middle, body's axes."""
+        gap, rate, (n_x, n), (arm_x, arm), turn, _ = self.geometry(times, states)
+        vectors = lambda x, across: np.stack([x, across.real, across.imag], axis=-1)
+        force = self.forces(gap, rate, began, clamped)[..., None] * vectors(n_x, n)
+        middle = np.repeat([s.place for s in self.slippers], 20, axis=0) @ turn.transpose(0, 2, 1)
+        moment = np.cross(vectors(arm_x, arm) - middle, force) @ turn
+        of_slippers = lambda a: a.reshape(len(times), len(self.slippers), 20, 3).sum(2)
+        return np.concatenate([of_slippers(force)[..., 1:], of_slippers(moment)], axis=-1)
+
     def signs(self, times, states, began, clamped):
         """Numbers that become negative where points close or open, then those where clamps begin or end; also gaps
         and their rates."""
@@ -203,6 +213,8 @@ class Result:
     """What a run leaves: of points an array (slippers, ends, 10) each, and the state at its end."""
 
     peaks: np.ndarray  # highest forces
+    net: np.ndarray  # loads of `Case.net` of greatest magnitude, (slippers, 5)
+    when: np.ndarray  # their instants
     touchdowns: np.ndarray
     state: np.ndarray
     steps: int
@@ -221,6 +233,7 @@ def run(case, start, distance, *, tolerance=1e-10, longest=1e-3):
     state, time, until = np.array(start, float), 0.0, distance / case.speed
     began, clamped = np.zeros(case.points), np.zeros(case.points, bool)
     peaks, touchdowns = np.zeros(case.points), np.zeros(case.points, int)
+    net, when = np.zeros((2, len(case.slippers), 5))
     switched = np.full(case.points, -np.inf)
     shortest, least, steps, clamps = np.inf, np.inf, 0, 0
     assert np.all(case.geometry(np.zeros(1), state[None])[0] > 0)
@@ -255,7 +268,13 @@ def run(case, start, distance, *, tolerance=1e-10, longest=1e-3):
                 events = found[roots <= time + TOGETHER]
                 instants = np.linspace(solver.t_old, time, len(instants))
                 _, gap, rate = signs(instants)
-            peaks = np.maximum(peaks, _highest(case.forces(gap, rate, began, clamped)))
+            peaks = np.maximum(peaks, _highest(case.forces(gap, rate, began, clamped))[0])
+            load = case.net(instants, path(instants).T, began, clamped)
+            for sign in (1, -1):
+                most, place = _highest(sign * load)
+                farther = most > np.abs(net)
+                net = np.where(farther, sign * most, net)
+                when = np.where(farther, instants[0] + place * (instants[1] - instants[0]), when)
         began, clamped = began.copy(), clamped.copy()
         for event in events:
             k = event % case.points
@@ -272,7 +291,7 @@ def run(case, start, distance, *, tolerance=1e-10, longest=1e-3):
                 began[k] = min(rate[-1, k], -SLOWEST)
                 touchdowns[k] += 1
     by_end = lambda a: a.reshape(-1, 2, 10)
-    return Result(by_end(peaks), by_end(touchdowns), state, steps, shortest, least, clamps)
+    return Result(by_end(peaks), net, when, by_end(touchdowns), state, steps, shortest, least, clamps)
 
 
 def _root(signs, between, first, k):
@@ -283,9 +302,10 @@ def _root(signs, between, first, k):
 
 
 def _highest(force):
-    """Highest values of equally spaced samples, (instants, points), by parabolas through three of them."""
+    """Highest values of equally spaced samples along the first axis, by parabolas through three of them, and the
+    places where they are [samples]."""
     middle = np.clip(np.argmax(force, axis=0), 1, len(force) - 2)[None]
     before, here, after = (np.take_along_axis(force, middle + shift, axis=0)[0] for shift in (-1, 0, 1))
     rise, bend = (after - before) / 2, before + after - 2 * here
     x = np.clip(-rise / np.where(bend < 0, bend, -np.inf), -1, 1)
-    return np.maximum(here + x * rise + x**2 * bend / 2, force.max(axis=0))
+    return np.maximum(here + x * rise + x**2 * bend / 2, force.max(axis=0)), middle[0] + x

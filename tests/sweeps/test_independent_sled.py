@@ -67,7 +67,7 @@ def scene_of(case):
 def both(case, distance, *, z=0.0):
     """Runs of slipperjax and of the independent one, at rest in the middle of the rails' beginning."""
     want = independent_sled.run(case, case.start(z=z), distance, tolerance=1e-12)
-    record = ["peak_force", "impacts"]
+    record = ["peak_force", "impacts", "slipper_peak"]
     options = dict(window=10.0, steps_per_period=3000, start=sj.Motion(z=z), record=record)
     ds = sj.run(scene_of(case), length=distance, **options)
     assert int(ds["status"]) == 0
@@ -87,6 +87,17 @@ def errors(case, ds, want):
     return forces, np.abs((number - other) / sizes).max()
 
 
+def net_errors(case, ds, want):
+    """Greatest differences of net loads, over the greatest force and moment of all, and of where forces are [m]."""
+    net = np.concatenate([ds["peak_slipper_force"], ds["peak_slipper_moment"]], axis=-1)
+    # of the windows, the one with the greatest magnitude
+    window = np.argmax(np.abs(net), axis=0)[None]
+    net = np.take_along_axis(net, window, axis=0)[0]
+    place = np.take_along_axis(ds["peak_slipper_distance"].values, window[..., :2], axis=0)[0]
+    force, moment = (np.abs(net - want.net)[:, k] / np.abs(want.net[:, k]).max() for k in (slice(2), slice(2, 5)))
+    return force.max(), moment.max(), np.abs(place - case.speed * want.when[:, :2]).max()
+
+
 # of unit modal mass: a twist of the frame, and a bend in which its ends move sideways and a little along x
 TWIST = [[0.0, 0.1, 1.0], [0.0, 0.1, -1.0], [0.0, -0.1, -1.0], [0.0, -0.1, 1.0]]
 BEND = [[0.2, 1.0, 0.1], [0.2, -0.8, 0.1], [-0.2, 1.0, 0.2], [-0.2, -0.8, 0.2]]
@@ -104,6 +115,11 @@ def test_an_elastic_sled_is_that_of_an_independent_implementation():
     forces, end = errors(sled, ds, want)
     assert forces < 2e-6  # 3e-7
     assert end < 2e-7  # 2e-8
+    force, moment, place = net_errors(sled, ds, want)
+    assert force < 1e-7  # 1.2e-8
+    assert moment < 1e-6  # 1.4e-7
+    assert place < 2e-5  # 3.7e-6 m
+    assert set(np.sign(want.net).ravel()) == {-1.0, 1.0}
 
 
 @pytest.mark.slow  # for a minute
@@ -119,3 +135,6 @@ def test_a_sled_on_two_random_rails_is_that_of_an_independent_implementation():
     forces, end = errors(sled, ds, want)
     assert forces < 1e-5  # 3e-7; 6e-8 with four times as many steps
     assert end < 1e-6  # 9e-9
+    force, moment, _ = net_errors(sled, ds, want)
+    assert force < 1e-5
+    assert moment < 1e-5
