@@ -66,7 +66,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert set(ds["steps_per_window"].values.tolist()) == {60}
     scene = sj.load_scene(ds)
     assert float(scene.slipper.mass) == 15.0
-    picture(tmp_path / "sled", 7.2, 8.3)
+    picture(tmp_path / "sled", 7.2, 9.8)
 
     duration = float(ds["seconds"][-1])
     # the status comes before all numbers of the run
