@@ -190,7 +190,7 @@ def _fits(operation: ir.Operation) -> bool:
     if operation.name == "stablehlo.dot_general":
         # one that can be written out
         types = {ir.RankedTensorType(x.type).element_type for x in (*operation.operands, *operation.results)}
-        return len(types) == 1 and isinstance(*types, ir.FloatType)
+        return len(types) == 1 and isinstance(types.pop(), ir.FloatType)
     # for these XLA on a CPU calls a library, or has no code inside a kernel
     others = "chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort"
     return operation.name not in others
