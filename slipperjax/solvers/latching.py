@@ -53,7 +53,7 @@ def field_of(terms: diffrax.AbstractTerm) -> VectorField:
 def dense_info(dt: Real, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, State | Array | None]:
     """Pack a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     frozen = None
-    if rates1.memory is None and y1.memory is not None:
+    if rates1.memory is None and y0.memory is not None:
         # of a contact that opens in the step, the memory at the end is that of an open point already; others have
         # the memory with which the step was made
         frozen = jnp.where(y0.memory < 0, y0.memory, y1.memory)
