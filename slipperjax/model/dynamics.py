@@ -344,9 +344,7 @@ class VectorField(eqx.Module):
         if not args.scene.integrates_memory:
             return None
         now = contacts(args.frame(t), state.motion)
-        memory = settle_memory(args.scene).memory
-        assert memory is not None  # it has been settled
-        return args.travel(t).period * memory.decay(now.gap)
+        return args.travel(t).period * settle_memory(args.scene).contact_memory.decay(now.gap)
 
     def open_step(self, t0: Real, state: State, args: Args) -> Before | None:
         """Return what `close_step` needs to know of the time before the first step; None where nothing is latched."""

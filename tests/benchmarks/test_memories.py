@@ -67,9 +67,10 @@ def test_forces_on_sled_rails():
 JOINT = 0.030 * 0.0254  # [m]
 
 
+@pytest.mark.filterwarnings("ignore:File:slipperjax.ImplausibleWarning")  # a column of remarks
 def test_a_joint():
     """Highest force where a slipper of 9 kg at rest on a surveyed rail meets a joint of 0.030 in at 300 m/s."""
-    scene = sj.load_scene(EXAMPLES / "one_slipper.toml", speed=300.0)
+    scene = dataclasses.replace(sj.load_scene(EXAMPLES / "one_slipper.toml"), speed=300.0)
     joint = sj.LocalTrack([10.0], [-JOINT], 0.6, shape="joint")
     print()
     ratios = {}
@@ -83,7 +84,8 @@ def test_a_joint():
             after = ds.sel(distance=slice(8.0, 14.0))
             ratio = ratios[memory, times] = float(after["damping_ratio"].max())
             status = sj.Status(int(ds["status"])).name
-            shown(f"joint, {memory}, {steps} steps, ratio {ratio:.1f}, {status}", after["peak_force"].values.ravel())
+            highest = float(after["peak_force"].max())
+            print(f"{memory}, {steps} steps: {1e-3 * highest:.2f} kN, damping ratio {ratio:.1f}, {status}", flush=True)
     assert ratios["fastest", 4] <= 1.001 * float(scene.contact.factor)
 
 
