@@ -85,7 +85,9 @@ def test_a_joint():
             ratio = ratios[memory, times] = float(after["damping_ratio"].max())
             status = sj.Status(int(ds["status"])).name
             highest = float(after["peak_force"].max())
-            print(f"{memory}, {steps} steps: {1e-3 * highest:.2f} kN, damping ratio {ratio:.1f}, {status}", flush=True)
+            print(
+                f"{memory}, {steps} steps: {1e-3 * highest:.2f} kN, damping ratio {ratio:.1f}, {status}", flush=True
+            )
     assert ratios["fastest", 4] <= 1.001 * float(scene.contact.factor)
 
 
