@@ -84,10 +84,8 @@ def test_a_joint():
             after = ds.sel(distance=slice(8.0, 14.0))
             ratio = ratios[memory, times] = float(after["damping_ratio"].max())
             status = sj.Status(int(ds["status"])).name
-            highest = float(after["peak_force"].max())
-            print(
-                f"{memory}, {steps} steps: {1e-3 * highest:.2f} kN, damping ratio {ratio:.1f}, {status}", flush=True
-            )
+            highest = 1e-3 * float(after["peak_force"].max())
+            print(f"{memory}, {steps} steps: {highest:.2f} kN, damping ratio {ratio:.1f}, {status}", flush=True)
     assert ratios["fastest", 4] <= 1.001 * float(scene.contact.factor)
 
 

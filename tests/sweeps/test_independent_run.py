@@ -76,8 +76,10 @@ def test_damping_by_the_fastest_approach_is_that_of_an_independent_implementatio
     apart = lambda a, b: np.max(np.abs(a - b)) / np.max(np.abs(b))
     print(apart(of("peak_force"), want.peaks), apart(of("impulse"), want.impulse))
     print(np.max(np.abs(motion_at_end(ds) - want.motion) / independent_run.SIZES[:10]))
-    np.testing.assert_allclose(of("peak_force"), want.peaks, rtol=0, atol=1e-4 * want.peaks.max())
-    np.testing.assert_allclose(of("impulse"), want.impulse, rtol=0, atol=2e-6 * want.impulse.max())
+    # measured 4e-5, at whose instants the independent run looks, and 1.2e-6
+    np.testing.assert_allclose(of("peak_force"), want.peaks, rtol=0, atol=1.5e-4 * want.peaks.max())
+    np.testing.assert_allclose(of("impulse"), want.impulse, rtol=0, atol=5e-6 * want.impulse.max())
+    # measured 9e-7
     np.testing.assert_array_less(np.abs(motion_at_end(ds) - want.motion), 5e-6 * independent_run.SIZES[:10])
 
 
