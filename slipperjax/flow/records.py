@@ -46,6 +46,13 @@ class Join(NamedTuple):
     """Finishes: gives the number from the reduced value and the number of periods."""
     size: Callable[[AnyArray], AnyArray] = lambda values: values
     """Gives that by which the greatest of several values, such as those of all points, is chosen."""
+    reduced: Callable[[AnyArray], AnyArray] = lambda values: values
+    """Gives back, from the number of one period, the value that `value` made it of."""
+
+    def whole(self, values: AnyArray) -> np.ndarray:
+        """Return the number of several periods from the numbers of each, along axis 0."""
+        together = np.asarray(self.reduce(self.reduced(values), axis=0))
+        return np.asarray(self.value(together, len(values)))
 
 
 def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
@@ -67,7 +74,7 @@ def _log_sum(values: Array, axis: int = 0) -> Array:
     # the greatest value is taken out, so that nothing overflows
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
-    total = jnp.sum(jnp.exp(values - scale), axis=axis)
+    total = jnp.sum(jnp.exp(values - jnp.expand_dims(scale, axis)), axis=axis)
     return jnp.where(
         jnp.isneginf(most),
         -jnp.inf,
@@ -81,7 +88,7 @@ JOINS: dict[str, Join] = {
     "extreme": Join(0.0, _farthest, size=abs),
     "sum": Join(0.0, jnp.sum),
     "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods),
-    "rms": Join(0.0, jnp.sum, _root_mean),
+    "rms": Join(0.0, jnp.sum, _root_mean, reduced=jnp.square),
 }
 """Ways to make one number of all periods, by name."""
 
@@ -233,7 +240,7 @@ class PowerMean(AbstractNumber):
         # on the host nothing is compiled
         exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
-        return Join(-np.inf, _log_sum, value)
+        return Join(-np.inf, _log_sum, value, reduced=lambda x: self.order * jnp.log(x))
 
     def of(self, course):
         """Return ln of the mean over time of the sum of x^order, whose power itself would overflow."""
@@ -339,13 +346,17 @@ def _only(values: Array, axis: int = 0) -> Array:
     return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
 
 
+ONE_PERIOD = Join(np.nan, _only)
+"""The join of values that several periods have no common number of."""
+
+
 @dataclass(frozen=True)
 class PeakDistance(AbstractAtPeak, AbstractNumber):
     """The distance travelled at the highest normal force of each point; NaN where it is open throughout."""
 
     quantity = Quantity("peak_distance", "m", "distance travelled at the highest force of a contact point")
     # distances alone do not tell where the highest force of several windows was
-    join = Join(np.nan, _only)
+    join = ONE_PERIOD
 
     def of(self, course):
         return course.loads.peak_period * course.travel.wavelength

@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from ..analysis.quantiles import bootstrap, check_quantile
-from ..flow.records import AbstractNumber
+from ..flow.records import ONE_PERIOD, AbstractNumber
 from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
@@ -62,8 +62,8 @@ def compare(
         and `RandomRails.like`.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
-    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum;
-        by default the greatest net force of a slipper.
+    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum,
+        of means and root mean squares that of all its windows; by default the greatest net force of a slipper.
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
@@ -82,6 +82,7 @@ def compare(
         raise ValueError(
             f"Argument `record` must be the name of a number, such as peak_slipper_force, but is {brief(record)}."
         )
+    require(of_windows.join is not ONE_PERIOD, "record", "be a number that several windows have in common", record)
     shares = [
         float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
     ]
@@ -122,7 +123,7 @@ def compare(
 def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
     """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
     values = ds[record.name].transpose("distance", "case", ...).values
-    joined = np.asarray(record.join.reduce(values, axis=0))
+    joined = record.join.whole(values)
     numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 

@@ -15,6 +15,7 @@ from ..flow.course import Course
 from ..flow.record import AbstractRecord, Unlabelled
 from ..flow.records import (
     ALIASES,
+    ONE_PERIOD,
     POINTS,
     RECORDS,
     AbstractNumber,
@@ -55,7 +56,7 @@ class AccelerationHistory(AbstractNumber):
     quantity = Quantity(
         "body_acceleration", "", "accelerations, angular velocities and modal accelerations, SI units"
     )
-    join = PeakDistance.join
+    join = ONE_PERIOD
 
     def __post_init__(self):
         whole("samples", self.samples, 1, 100_000)

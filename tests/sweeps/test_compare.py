@@ -11,8 +11,9 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.plots.comparisons import comparison, table, verdict
 from slipperjax.sweeps import over_rails
-from slipperjax.sweeps.compare import _compared
+from slipperjax.sweeps.compare import _compared, _numbers
 from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.windows import run_record
 
 SCENE = dataclasses.replace(sj.paper_scene(900.0), track=sj.RandomTrack.sled(length=400.0), gravity=9.81)
 DESIGNS = {"clearance": [0.8e-3, 1.6e-3]}
@@ -81,6 +82,35 @@ def test_lost_runs_are_repeated_with_more_steps():
     assert not ds["status"].any()
     finer = sj.run(stiff, DESIGNS, steps_per_period=80, **options)["peak_force"].max(("distance", "end", "point"))
     np.testing.assert_allclose(ds["runs"][:, 0, 0], finer, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("record", "dims", "joined"),
+    [
+        ("contact_fraction", ("end", "point"), np.mean),
+        ("contact_load", (), np.mean),
+        ("slipper_force", ("slipper", "direction"), np.mean),
+        ("rms_a_z", (), lambda values, axis: np.sqrt(np.mean(np.square(values), axis))),
+        ("impacts", ("end", "point"), np.sum),
+        ("smallest_z", (), np.min),
+        ("peak_force", ("end", "point"), np.max),
+        ("peak_slipper_force", ("slipper", "axis"), lambda values, axis: np.max(np.abs(values), axis)),
+    ],
+)
+def test_a_run_has_the_number_that_its_windows_have_together(record, dims, joined):
+    values = np.random.default_rng(0).uniform(-1.0, 1.0, size=(24, 3, *[2 for _ in dims]))
+    values = np.abs(values) if record == "rms_a_z" else values
+    ds = xr.Dataset({record: (("distance", "case", *dims), values), "status": ("case", np.zeros(3, int))})
+    expected = joined(values, axis=0).reshape(3, -1).max(axis=1)
+    np.testing.assert_allclose(_numbers(run_record(record), ds), expected, rtol=1e-12)
+
+
+def test_power_means_of_windows_are_joined_as_power_means():
+    smooth = sj.flow.RECORDS["peak_force"].smooth
+    values = np.random.default_rng(0).uniform(0.0, 1e5, size=(24, 3))
+    values[:, 0] = 0.0
+    expected = np.mean(values**32, axis=0) ** (1 / 32)
+    np.testing.assert_allclose(smooth.join.whole(values), expected, rtol=1e-12)
 
 
 def drawn(rails, starts, seed, shift=1.0):
@@ -172,7 +202,15 @@ def test_reports_of_comparisons_have_words_tables_and_pages(tmp_path):
     ("change", "words"),
     [
         (dict(rails=1), "Argument `rails` must be 2 or more, or `starts`, but is 1"),
-        (dict(record="speed"), "Argument `record` must be the name of a number, such as peak_force, but is 'speed'"),
+        (
+            dict(record="speed"),
+            "Argument `record` must be the name of a number, such as peak_slipper_force, but is 'speed'",
+        ),
+        (dict(record="peak_distance"), "must be a number that several windows have in common"),
+        (
+            dict(record="peak_slipper_distance"),
+            "Argument `record` must be a number that several windows have in common",
+        ),
         (dict(designs={"clearence": [1e-3]}), "Argument `clearence` is no parameter"),
         (
             dict(designs={"start_v_y": [0.0, 1.0]}, starts=2),
