@@ -14,7 +14,7 @@ BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (dict(objective="peak"), "Argument `objective` must be one of peak_force, "),
+        (dict(objective="peak"), "Argument `objective` must be one of peak_slipper_force, "),
         (dict(variables={}), "Argument `variables` must name parameters with their bounds"),
         (dict(variables={"clearence": (1e-3, 2e-3)}), "Argument `clearence` is no parameter"),
         (dict(variables={"clearance": (3e-3, 1e-3)}), "Argument `clearance` must have a lower bound below the upper"),

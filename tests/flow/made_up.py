@@ -33,5 +33,7 @@ def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any
         else:
             setattr(course, name, StepCubics(*map(jnp.asarray, parts), course=course))
     if {"force", "gap"} <= set(given):
-        course.loads = contact_loads(course.force.values, course.gap.values, jnp.zeros(steps + 1), course.args, steps)
+        course.loads = contact_loads(
+            course.force.values, course.gap.values, jnp.zeros(steps + 1), jnp.zeros(steps + 1), course.args, steps
+        )
     return course

@@ -188,7 +188,7 @@ def test_shares_in_contact_are_of_the_time(period, capacity):
     turned = sj.Scene(FASTER, scene.slipper, scene.section, scene.track, scene.contact)
     t = np.minimum(np.arange(capacity + 1), 64) / 64
     gap = np.broadcast_to((np.sin(2 * np.pi * t) + 0.3)[:, None, None], (capacity + 1, 2, 10))
-    of = jax.jit(lambda args: contact_loads(0 * gap, gap, 0 * t, args, 64.0).contact_fraction)
+    of = jax.jit(lambda args: contact_loads(0 * gap, gap, 0 * t, 0 * gap, args, 64.0).contact_fraction)
     edges = np.array([np.pi + np.arcsin(0.3), 2 * np.pi - np.arcsin(0.3)]) / (2 * np.pi)
     assert np.asarray(of(sj.Args(scene, float(period)))) == pytest.approx(np.diff(edges)[0], rel=1e-6)
     seconds = lambda places: np.diff(turned.seconds(period + np.asarray(places)))[0]

@@ -125,10 +125,10 @@ def test_quantities_are_converted(given, exact):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: SCENE.replace(speed=Q(30.0, "kg")), "`speed` must be positive, but is <Quantity(30.0, 'kilogram')>"),
-        (lambda: sj.Motion(y=Q(1.0, "mm/s")), "`y` must be in m, but is <Quantity(1.0, 'millimeter / second')>"),
-        (lambda: sj.RandomTrack.sled(length=Q(1.0, "s")), "`length` must be in m, but is <Quantity(1.0, 'second')>"),
-        (lambda: run(begin=Q(1.0, "s")), "`begin` must be finite, but is <Quantity(1.0, 'second')>"),
+        (lambda: SCENE.replace(speed=Q(30.0, "kg")), f"`speed` must be positive, but is {Q(30.0, 'kg')!r}"),
+        (lambda: sj.Motion(y=Q(1.0, "mm/s")), f"`y` must be in m, but is {Q(1.0, 'mm/s')!r}"),
+        (lambda: sj.RandomTrack.sled(length=Q(1.0, "s")), f"`length` must be in m, but is {Q(1.0, 's')!r}"),
+        (lambda: run(begin=Q(1.0, "s")), f"`begin` must be finite, but is {Q(1.0, 's')!r}"),
     ],
 )
 def test_quantities_of_another_dimension_are_refused(call, words):

@@ -335,7 +335,10 @@ def drive(course):
         (lambda: number("max"), "`function` must be a function of a course, but is 'max'"),
         (lambda: number(drive, "a b"), "`quantity` must have a name such as spring_force, but has 'a b'"),
         (lambda: Record("odd", drive), "`quantity` must be a slipperjax.model.Quantity"),
-        (lambda: number(drive, over="median"), "`over` must be one of max, min, sum, mean, rms, but is 'med"),
+        (
+            lambda: number(drive, over="median"),
+            "`over` must be one of max, min, extreme, sum, mean, rms, but is 'med",
+        ),
     ],
 )
 def test_bad_records_are_refused(make, words):

@@ -60,7 +60,8 @@ def test_what_is_in_a_kernel(body):
     loop = repeated(body)
     marked = lambda x: in_one_kernel(loop, x)
     assert bool(calls_of(marked, X)) == (body in FITS.values())
-    np.testing.assert_allclose(jax.jit(marked)(X), jax.jit(loop)(X), rtol=1e-14)  # measured: 0
+    # measured: 0, and 2e-14 of products with JAX 0.12, which sums them in another order
+    np.testing.assert_allclose(jax.jit(marked)(X), jax.jit(loop)(X), rtol=1e-13)
 
 
 @pytest.mark.parametrize("place", ["alone", "in a branch", "in another kernel"])
