@@ -143,7 +143,7 @@ def _choose() -> None:
 def _use(form: ModuleType, reason: str) -> None:
     """Take the plain form, with a warning."""
     _Choice.form = form
-    text = f"slipperjax computes in its plain form, several times slower (docs/lab/speed.md), because {reason}."
+    text = f"slipperjax computes in its plain form, up to five times slower (docs/lab/speed.md), because {reason}."
     warnings.warn(text, PlainWarning, stacklevel=2)
 
 
