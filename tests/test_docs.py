@@ -15,7 +15,6 @@ from slipperjax.cli import app
 from .pages import EXAMPLES, ROOT, blocks, commands
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-PAGES_PROGRAM = ROOT / "tests" / "pages.py"
 WORDS = 18_500
 """Most words of the pages, outside of code."""
 README_WORDS = 500
@@ -32,9 +31,9 @@ def having(language, *but):
 @having("python", "engineer")  # whose commands and tables tests/cli/test_engineer.py runs
 def test_python_of_the_pages_runs(page):
     """Each page in a process of its own, in which no warning is given."""
-    allowed = "default:File", "default:slipperjax computes in its plain form"
-    quiet = [sys.executable, "-W", "error", *(part for text in allowed for part in ("-W", text)), PAGES_PROGRAM, page]
-    run = subprocess.run(quiet, capture_output=True, text=True, cwd=ROOT)
+    quiet = ["-W", "error", "-W", "default:File", "-W", "default:slipperjax computes in its plain form"]
+    program = [sys.executable, *quiet, ROOT / "tests" / "pages.py", page]
+    run = subprocess.run(program, capture_output=True, text=True, cwd=ROOT)
     assert run.returncode == 0, run.stderr[-3000:]
 
 

@@ -44,7 +44,8 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
-    # made at the first call, because asking for the backend at import would fix which one is used
+    # made at the first call, because asking for the backend at import would fix which one is used; one for each form,
+    # whose options differ
     @functools.cache
     def outermost(backend: str, plain: bool) -> Callable:
         return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)

@@ -105,7 +105,7 @@ def fall_back(error: Exception) -> bool:
     with _Choice.lock:
         if is_plain():
             return False
-        _use(plain, f"JAX {jax.__version__} cannot compile a program: {_first_line(error)}")
+        _use_plain(f"JAX {jax.__version__} cannot compile a program: {_first_line(error)}")
         # programs that are kept are in the fast form
         jax.clear_caches()
         return True
@@ -128,7 +128,7 @@ def _choose() -> None:
     if wanted not in ("", "0", "1"):
         raise ValueError(f"Environment variable SLIPPERJAX_PLAIN must be 0 or 1, but is {wanted!r}.")
     if wanted == "1":
-        return _use(plain, "SLIPPERJAX_PLAIN is 1")
+        return _use_plain("SLIPPERJAX_PLAIN is 1")
     try:
         from . import fast, self_test  # here, because a name that JAX no longer has must not stop the import
 
@@ -136,13 +136,13 @@ def _choose() -> None:
     except Exception as error:
         fault = _first_line(error)
     if fault:
-        return _use(plain, f"the self-test of the fast form fails with JAX {jax.__version__}: {fault}")
+        return _use_plain(f"the self-test of the fast form fails with JAX {jax.__version__}: {fault}")
     _Choice.form = fast
 
 
-def _use(form: ModuleType, reason: str) -> None:
+def _use_plain(reason: str) -> None:
     """Take the plain form, with a warning."""
-    _Choice.form = form
+    _Choice.form = plain
     text = f"slipperjax computes in its plain form, up to five times slower (docs/lab/speed.md), because {reason}."
     warnings.warn(text, PlainWarning, stacklevel=2)
 
