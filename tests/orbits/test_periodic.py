@@ -36,10 +36,14 @@ def test_a_start_that_never_touches_has_the_status_of_its_motion():
     assert orbit.status == Status.NO_CONTACT
 
 
-def test_multipliers_are_those_of_differences(nominal):
+def leading(found):
+    return np.sort_complex(found[np.argsort(-np.abs(found))][:6])
+
+
+def multipliers_by_differences(scene, orbit):
     """Of runs from states beside the orbit's, by the program that Newton's method begins with."""
-    flat, unravel = ravel_pytree(nominal.state)
-    step, none = PeriodMap(SCENE, dynamic_steps(STEPS), nominal.solver), RecordSet()
+    flat, unravel = ravel_pytree(orbit.state)
+    step, none = PeriodMap(scene, dynamic_steps(STEPS), orbit.solver), RecordSet()
     end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, none, like=100).state)[0]
     np.testing.assert_allclose(end(flat), flat, atol=1e-12)
     matrix = np.zeros((flat.size, flat.size))
@@ -47,9 +51,26 @@ def test_multipliers_are_those_of_differences(nominal):
         h = 1e-5 * np.append(SCALES, [1.0] * 20)[k]
         ends = [end(flat.at[k].add(side * h)) for side in (-2, -1, 1, 2)]
         matrix[:, k] = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
-    leading = lambda found: np.sort_complex(found[np.argsort(-np.abs(found))][:6])
-    found, expected = leading(np.asarray(nominal.multipliers)), leading(np.linalg.eigvals(matrix))
-    np.testing.assert_allclose(found, expected, atol=1e-8)  # measured: 2e-10
+    return leading(np.linalg.eigvals(matrix))
+
+
+def test_multipliers_are_those_of_differences(nominal):
+    expected = multipliers_by_differences(SCENE, nominal)
+    np.testing.assert_allclose(leading(np.asarray(nominal.multipliers)), expected, atol=1e-8)  # measured: 2e-10
+
+
+@pytest.mark.slow
+def test_an_orbit_whose_contacts_are_pressed_again_remembers_the_peak_rate():
+    """With restitution 0.5 contacts last, so that both memories have orbits of their own."""
+    scene = sj.paper_scene(1250.0, restitution=0.5, memory=sj.PeakRateLatch())
+    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
+    assert orbit.status == Status.FINITE
+    assert float(orbit.residual) < 1e-11  # measured 9e-14
+    expected = multipliers_by_differences(scene, orbit)
+    np.testing.assert_allclose(leading(np.asarray(orbit.multipliers)), expected, atol=1e-8)  # measured 2e-10
+    # of the long record of a motion, by another program: exponents of the orbit are those of its multipliers
+    found = sj.lyapunov_spectrum(scene, 2, start=orbit.state, transient=0, periods=40, steps_per_period=STEPS)
+    np.testing.assert_allclose(found.weighted, float(orbit.exponent), atol=3e-3)
 
 
 def test_a_long_simulation_ends_on_the_orbit(nominal):
