@@ -1,8 +1,7 @@
 """Lists the tolerances that tests use up by more than a third, which may fail on another processor:
 `python -B -X pycache_prefix=$(mktemp -d) -m pytest -n 2 -p tests.tolerances -o enable_assertion_pass_hook=true`
 
-The prefix is needed, because pytest's kept tests lack the hook of assertions. What is listed is not wrong: a number that
-is measured, as in `assert rate < 0.5`, has no tolerance.
+The prefix is needed, because the tests that pytest keeps compiled lack the hook of assertions.
 """
 
 import re
