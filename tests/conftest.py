@@ -29,7 +29,18 @@ MOST_MAPPINGS = 25_000
 """Parts of memory in which a process may keep its programs; Linux ends one of 65,530 (vm.max_map_count)."""
 
 
+def pytest_addoption(parser):
+    words = "count traced, lowered and compiled programs and processor seconds by test, and write FILE"
+    parser.addoption("--programs", nargs="?", const="", default=None, metavar="FILE", help=words)
+
+
 def pytest_configure(config):
+    if config.getoption("programs") is not None:
+        from .programs import Programs
+
+        config.pluginmanager.register(Programs(config.getoption("programs")), "programs")
+        if not hasattr(config, "workerinput"):
+            os.environ[CACHE] = tempfile.mkdtemp(prefix="slipperjax_tests_")
     if os.environ.get("SLIPPERJAX_PLAIN") == "1":
         config.addinivalue_line("filterwarnings", "ignore:slipperjax computes in its plain form")
     if config.getoption("markexpr") == "benchmark":
