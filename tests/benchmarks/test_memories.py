@@ -119,7 +119,8 @@ def test_rails_by_an_independent_code():
             case = OnRail(
                 programme, restitution=restitution, fastest=True, spline=lambda x, r=rail, s=slope: (r(x), s(x))
             )
-            want = independent_run.run(case, start, windows, tolerance=1e-7).peaks.max(axis=1)
+            # steps shorter than a short passing of the fastest rate, whose both ends one step may hold
+            want = independent_run.run(case, start, windows, tolerance=1e-7, longest=2e-5).peaks.max(axis=1)
             found = []
             for times in (1, 4):
                 options = dict(length=windows, window=1.0, record="peak_force", progress=False)
@@ -128,7 +129,7 @@ def test_rails_by_an_independent_code():
                 found.append(ds["peak_force"].max(("end", "point")).values.ravel())
             far = [np.max(np.abs(one / want.max() - want / want.max())) for one in found]
             print(f"{restitution}, rail {seed:g}: {1e-3 * want.max():.3f} kN; apart in any metre {far}", flush=True)
-            assert far[1] < 0.02
+            assert far[1] < 0.0025  # measured 8.5e-4
 
 
 def test_cost_of_a_step():
