@@ -8,7 +8,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.period_map import advance, initial_states
-from slipperjax.flow.record import RecordSet
+from slipperjax.flow.record import History, RecordSet
 from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.solvers.named import resolve_solver
@@ -25,7 +25,7 @@ NAMED = ["motion", "peak_force", "slipper_peak", "rms", "extremes", "sections"]
 OWN = [RECORDS["drive_force"]]
 ASKED = {
     "plain": None,
-    "history": "history",
+    "history": History(50),
     "sections": "sections",
     **{f"[{r if isinstance(r, str) else r.name}]": [r] for r in [*NAMED, *OWN]},
     "all of these": [*NAMED, *OWN],
