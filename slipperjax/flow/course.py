@@ -105,16 +105,15 @@ class Loads(NamedTuple):
     """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
     methods of fourth order are unstable above 2.8."""
     damping_ratio: Float[Array, "*cases"]
-    """Highest damping force over elastic force of all points in contact [1]."""
+    """Highest damping force over elastic force of all points in contact [1]; zero on rails that are not rough."""
 
 
 def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: Args, steps: Whole) -> Loads:
     """Return the loads of one forcing period.
 
     **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
-    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: as `damping_ratio`,
-    of which those that do not count repeat the first; `args`: scene and epoch; `steps`: integration steps per
-    period, 3 at least, may be traced.
+    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: `damping_ratio`;
+    `args`: scene and epoch; `steps`: integration steps per period, 3 at least, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
@@ -163,7 +162,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: A
         # the sums are over seconds already
         impulse = step * impulse
         contact = contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
-    return Loads(highest, when, impulse, contact, depth, step * fastest, jnp.max(damping))
+    return Loads(highest, when, impulse, contact, depth, step * fastest, damping)
 
 
 def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
@@ -592,7 +591,9 @@ class Course:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
         rate = jax.vmap(of_one)(*self._contacts, self.states.memory)
-        damping = jax.lax.stop_gradient(self.damping_ratio)
+        # doubted on rough rails alone, see `with_loads`
+        damping = self.damping_ratio if self.scene.track.is_rough else jnp.zeros(())
+        damping = jnp.max(jax.lax.stop_gradient(damping))
         return contact_loads(self.force.values, self.gap.values, store(rate), damping, self.args, self.steps)
 
     @functools.cached_property

@@ -197,12 +197,13 @@ def _fits(operation: ir.Operation) -> bool:
 
 
 def _updates_once(scatter: ir.Operation) -> bool:
-    """Tell whether a scatter has one index of one entry, so that XLA makes a slice's update of it.
+    """Tell whether a scatter has one index, so that XLA makes a slice's update of it.
 
-    Of windows it does so not always: not in derivatives of a batch by samples of a rail.
+    Of windows that are added it makes none: these are in derivatives of a batch by samples of a rail.
     """
     numbers = stablehlo.ScatterDimensionNumbers(scatter.attributes["scatter_dimension_numbers"])
-    if numbers.update_window_dims:
+    combines = len(list(scatter.regions[0].blocks[0].operations)) > 1
+    if numbers.update_window_dims and combines:
         return False
     shape = ir.RankedTensorType(scatter.operands[len(scatter.results)].type).shape
     return all(size == 1 for k, size in enumerate(shape) if k != numbers.index_vector_dim)
