@@ -32,6 +32,8 @@ FITS = {
     "scalar products": lambda x: x / (1 + jnp.vdot(x, x)),
     "deviates": lambda x: x + jax.random.normal(jax.random.key(0), x.shape),
     "an entry set": lambda x: x.at[jnp.argmax(x)].set(0.1),
+    # as records keep the states inside a period
+    "a window set": lambda x: x.reshape(4, 2).at[jnp.argmax(x) // 2].set(x[:2]).ravel(),
     "a loop": lambda x: jax.lax.while_loop(lambda x: jnp.sum(x) > 3.0, lambda x: x / 2, x),
 }
 DOES_NOT_FIT = {
@@ -41,6 +43,7 @@ DOES_NOT_FIT = {
     "the largest": lambda x: jax.lax.top_k(x, x.size)[0],
     "a transform": lambda x: jnp.abs(jnp.fft.fft(x)),
     "a scatter": lambda x: x.at[PLACES].add(x[:4]),
+    "a window added": lambda x: x.reshape(4, 2).at[jnp.argmax(x) // 2].add(x[:2]).ravel(),
     "a callback": lambda x: jax.pure_callback(lambda x: x, x, x),
 }
 X = jnp.linspace(0.1, 0.9, 8)
