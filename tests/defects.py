@@ -98,6 +98,11 @@ tests/sweeps/test_compare.py -k lost_runs_are_told
 +    grouped = np.moveaxis(np.nan_to_num(numbers), 0, -1)
 
 # model
+errors of modes and payloads do not count
+tests/solvers/test_adaptive.py -k every_part
+-    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)]))
++    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)[:10]]))
+
 the fastest approach of a contact is forgotten
 tests/model/test_memory.py -k fastest
 -        faster = (memory * below > above) & ~entered
