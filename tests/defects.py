@@ -166,6 +166,11 @@ tests/model/test_sled.py -k at_rest_on_its_spring
 +    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
 
 # analysis
+the angle of a curve of Neimark-Sackers passes for a parameter
+tests/analysis/test_critical.py -k "a_curve_of_neimark_sackers and not does"
+-        return list(self.parameters.values())[-1]
++        return np.array([node.z[-1] for node in self.nodes])
+
 both fields point to a surface, and the motion crosses it
 tests/analysis/test_hybrid.py -k slides
 -            slides = jnp.where(happens, ~slides & (above < 0) & (below > 0), slides)
@@ -238,6 +243,11 @@ tests/solvers/test_impulse.py -k rebound_of
 +earlies = earlies + x * part
 
 # flow
+errors of forces are measured and not judged
+tests/flow/test_loads.py -k wrong_force
+-        status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
++        status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
+
 lost numbers hidden by coarse steps
 tests/flow/test_status.py -k first_problem
 -return np.where((earlier == Status.FINITE) | lost, later, earlier)
@@ -381,6 +391,26 @@ tests/plots/test_plots.py -k flagged_exponents
 +ax.plot(x, np.where(flagged(ds, over), 0.0, y), lw=0.5
 
 # sweeps
+chaotic cases are one attractor each
+tests/sweeps/test_jumps.py -k keeps_its_number
+-            near = np.max(np.abs(marks[left] - first), axis=-1) < (tolerance if n else np.inf)
++            near = np.max(np.abs(marks[left] - first), axis=-1) < tolerance
+
+attractors are numbered anew at each speed
+tests/sweeps/test_jumps.py -k keeps_its_number
+-        if distance <= reach and i not in names and name not in names.values():
++        if distance <= 0 and i not in names and name not in names.values():
+
+an escape from chaos passes for the end of a branch
+tests/sweeps/test_jumps.py -k escape_from
+-            return Jump(True, at, value, size, Status.FINITE, on_branch.wander < threshold / 10)
++            return Jump(True, at, value, size, Status.FINITE)
+
+a quick label passes for a certified one
+tests/sweeps/test_records.py -k quick
+-            "kind": column(dims, words, "", "kind of motion by recurrence, a quick label", comment=UNCHECKED),
++            "kind": column(dims, words, "", "kind of motion, by recurrence"),
+
 missing files of a complete tile not seen
 tests/sweeps/test_stores.py -k damaged_tile
 -        there = all(file.is_file() for file in (mark, *self.files(number)))

@@ -10,6 +10,7 @@ derivative lacks the saltation term, and the exponents are wrong however short t
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -301,7 +302,13 @@ def check_functions(step: object, scale: object) -> None:
 def check_state(state: PyTree) -> PyTree:
     """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
-    return jax.tree.map(finite("state"), state)
+    return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
+
+
+def check_real(name: str, value: object) -> Any:
+    """Return a value; raise `ValueError` for complex numbers, of which tangents and distances would lose a part."""
+    require(not np.iscomplexobj(value), name, "be real: of complex numbers take real and imaginary parts", value)
+    return value
 
 
 SURE = 3.0

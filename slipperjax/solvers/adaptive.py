@@ -25,6 +25,10 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     - Errors in an integrated memory count by what the contacts feel of them, see `AbstractIntegratedMemory.felt`.
 
     Each period starts with the step length proposed at the end of the previous one.
+
+    The tolerance is of the motion: highest contact forces on a random rail were 3.5 % off at 1e-5, 12 % at 1e-4 and
+    81 % at 1e-3. At equal cost the default, constant steps with contact impulses integrated anew, is 10 to 30 times
+    more exact. `probe` of `slipperjax.simulate` measures the error of forces, too.
     """
 
     tolerance: float = 1e-5
