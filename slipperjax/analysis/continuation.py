@@ -72,15 +72,12 @@ class Branch:
 
     def __repr__(self) -> str:
         places = parameter_places(self.equations, self.nodes[0].z.size)
-        shown = lambda z, name: shown_number(z[places[name]])
         if len(places) == 1:
-            at = lambda event: shown_number(event.value)
-            over = ""
-        else:
-            at = lambda event: ", ".join(f"{name} = {shown(event.node.z, name)}" for name in places)
-            over = f" over {' and '.join(places)}"
-        labels = "".join(f"; {e.label} at {at(e)}" for e in self.events)
-        return f"Branch({len(self.nodes)} points{over}{labels})"
+            labels = ", ".join(f"{e.label} at {shown_number(e.value)}" for e in self.events)
+            return f"Branch({len(self.nodes)} points; {labels})"
+        of = lambda z: ", ".join(f"{name} = {shown_number(z[k])}" for name, k in places.items())
+        labels = "; ".join(f"{e.label} at {of(e.node.z)}" for e in self.events)
+        return f"Branch({len(self.nodes)} points over {' and '.join(places)}; {labels})"
 
 
 def parameter_places(equations: AbstractEquations, unknowns: int) -> dict[str, int]:

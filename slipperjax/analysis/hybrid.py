@@ -35,7 +35,7 @@ MOST_EVENTS = 2000
 """Impacts or crossings in one integration step after which the state is NaN; twice the number of flights of length
 `SHORTEST`."""
 ON_SURFACE = 1e-9
-"""Way to the surface, as a share of what both fields go towards it in an integration step, at which a motion slides."""
+"""Way to the surface at which a motion slides, as a share of what both fields go towards it in a step."""
 
 
 def rk4(field: Field, t: Array, y: Array, h: Array) -> Array:

@@ -44,7 +44,7 @@ class SledMass(ShapeChecked):
         return force + self.stop_stiffness * beyond
 
     def fastest(self, body: Array) -> Array:
-        """Return the greatest rate of the springs, stops and dampers [1/s]; `body`: mass of what carries them [kg]."""
+        """Return the greatest rate of springs, stops and dampers [1/s]; `body`: mass of what carries them [kg]."""
         stiffness = self.stiffness if self.stop_stiffness is None else self.stiffness + self.stop_stiffness
         per_mass = 1 / self.mass + 1 / body
         return jnp.max(jnp.maximum(jnp.sqrt(stiffness * per_mass), self.damping * per_mass))

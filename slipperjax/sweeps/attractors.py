@@ -175,10 +175,7 @@ def _continued(
     """Return the names of attractors, from those known nearby, the nearest first; new ones are added to `kinds`."""
     far = lambda one, other: 0.0 if one[0] == 0 else float(np.max(np.abs(one[1] - other[1])))
     pairs = sorted(
-        (far(one, other), i, other[0])
-        for i, one in enumerate(here)
-        for other in known
-        if kinds[other[0]] == one[0]
+        (far(one, other), i, other[0]) for i, one in enumerate(here) for other in known if kinds[other[0]] == one[0]
     )
     names: dict[int, int] = {}
     for distance, i, name in pairs:

@@ -172,9 +172,9 @@ def find_jump(
     `within`: longest last step [the parameter's unit]; `threshold`: in multiples of
     `slipperjax.model.COORDINATE_SCALES` [1]; `most_holds`: repetitions at one value, at most; others as for `follow`.
 
-    **Returns:** the first `Jump` met, or one with `found` False. Of a jump out of chaos `recurs` is False: where it is
-    met depends on how long the motion is held. The search ends at a value whose motion gets a
-    status other than `FINITE`, because nothing can be followed from there.
+    **Returns:** the first `Jump` met, or one with `found` False. Of a jump out of chaos `recurs` is False: where it
+    is met depends on how long the motion is held. The search ends at a value whose motion gets a status other than
+    `FINITE`, because nothing can be followed from there.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """

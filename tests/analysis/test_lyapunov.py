@@ -348,9 +348,7 @@ def ends_late(x, k):
 def test_chaos_that_ends_after_its_record_is_never_resolved():
     """Of 40 motions most are chaotic for all of 500 iterations, and regular after 20,000 more."""
     starts = np.random.default_rng(0).uniform(0.1, 0.9, 40)
-    run = lambda transient: jax.jit(
-        jax.vmap(lambda x: map_spectrum(ends_late, x, 500, transient=transient))
-    )(starts)
+    run = lambda transient: jax.jit(jax.vmap(lambda x: map_spectrum(ends_late, x, 500, transient=transient)))(starts)
     before, after = run(0), run(20_000)
     chaotic = np.asarray(before.per_period)[:, 0] > 0.5
     assert chaotic.sum() >= 15
