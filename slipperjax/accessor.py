@@ -2,7 +2,8 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,7 +20,7 @@ class Pictures:
     def __init__(self, ds: xr.Dataset):
         self._ds = ds
 
-    def __getattr__(self, name: str) -> Callable[..., object]:
+    def __getattr__(self, name: str) -> Any:
         from . import plots  # not before a picture is asked for: matplotlib takes long to import
 
         if "slipper" in self._ds.coords and not hasattr(plots, name):

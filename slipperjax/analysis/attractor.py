@@ -124,8 +124,8 @@ def classify(
 
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
     that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
-    and chaos; maps that lose a binary digit in each step, such as x -> 2 x mod 1, which stay at zero after 53 steps in
-    floating point, and motions at rest (take 1.999999 in place of 2). Noise, and chaos of so many dimensions that the
+    and chaos; maps that lose a binary digit in each step, such as x -> 2 x mod 1, which stay at zero after 53 steps
+    in floating point, and motions at rest (take 1.999999 for 2). Noise, and chaos of so many dimensions that the
     record has no near neighbours, are "unresolved".
 
     **Arguments:**

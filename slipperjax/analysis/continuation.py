@@ -73,7 +73,8 @@ class Branch:
     def __repr__(self) -> str:
         places = parameter_places(self.equations, self.nodes[0].z.size)
         if len(places) == 1:
-            labels = ", ".join(f"{e.label} at {shown_number(e.value)}" for e in self.events)
+            why = lambda e: f" ({e.note})" if e.label == "MX" and e.note else ""
+            labels = ", ".join(f"{e.label} at {shown_number(e.value)}{why(e)}" for e in self.events)
             return f"Branch({len(self.nodes)} points; {labels})"
         of = lambda z: ", ".join(f"{name} = {shown_number(z[k])}" for name, k in places.items())
         labels = "; ".join(f"{e.label} at {of(e.node.z)}" for e in self.events)
@@ -231,12 +232,24 @@ def _extended(branch, walk, search, most, until, on_point):
         place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
         value = float(nodes[-1].z[place])
         nodes[-1] = nodes[-1]._replace(label=label)
-        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", "", (), place))
+        note = _why(branch.equations, nodes) if label == "MX" else ""
+        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", note, (), place))
     back = branch.ends[0]
     if reason == "closed":
         # nothing is left to follow from the start of a closed curve
         back = back._replace(reason="")
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
+
+
+def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
+    """Return in words why no step converges after the last of some points, as far as these tell."""
+    # on curves of critical motions a multiplier may be +1 throughout
+    if isinstance(equations, PeriodicMotions) and np.min(np.abs(nodes[-1].multipliers - 1), initial=np.inf) < 1e-6:
+        return "a multiplier is +1: branches cross or turn back here, begin beside it"
+    sizes = np.array([np.max(np.abs(node.matrices)) for node in nodes[-6:]])
+    if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
+        return "derivatives grow without bound, as at a grazing"
+    return ""
 
 
 def switch(
