@@ -393,13 +393,13 @@ tests/plots/test_plots.py -k flagged_exponents
 # sweeps
 chaos that returns is another attractor
 tests/sweeps/test_jumps.py -k keeps_its_number
--        if i not in names and period == 0 and 0 in kinds:
-+        if i not in names and period == 0 and 0 in names.values():
+-        if i not in numbers and basin.period == 0 and 0 in kinds:
++        if i not in numbers and basin.period == 0 and 0 in numbers.values():
 
 attractors are numbered anew at each speed
 tests/sweeps/test_jumps.py -k keeps_its_number
--        if distance <= reach and i not in names and name not in names.values():
-+        if distance <= 0 and i not in names and name not in names.values():
+-        if distance <= reach and i not in numbers and number not in numbers.values():
++        if distance <= 0 and i not in numbers and number not in numbers.values():
 
 an escape from chaos passes for the end of a branch
 tests/sweeps/test_jumps.py -k escape_from

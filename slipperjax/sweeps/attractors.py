@@ -105,20 +105,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     outer, inner = states.shape[: len(axes)], states.shape[len(axes) : -2]
     marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
     cases = (int(np.prod(outer)), int(np.prod(inner)))
-    marks, periods = marks.reshape(*cases, -1), periods.reshape(cases)
-    numbers = np.full(cases, -1)
-    kinds: list[int] = []
-    places: list[list[tuple[int, np.ndarray]]] = []
-    for k in range(cases[0]):
-        here = _alike(marks[k], periods[k], tolerance)
-        # the same attractors at the value before, along each of the parameters
-        at = np.unravel_index(k, outer)
-        before = [tuple(np.subtract(at, step)) for step in np.eye(len(outer), dtype=int)]
-        known = [one for i in before if min(i) >= 0 for one in places[np.ravel_multi_index(i, outer)]]
-        names = _continued(here, known, kinds, reach)
-        places.append([(name, mark) for name, (_, mark, _) in zip(names, here, strict=True)])
-        for name, (_, _, members) in zip(names, here, strict=True):
-            numbers[k, members] = name
+    numbers, kinds = _numbered(marks.reshape(*cases, -1), periods.reshape(cases), outer, tolerance, reach)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
@@ -152,40 +139,68 @@ def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     return marks, found
 
 
-def _alike(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Return the attractors of some cases: the period, the mark and the cases of each."""
+class _Basin(NamedTuple):
+    """An attractor at one value of the parameters, and the cases that lead to it."""
+
+    period: int
+    mark: Float[np.ndarray, " marks"]
+    cases: Int[np.ndarray, " some"]
+
+    def far(self, other: "_Basin") -> float:
+        """Return how far another attractor is, infinitely of another period; of what does not recur marks tell
+        nothing."""
+        if self.period != other.period:
+            return np.inf
+        return float(np.max(np.abs(self.mark - other.mark))) if self.period else 0.0
+
+
+def _numbered(
+    marks: np.ndarray, periods: np.ndarray, outer: tuple[int, ...], tolerance: float, reach: float
+) -> tuple[Int[np.ndarray, "values starts"], list[int]]:
+    """Return the number of each case's attractor, -1 for none, and the period of each number.
+
+    **Arguments:** `marks`, `periods`: as of `_marks`, at each value of the parameters; `outer`: how many values of
+    each parameter there are.
+    """
+    numbers = np.full(periods.shape, -1)
+    kinds: list[int] = []
+    found: list[dict[int, _Basin]] = []
+    for k in range(len(marks)):
+        # attractors at the value before, along each of the parameters
+        before = [np.subtract(np.unravel_index(k, outer), step) for step in np.eye(len(outer), dtype=int)]
+        known = [found[np.ravel_multi_index(tuple(at), outer)] for at in before if at.min() >= 0]
+        here = _basins(marks[k], periods[k], tolerance)
+        found.append(_named(here, [pair for basins in known for pair in basins.items()], kinds, reach))
+        for number, basin in found[-1].items():
+            numbers[k, basin.cases] = number
+    return numbers, kinds
+
+
+def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_Basin]:
+    """Return the attractors of some cases, in the order in which they are met."""
     found = []
     for n in np.unique(periods[periods >= 0]):
         left = np.flatnonzero(periods == n)
         while len(left):
             first = marks[left[0]]
-            # of motions that do not recur a mark tells nothing
             near = np.max(np.abs(marks[left] - first), axis=-1) < (tolerance if n else np.inf)
-            found.append((int(n), first, left[near]))
+            found.append(_Basin(int(n), first, left[near]))
             left = left[~near]
-    return sorted(found, key=lambda one: one[2][0])
+    return sorted(found, key=lambda basin: basin.cases[0])
 
 
-def _continued(
-    here: list[tuple[int, np.ndarray, np.ndarray]],
-    known: list[tuple[int, np.ndarray]],
-    kinds: list[int],
-    reach: float,
-) -> list[int]:
-    """Return the names of attractors, from those known nearby, the nearest first; new ones are added to `kinds`."""
-    far = lambda one, other: 0.0 if one[0] == 0 else float(np.max(np.abs(one[1] - other[1])))
-    pairs = sorted(
-        (far(one, other), i, other[0]) for i, one in enumerate(here) for other in known if kinds[other[0]] == one[0]
-    )
-    names: dict[int, int] = {}
-    for distance, i, name in pairs:
-        if distance <= reach and i not in names and name not in names.values():
-            names[i] = name
-    for i, (period, _, _) in enumerate(here):
-        if i not in names and period == 0 and 0 in kinds:
+def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
+    """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
+    pairs = [(basin.far(other), i, number) for i, basin in enumerate(here) for number, other in known]
+    numbers: dict[int, int] = {}
+    for distance, i, number in sorted(pairs):
+        if distance <= reach and i not in numbers and number not in numbers.values():
+            numbers[i] = number
+    for i, basin in enumerate(here):
+        if i not in numbers and basin.period == 0 and 0 in kinds:
             # what does not recur is one, wherever it is met
-            names[i] = kinds.index(0)
-        elif i not in names:
-            names[i] = len(kinds)
-            kinds.append(period)
-    return [names[i] for i in range(len(here))]
+            numbers[i] = kinds.index(0)
+        elif i not in numbers:
+            numbers[i] = len(kinds)
+            kinds.append(basin.period)
+    return {numbers[i]: basin for i, basin in enumerate(here)}
