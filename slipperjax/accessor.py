@@ -27,8 +27,8 @@ class Pictures:
             return getattr(self._ds["slipper"], name)
         return functools.partial(getattr(plots, name), self._ds)
 
-    def __array__(self, *options: object, **more: object) -> np.ndarray:
-        return np.array(self._ds["slipper"].values, *options, **more)
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self._ds["slipper"].values, dtype, copy=copy)
 
     def __len__(self) -> int:
         return len(self._ds["slipper"])

@@ -244,7 +244,7 @@ def _extended(branch, walk, search, most, until, on_point):
 def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
     """Return in words why no step converges after the last of some points, as far as these tell."""
     # on curves of critical motions a multiplier may be +1 throughout
-    if isinstance(equations, PeriodicMotions) and np.min(np.abs(nodes[-1].multipliers - 1), initial=np.inf) < 1e-6:
+    if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
         return "a multiplier is +1: branches cross or turn back here, begin beside it"
     sizes = np.array([np.max(np.abs(node.matrices)) for node in nodes[-6:]])
     if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:

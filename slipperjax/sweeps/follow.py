@@ -195,9 +195,9 @@ def find_jump(
         done = run_chunk(part, state, epoch)
         epoch += plan.periods
         strobe = done.record[0][0] / COORDINATE_SCALES
-        # the period is unknown; of one period alone nothing is known
-        changes = recurrence(strobe, max(len(strobe) // 2, 1)).values()
-        wander = min(float(np.max(change, initial=0.0)) for change in changes)
+        # over periods that the record shows twice, the motion's own being unknown
+        changes = recurrence(strobe, len(strobe) // 2).values()
+        wander = min((float(np.max(change)) for change in changes), default=np.inf)
         return _HeldMotion(done.state, strobe.mean(axis=0), Status(int(done.status[0])), wander)
 
     def hold(value: float, state: State | None) -> _HeldMotion:
