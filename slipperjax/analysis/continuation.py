@@ -246,7 +246,7 @@ def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
     # on curves of critical motions a multiplier may be +1 throughout
     if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
         return "a multiplier is +1: branches cross or turn back here, begin beside it"
-    sizes = np.array([np.max(np.abs(node.matrices)) for node in nodes[-6:]])
+    sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
     if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
         return "derivatives grow without bound, as at a grazing"
     return ""
