@@ -98,6 +98,11 @@ tests/sweeps/test_compare.py -k lost_runs_are_told
 +    grouped = np.moveaxis(np.nan_to_num(numbers), 0, -1)
 
 # model
+errors of modes and payloads do not count
+tests/solvers/test_adaptive.py -k every_part
+-    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)]))
++    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)[:10]]))
+
 the fastest approach of a contact is forgotten
 tests/model/test_memory.py -k fastest
 -        faster = (memory * below > above) & ~entered
@@ -161,6 +166,26 @@ tests/model/test_sled.py -k at_rest_on_its_spring
 +    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
 
 # analysis
+the angle of a curve of Neimark-Sackers passes for a parameter
+tests/analysis/test_critical.py -k "a_curve_of_neimark_sackers and not does"
+-        return list(self.parameters.values())[-1]
++        return np.array([node.z[-1] for node in self.nodes])
+
+both fields point to a surface, and the motion crosses it
+tests/analysis/test_hybrid.py -k slides
+-            slides = jnp.where(happens, ~slides & (above < 0) & (below > 0), slides)
++            slides = jnp.where(happens, ~slides & (above > 0) & (below < 0), slides)
+
+chaos of one motion is resolved
+tests/analysis/test_lyapunov.py -k ends_after
+-        good = is_sure(self.per_period[..., 0], self.stderr[..., 0]) & ~self._chaotic
++        good = is_sure(self.per_period[..., 0], self.stderr[..., 0])
+
+an exponent within its errors is resolved
+tests/analysis/test_lyapunov.py -k record_can_know
+-(SURE * stderr <= np.maximum(np.abs(exponent), 0.01)))
++(stderr <= np.maximum(np.abs(exponent), 0.01)))
+
 maps applied in reverse
 tests/analysis/test_floquet.py -k complex_pairs
 -return later @ earlier
@@ -218,6 +243,11 @@ tests/solvers/test_impulse.py -k rebound_of
 +earlies = earlies + x * part
 
 # flow
+errors of forces are measured and not judged
+tests/flow/test_loads.py -k wrong_force
+-        status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
++        status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
+
 lost numbers hidden by coarse steps
 tests/flow/test_status.py -k first_problem
 -return np.where((earlier == Status.FINITE) | lost, later, earlier)
@@ -361,6 +391,26 @@ tests/plots/test_plots.py -k flagged_exponents
 +ax.plot(x, np.where(flagged(ds, over), 0.0, y), lw=0.5
 
 # sweeps
+chaos that returns is another attractor
+tests/sweeps/test_jumps.py -k keeps_its_number
+-        if i not in numbers and basin.period == 0 and 0 in kinds:
++        if i not in numbers and basin.period == 0 and 0 in numbers.values():
+
+attractors are numbered anew at each speed
+tests/sweeps/test_jumps.py -k keeps_its_number
+-        if distance <= reach and i not in numbers and number not in numbers.values():
++        if distance <= 0 and i not in numbers and number not in numbers.values():
+
+an escape from chaos passes for the end of a branch
+tests/sweeps/test_jumps.py -k escape_from
+-            return Jump(True, at, value, size, Status.FINITE, on_branch.wander < threshold / 10)
++            return Jump(True, at, value, size, Status.FINITE)
+
+a quick label passes for a certified one
+tests/sweeps/test_records.py -k quick
+-            "kind": column(dims, words, "", "kind of motion by recurrence, a quick label", comment=UNCHECKED),
++            "kind": column(dims, words, "", "kind of motion, by recurrence"),
+
 missing files of a complete tile not seen
 tests/sweeps/test_stores.py -k damaged_tile
 -        there = all(file.is_file() for file in (mark, *self.files(number)))

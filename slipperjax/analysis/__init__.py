@@ -1,9 +1,16 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, spectra, vibration, statistics."""
 
-from .attractor import Attractors as Attractors, classify as classify, zero_one_test as zero_one_test
+from .attractor import (
+    Attractors as Attractors,
+    classify as classify,
+    rotation_number as rotation_number,
+    zero_one_test as zero_one_test,
+)
 from .continuation import Branch as Branch, continue_motion as continue_motion, extend as extend, switch as switch
 from .critical import (
+    ConditionedMotions as ConditionedMotions,
     CriticalMotion as CriticalMotion,
+    CriticalMotions as CriticalMotions,
     continue_critical as continue_critical,
     critical_motion as critical_motion,
 )

@@ -13,10 +13,13 @@ from jaxtyping import Float
 from ..tools.checks import finite, number, numbers, positive, require, whole
 from ..tools.types import Numbers
 from .kinds import Regime
+from .lyapunov import check_real, weighted_mean
 
 MIN_TEST = 200
 """Least number of periods for telling tori from chaos. With so few, K of some tori is up to 0.9, which gives
-"unresolved"; 500 periods are enough."""
+"unresolved"."""
+ENOUGH = 1000
+"""Periods with which tori are told."""
 
 
 class Attractors(NamedTuple):
@@ -64,7 +67,7 @@ def zero_one_test(
 
     **Raises:** `ValueError` for fewer than 40 periods and settings out of range.
     """
-    x = numbers("series", series).astype(float)
+    x = check_real("series", numbers("series", series)).astype(float)
     require(
         x.ndim > 0 and x.shape[-1] >= 40,
         "series",
@@ -76,6 +79,28 @@ def zero_one_test(
     c = generator.uniform(math.pi / 5, 4 * math.pi / 5, count)
     rows = [_growth_of_displacement(row, c) for row in x.reshape(-1, x.shape[-1])]
     return np.reshape(rows, x.shape[:-1])
+
+
+def rotation_number(angle: Numbers) -> Float[np.ndarray, "*cases"]:
+    """Return the mean turn of an angle from one period to the next, as a share of a turn, 0 to 1.
+
+    On a torus that is the frequency of the second motion over that of the forcing, up to whole turns; a rational
+    number where both are locked. By a weighted mean, whose error on a torus falls faster than any power of the number
+    of periods (doi:10.1088/1361-6544/aa84c2).
+
+    **Arguments:** `angle`: once per forcing period [rad], (*cases, periods): of states about a point inside the
+    closed curve on which they lie. Its turns may differ from each other by less than half a turn.
+
+    **Raises:** `ValueError` for fewer than three periods.
+    """
+    angle = numbers("angle", angle, 1)
+    require(angle.shape[-1] >= 3, "angle", "be of three periods or more", shown=f"of shape {angle.shape}")
+    turn = np.exp(1j * np.diff(angle))
+    # about their mean direction no turn is ambiguous
+    middle = np.angle(turn.sum(axis=-1, keepdims=True))
+    away = np.angle(turn * np.exp(-1j * middle))
+    turns = (middle[..., 0] + weighted_mean(away[..., None])[..., 0]) / (2 * np.pi)
+    return np.asarray(np.mod(turns, 1.0))
 
 
 def classify(
@@ -94,11 +119,14 @@ def classify(
     - "chaotic": K of the 0-1 test above 0.8, and neighbours diverge.
     - "torus": K below 0.2, neighbours stay close, the states fill the section evenly, their mean and spread
       do not drift, and the residuals over all lags do not decay together.
-    - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
+    - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved; many tori
+      need `ENOUGH`, 1000.
 
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
     that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
-    and chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are "unresolved".
+    and chaos; maps that lose a binary digit in each step, such as x -> 2 x mod 1, which stay at zero after 53 steps
+    in floating point, and motions at rest (take 1.999999 for 2). Noise, and chaos of so many dimensions that the
+    record has no near neighbours, are "unresolved".
 
     **Arguments:**
 
@@ -126,7 +154,7 @@ def classify(
 
 def _scaled(strobe, scales):
     """Return checked states over their scales."""
-    x = numbers("strobe", strobe).astype(float)
+    x = check_real("strobe", numbers("strobe", strobe)).astype(float)
     enough = x.ndim >= 2 and x.shape[-2] >= 16 and x.size
     need = "be of shape (*cases, periods, states) with 16 periods or more"
     require(enough, "strobe", need, shown=f"of shape {x.shape}")
@@ -231,9 +259,10 @@ class _Recurrence:
 
     def irregular(self):
         """Return the entries of any other motion: torus, chaos or unresolved."""
-        unresolved = lambda text: self.result(Regime.UNRESOLVED, self.best, text)
+        more = f"; a torus may need {ENOUGH} periods" if self.periods < ENOUGH else ""
+        unresolved = lambda text: self.result(Regime.UNRESOLVED, self.best, text + more)
         if self.periods < MIN_TEST:
-            few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
+            few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} at least)"
             return unresolved(f"no recurrence, and {few}")
         if self.extent < 100 * self.floor:
             small = f"the extent of {self.extent:.1e} is near the floor of {self.floor:.0e}"
@@ -320,14 +349,17 @@ def _growth_of_displacement(series, c):
     series = series / np.abs(series).max()
     most = len(series) // 10
     steps = np.arange(1, most + 1)
-    angle = c[:, None]
-    z = np.cumsum(series * np.exp(1j * angle * np.arange(len(series))), axis=-1)
-    displacement = _mean_square_displacement(z, steps)
-    displacement -= series.mean() ** 2 * (1 - np.cos(steps * angle)) / (1 - np.cos(angle))
     a = steps - steps.mean()
-    b = displacement - displacement.mean(1, keepdims=True)
-    spread = np.sqrt(np.sum(a**2) * np.sum(b**2, axis=1))
-    return float(np.median(b @ a / np.where(spread > 0, spread, 1.0)))
+    correlation = []
+    # a few values of c at once, so that long records take no more memory than short ones
+    for angle in np.split(c[:, None], range(8, len(c), 8)):
+        z = np.cumsum(series * np.exp(1j * angle * np.arange(len(series))), axis=-1)
+        displacement = _mean_square_displacement(z, steps)
+        displacement -= series.mean() ** 2 * (1 - np.cos(steps * angle)) / (1 - np.cos(angle))
+        b = displacement - displacement.mean(1, keepdims=True)
+        spread = np.sqrt(np.sum(a**2) * np.sum(b**2, axis=1))
+        correlation.append(b @ a / np.where(spread > 0, spread, 1.0))
+    return float(np.median(np.concatenate(correlation)))
 
 
 def _mean_square_displacement(z, steps):
@@ -350,26 +382,38 @@ def _neighbours(x):
     doi:10.1016/0167-2789(93)90009-P). The median distance of nearest neighbours. For states of the second half, the
     median distance to the nearest state of the first half over that to the nearest state of the second half.
     """
-    import scipy.spatial  # here, because importing it takes time
-
     periods = len(x)
-    distance = scipy.spatial.distance.cdist(x, x, "chebyshev")
-    tiny = 1e-12 * distance.max()
+    tiny = 1e-12 * np.ptp(x, axis=0).max()
     ahead = min(30, periods // 5)
     # nearest neighbours of states that can be followed ahead: near in space, but ten periods apart in time (Theiler)
-    index = np.arange(periods)
-    lag = np.abs(index[:, None] - index)
-    apart = np.where(lag < 10, np.inf, distance)
     count = periods - ahead
-    other = np.argmin(apart[:count, :count], axis=1)
-    steps = np.arange(ahead + 1)[:, None]
-    mean = np.log(np.maximum(distance[index[:count] + steps, other + steps], tiny)).mean(1)
+    _, other = _nearest(x[:count], x[:count], 10)
+    index = np.arange(count)
+    distance = [np.abs(x[index + k] - x[other + k]).max(axis=1) for k in range(ahead + 1)]
+    mean = np.log(np.maximum(distance, tiny)).mean(axis=1)
     # without the first period: the nearest distance is a minimum, which grows at once, in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
     half = periods // 2
-    own = np.where(lag == 0, np.inf, distance)[half:, half:].min(1)
-    mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
-    return float(mean[1] - mean[0]), float(growth), float(np.median(apart.min(1))), float(mixing)
+    own, _ = _nearest(x[half:], x[half:], 1)
+    before, _ = _nearest(x[half:], x[:half], 0)
+    apart, _ = _nearest(x, x, 10)
+    mixing = np.median(before) / max(np.median(own), tiny)
+    return float(mean[1] - mean[0]), float(growth), float(np.median(apart)), float(mixing)
+
+
+def _nearest(of: np.ndarray, among: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances of states to their nearest ones, by the greatest difference, and the indices of these.
+
+    **Arguments:** `apart`: least difference of both indices.
+    """
+    import scipy.spatial  # here, because importing it takes time
+
+    # so many that one of them is far enough in time; a tree takes no memory of all pairs
+    count = max(2 * apart, 1)
+    distance, index = scipy.spatial.cKDTree(among).query(of, k=[*range(1, count + 1)], p=np.inf)
+    near = np.abs(index - np.arange(len(of))[:, None]) < apart
+    first = np.argmin(near, axis=1)[:, None]
+    return np.take_along_axis(distance, first, 1)[:, 0], np.take_along_axis(index, first, 1)[:, 0]
 
 
 def _drift(x):

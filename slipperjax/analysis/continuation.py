@@ -1,6 +1,8 @@
 """Branches of periodic motions: following them through folds, locating events, switching to other branches."""
 
+import contextlib
 import dataclasses
+import inspect
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -39,9 +41,15 @@ class Branch:
     """Ends at the first and the last point."""
 
     @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Values of each parameter, of shape (points,), by the names that `family` has for its arguments."""
+        points = np.array([node.z for node in self.nodes])
+        return {name: points[:, k] for name, k in parameter_places(self.equations, points.shape[1]).items()}
+
+    @property
     def values(self) -> np.ndarray:
-        """Values of the last parameter, of shape (points,)."""
-        return np.array([node.z[-1] for node in self.nodes])
+        """Values of the last parameter, of shape (points,); of a curve over two see `parameters`."""
+        return list(self.parameters.values())[-1]
 
     @property
     def stable(self) -> np.ndarray:
@@ -63,8 +71,28 @@ class Branch:
         return Branch(self.equations, tuple(nodes), tuple(events), self.ends[::-1])
 
     def __repr__(self) -> str:
-        labels = ", ".join(f"{e.label} at {shown_number(e.value)}" for e in self.events)
-        return f"Branch({len(self.nodes)} points; {labels})"
+        places = parameter_places(self.equations, self.nodes[0].z.size)
+        if len(places) == 1:
+            why = lambda e: f" ({e.note})" if e.label == "MX" and e.note else ""
+            labels = ", ".join(f"{e.label} at {shown_number(e.value)}{why(e)}" for e in self.events)
+            return f"Branch({len(self.nodes)} points; {labels})"
+        of = lambda z: ", ".join(f"{name} = {shown_number(z[k])}" for name, k in places.items())
+        labels = "; ".join(f"{e.label} at {of(e.node.z)}" for e in self.events)
+        return f"Branch({len(self.nodes)} points over {' and '.join(places)}; {labels})"
+
+
+def parameter_places(equations: AbstractEquations, unknowns: int) -> dict[str, int]:
+    """Return where each parameter is among the unknowns, by its name as an argument of the family of motions."""
+    motions = getattr(equations, "motions", equations)
+    if not isinstance(motions, PeriodicMotions):
+        return {"parameter": unknowns - 1}
+    count = int(np.size(motions.reach))
+    names = [f"parameter {k + 1}" for k in range(count)]
+    with contextlib.suppress(ValueError, TypeError):
+        given = inspect.signature(motions.family).parameters.values()
+        own = [one.name for one in given if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]
+        names = own[:count] if len(own) >= count else names
+    return {name: motions.size + k for k, name in enumerate(names)}
 
 
 def continue_motion(
@@ -200,14 +228,28 @@ def _extended(branch, walk, search, most, until, on_point):
     reason = reason or walk.ended
     if reason in ("bound", "no convergence"):
         label = "EP" if reason == "bound" else "MX"
-        value = float(nodes[-1].z[-1])
+        # an angle may come after the parameters
+        place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
+        value = float(nodes[-1].z[place])
         nodes[-1] = nodes[-1]._replace(label=label)
-        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", ""))
+        note = _why(branch.equations, nodes) if label == "MX" else ""
+        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", note, (), place))
     back = branch.ends[0]
     if reason == "closed":
         # nothing is left to follow from the start of a closed curve
         back = back._replace(reason="")
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
+
+
+def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
+    """Return in words why no step converges after the last of some points, as far as these tell."""
+    # on curves of critical motions a multiplier may be +1 throughout
+    if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
+        return "a multiplier is +1: branches cross or turn back here, begin beside it"
+    sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
+    if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
+        return "derivatives grow without bound, as at a grazing"
+    return ""
 
 
 def switch(

@@ -56,11 +56,13 @@ class Event(NamedTuple):
     note: str
     change: tuple[int, ...] = ()
     """Changes of `Observation.counts` at a grazing, along the branch."""
+    place: int = -1
+    """Where the last parameter is among the unknowns."""
 
     @property
     def value(self) -> float:
-        """Value of the parameter there."""
-        return float(self.node.z[-1])
+        """Value of the parameter there, of several the last."""
+        return float(self.node.z[self.place])
 
 
 def observed(node: Node, observe: Observe | None) -> Node:

@@ -31,8 +31,11 @@ CLOSE = 1e-9
 """Newton step, as a share of the integration step, after which the instant is exact: its error is the square."""
 SHORTEST = 1e-3
 """Shortest flight between impacts, as a share of the integration step; instead of a shorter one the motion sticks."""
-MOST_IMPACTS = 2000
-"""Impacts in one integration step after which the state is NaN; twice the number of flights of length `SHORTEST`."""
+MOST_EVENTS = 2000
+"""Impacts or crossings in one integration step after which the state is NaN; twice the number of flights of length
+`SHORTEST`."""
+ON_SURFACE = 1e-9
+"""Way to the surface at which a motion slides, as a share of what both fields go towards it in a step."""
 
 
 def rk4(field: Field, t: Array, y: Array, h: Array) -> Array:
@@ -150,21 +153,63 @@ class SwitchedStep(AbstractCrossingStep):
     below: Field
     surface: Surface
 
-    def _field(self, up):
-        return lambda t, y: jnp.where(up, self.above(t, y), self.below(t, y))
+    def _field(self, up, slides=False):
+        either = lambda t, y: jnp.where(up, self.above(t, y), self.below(t, y))
+        if slides is False:
+            return either
+        return lambda t, y: jnp.where(slides, self._sliding(t, y), either(t, y))
+
+    def _rates(self, t, y):
+        """Return how fast the surface's function grows along the field above, and along the one below."""
+        return _along(self.above, self.surface)(t, y), _along(self.below, self.surface)(t, y)
+
+    def _sliding(self, t, y):
+        """Return the mixture of both fields that stays on the surface, by Filippov."""
+        above, below = self._rates(t, y)
+        apart = jnp.where(below == above, 1.0, below - above)
+        return (below * self.above(t, y) - above * self.below(t, y)) / apart
+
+    def _held(self, t, y):
+        """Return a positive number where both fields point to the surface."""
+        above, below = self._rates(t, y)
+        return jnp.minimum(-above, below)
 
     def _ahead(self, t, y):
         up = self.surface(t, y) >= 0
         end = rk4(self._field(up), t, y, self.dt)
         return end, (self.surface(t + self.dt, end) >= 0) != up
 
+    def _stuck(self, t, y):
+        above, below = self._rates(t, y)
+        near = jnp.abs(self.surface(t, y)) <= ON_SURFACE * self.dt * (below - above)
+        return near & (above < 0) & (below > 0)
+
     def _across(self, t, y, crosses):
-        up = self.surface(t, y) >= 0
-        flow = lambda share: rk4(self._field(up), t, y, share * self.dt)
-        share = share_before(self.surface, flow, t, self.dt, crosses)
-        # the rest of the step with the other field
-        end = rk4(self._field(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
-        return end, jnp.zeros_like(crosses)
+        at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
+
+        def to_event(carry):
+            # advance to a crossing, to the end of sliding, or to the end of the step
+            share, y, up, slides, _, count = carry
+            side = jnp.where(up, 1.0, -1.0)
+            # positive until something happens; jit, so that each is traced once
+            ahead = jax.jit(lambda t, y: jnp.where(slides, self._held(t, y), side * self.surface(t, y)))
+            field = jax.jit(self._field(up, slides))
+            flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
+            happens = crosses & (ahead(at(1.0), flow(1.0)) < 0)
+            part = share_before(ahead, flow, at(share), left(share), happens)
+            share, y = share + part * (1 - share), flow(part)
+            above, below = self._rates(at(share), y)
+            # sliding ends along the field that no longer points to the surface
+            up = jnp.where(happens, jnp.where(slides, -above < below, ~up), up)
+            slides = jnp.where(happens, ~slides & (above < 0) & (below > 0), slides)
+            y = jnp.where(slides, _to_surface(self.surface, at(share), y), y)
+            return share, y, up, slides, happens, count + 1
+
+        slides = self._stuck(t, y)
+        begin = jnp.zeros_like(self.dt), y, self.surface(t, y) >= 0, slides, jnp.asarray(True), 0
+        going = lambda carry: carry[4] & (carry[5] < MOST_EVENTS)
+        _, y, _, slides, lost, _ = jax.lax.while_loop(going, to_event, begin)
+        return jnp.where(lost, jnp.nan, y), slides
 
 
 class ImpactStep(AbstractCrossingStep):
@@ -226,7 +271,7 @@ class ImpactStep(AbstractCrossingStep):
 
         stuck = self._stuck(t, y)
         begin = jnp.zeros_like(self.dt), jnp.where(stuck, self._settled(t, y), y), stuck, True, 0
-        going = lambda carry: carry[3] & (carry[4] < MOST_IMPACTS)
+        going = lambda carry: carry[3] & (carry[4] < MOST_EVENTS)
         _, y, stuck, lost, _ = jax.lax.while_loop(going, to_event, begin)
         return jnp.where(lost, jnp.nan, y), stuck
 
@@ -247,9 +292,8 @@ class ImpactStep(AbstractCrossingStep):
 
     def _settled(self, t, y):
         """Return the state moved onto the surface, with no rate of the gap."""
-        slope = jax.grad(lambda y: self.surface(t, y))(y)
         # to the surface along its normal, then no rate across it
-        y = y - self.surface(t, y) / (slope @ slope) * slope
+        y = _to_surface(self.surface, t, y)
         return y - self._rate(t, y) * self._reaction(t, y)
 
 
@@ -342,7 +386,9 @@ def switched_step(
     """Return the map of an ODE over an interval, where the right-hand side jumps when `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
-    Grazing, sliding, and steps longer than the time between two crossings are not supported.
+    Where both fields point to the surface, the motion slides along it until one no longer does, by Filippov
+    (doi:10.1007/978-94-015-7793-9): dry friction sticks. Grazing, and steps longer than the time between two
+    crossings, are not supported.
 
     **Arguments:** `above`, `below`: y' at (t, y) where surface(t, y) >= 0, and elsewhere; `dt`: integration step, in
     the system's unit of time; `steps`: steps in one interval; `t0`: time at which interval 0 starts.
@@ -412,6 +458,12 @@ def return_step(
 
 def _instants(dt, t0, steps):
     return positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1)
+
+
+def _to_surface(surface: Surface, t: Array, y: Array) -> Array:
+    """Return the state moved onto a surface along its normal, to first order."""
+    slope = jax.grad(lambda y: surface(t, y))(y)
+    return y - surface(t, y) / (slope @ slope) * slope
 
 
 def _along(field: Field, function: Surface) -> Surface:

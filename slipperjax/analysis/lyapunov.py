@@ -10,6 +10,7 @@ derivative lacks the saltation term, and the exponents are wrong however short t
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -47,8 +48,6 @@ class LyapunovSpectrum(eqx.Module):
     """Length of a period [s], or in the unit of the system's time."""
     status: Int[Array, "*lanes"] | None = None
     """Status code of the state at the end, see `slipperjax.Status`; None where it was not checked."""
-    slowest: float = eqx.field(static=True, default=0.0)
-    """Time scale of the slowest known changes of chaotic motions of the system [periods]; 0 where none is known."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
@@ -61,7 +60,8 @@ class LyapunovSpectrum(eqx.Module):
         total = self.history.shape[0] * float(self.periods)
         text = f"LyapunovSpectrum({exponents} [1/period],\n  over {total:g} periods of {float(self.period):.5g} s"
         if not self.resolved:
-            text += f",\n  not resolved: errors without changes over {self.slowest:g} periods, see lyapunov_sweep"
+            lasting = "one motion does not show whether its chaos lasts"
+            text += f",\n  not resolved: {lasting if self._chaotic else 'the errors leave the sign open'}"
         return text + ")"
 
     @property
@@ -77,19 +77,23 @@ class LyapunovSpectrum(eqx.Module):
     @property
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
         """Standard errors of `per_period` [1/period], see `one_motion_standard_error`; not for use under a
-        transformation. For chaos they are too small where it is not `resolved`."""
+        transformation. Of chaos they are those of what the record has seen: it may have other bands, or end."""
         return one_motion_standard_error(self.history) / np.asarray(self.periods)[..., None]
 
     @property
     def resolved(self) -> Bool[np.ndarray, "*lanes"]:
-        """True where the record is long enough for its errors; not for use under a transformation.
+        """True where the largest exponent is known not to be positive; not for use under a transformation.
 
-        A record cannot show changes slower than itself. So chaos is not resolved where the record is shorter than
-        four times `slowest`. `slipperjax.lyapunov_sweep` runs several motions for longer.
+        Chaos of one motion is never resolved: a record of N periods in which it does not end shows with 95 %
+        confidence that its mean life exceeds N / 3, and no more. For slippers `slipperjax.lyapunov_sweep` runs
+        several motions for longer.
         """
-        recorded = self.history.shape[-2] * np.asarray(self.periods)
-        chaotic = is_chaotic(self.per_period[..., 0], self.stderr[..., 0])
-        return np.asarray((recorded >= 4 * self.slowest) | ~chaotic)
+        good = is_sure(self.per_period[..., 0], self.stderr[..., 0]) & ~self._chaotic
+        return np.asarray(good if self.status is None else good & (np.asarray(self.status) == 0))
+
+    @property
+    def _chaotic(self) -> Bool[np.ndarray, "*lanes"]:
+        return is_chaotic(self.per_period[..., 0], self.stderr[..., 0])
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
@@ -298,7 +302,13 @@ def check_functions(step: object, scale: object) -> None:
 def check_state(state: PyTree) -> PyTree:
     """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
-    return jax.tree.map(finite("state"), state)
+    return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
+
+
+def check_real(name: str, value: object) -> Any:
+    """Return a value; raise `ValueError` for complex numbers, of which tangents and distances would lose a part."""
+    require(not np.iscomplexobj(value), name, "be real: of complex numbers take real and imaginary parts", value)
+    return value
 
 
 SURE = 3.0
@@ -310,6 +320,12 @@ LEAST = 1e-3
 def is_chaotic(exponent: Numbers, stderr: Numbers) -> np.ndarray:
     """Return whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
     return np.asarray(np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST))
+
+
+def is_sure(exponent: Numbers, stderr: Numbers) -> np.ndarray:
+    """Return whether the sign of a largest Lyapunov exponent is known, or the exponent to 0.01 [1/period]."""
+    exponent, stderr = np.asarray(exponent), np.asarray(stderr)
+    return np.asarray(is_chaotic(exponent, stderr) | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01)))
 
 
 def regime(
@@ -331,13 +347,11 @@ def regime(
     kind = np.asarray(kind)
     chaotic = is_chaotic(exponent, stderr)
     periodic = kind == Regime.PERIODIC.kind_name
-    # exponents near zero are known well enough to 0.01 per period
-    sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01))
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
     # chaos that some of the longer motions have left
     lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     codes = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
-    good = trusted.astype(bool) & np.isfinite(exponent) & sure & ~contradicts
+    good = trusted.astype(bool) & np.isfinite(exponent) & is_sure(exponent, stderr) & ~contradicts
     return Regime.regime_names(np.where(good, codes, Regime.UNRESOLVED))
 
 

@@ -94,7 +94,7 @@ def _disturbances(scene: Scene, seed: int, repeats: int) -> np.ndarray:
     """
     changes = 0.1 * np.random.default_rng(seed).normal(size=(repeats, len(MOTION_NUMBERS)))
     changes[:, :5] = 0.0  # the displacements; velocities follow them
-    return changes * np.array(jax.tree.leaves(accuracy_scales(scene)))
+    return changes * np.array(jax.tree.leaves(accuracy_scales(scene))[: len(MOTION_NUMBERS)])
 
 
 class _RunValues(NamedTuple):

@@ -375,9 +375,8 @@ class _Ensemble:
         values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
-        change = (
-            0.3 * rng.normal(size=(members, len(SIZES))) * np.array(jax.tree.leaves(accuracy_scales(problem.scene)))
-        )
+        scales = jax.tree.leaves(accuracy_scales(problem.scene))[: len(SIZES)]
+        change = 0.3 * rng.normal(size=(members, len(SIZES))) * np.array(scales)
         change[:, :5] = 0.0
         own = problem.start.motion if isinstance(problem.start, State) else problem.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change

@@ -131,16 +131,23 @@ def covariance(slope: Float[np.ndarray, "rows unknowns"]) -> Float[np.ndarray, "
 
 
 def compressed(
-    residual: Float[np.ndarray, "starts rows"], slope: Float[np.ndarray, "starts rows unknowns"]
+    residual: Float[np.ndarray, "*starts rows"], slope: Float[np.ndarray, "*starts rows unknowns"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals and slopes with one row more than unknowns, and the same sums of squares."""
-    good = np.isfinite(residual).all(axis=1) & np.isfinite(slope).all(axis=(1, 2))
-    both = np.concatenate([slope, residual[..., None]], axis=2)
-    # a lost motion is as bad as can be
-    both[~good] = 0.0
-    few = np.asarray(np.linalg.qr(both, mode="r"))
-    few[~good, -1, -1] = np.sqrt(LOST)
-    return few[:, :, -1], few[:, :, :-1]
+    """Return residuals and slopes with one row more than unknowns at most, and the same sums of squares.
+
+    Those of a lost motion, some of which are not finite, become as bad as can be.
+    """
+    good = np.isfinite(residual).all(axis=-1) & np.isfinite(slope).all(axis=(-1, -2))
+    if slope.shape[-2] > slope.shape[-1] + 1:
+        both = np.concatenate([slope, residual[..., None]], axis=-1)
+        both[~good] = 0.0
+        few = np.asarray(np.linalg.qr(both, mode="r"))
+        residual, slope = few[..., -1].copy(), few[..., :-1].copy()
+    if not good.all():
+        residual, slope = residual.copy(), slope.copy()
+        residual[~good], slope[~good] = 0.0, 0.0
+        residual[~good, -1] = np.sqrt(LOST)
+    return residual, slope
 
 
 def search(

@@ -147,48 +147,51 @@ class Fitting:
         self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray
     ) -> tuple[Float[np.ndarray, "starts rows"], Float[np.ndarray, "starts rows unknowns"]]:
         """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
-        `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
+        `index`: differences from samples, jumps between windows, and what is known of the unknowns before.
+
+        They are rotated to one row more than unknowns, window by window, because all rows of many windows by all
+        unknowns would take gigabytes.
+        """
         levels, numbers = self.split(points)
         course = self.course(points)
         per_level = self._per_level(points)
+        # columns: numbers of this window's start, of the next one's, levels, residual
         parts = [
-            self._differences(course, per_level),
+            _banded(*self._weighted(course), per_level),
             self._jumps(course, numbers, per_level),
-            self._priors(levels, numbers - self.guess[index]),
+            self._reach(numbers - self.guess[index], levels.shape[1]),
         ]
-        residuals, slopes = zip(*parts, strict=True)
-        return np.concatenate(residuals, axis=1), np.concatenate(slopes, axis=1)
+        return _triangular(np.concatenate(parts, axis=2), levels)
 
     def _per_level(self, points: Float[np.ndarray, "starts unknowns"]) -> Float[np.ndarray, "starts parameters"]:
         """Return derivatives of the parameters by their levels."""
         return np.stack([one.slope(points[:, k]) for k, one in enumerate(self.model.problem.unknowns)], axis=1)
 
-    def _differences(self, course: Course, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _weighted(self, course: Course) -> tuple[np.ndarray, np.ndarray]:
+        """Return differences from samples (starts, windows, rows) and their slopes by a window's own directions."""
         windows = self.model.windows
         weight = windows.known / self.noise[:, None]
-        difference = ((course.reading - windows.value) * weight).reshape(len(per_level), windows.count, -1)
-        slope = (course.slope * weight[..., None]).reshape(*difference.shape, -1)
-        return self._placed(difference, slope, per_level)
+        difference = ((course.reading - windows.value) * weight).reshape(-1, windows.count, weight[0].size)
+        return difference, (course.slope * weight[..., None]).reshape(*difference.shape, -1)
 
-    def _jumps(self, course: Course, numbers: np.ndarray, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _jumps(self, course: Course, numbers: np.ndarray, per_level: np.ndarray) -> np.ndarray:
         run = self.model.windows.run
         # of the windows that are followed by one of the same run
         on = np.append(run[1:] == run[:-1], False)
-        after = np.roll(numbers, -1, axis=1)
         weight = on[:, None] / self.jump
-        residual, slope = self._placed((course.end - after) * weight, course.end_slope * weight[..., None], per_level)
-        ten = len(SIZES)
-        first = len(self.model.problem.unknowns)
-        for window in np.flatnonzero(on):
-            rows = ten * window + np.arange(ten)
-            slope[:, rows, first + ten + rows] -= 1 / self.jump
-        return residual, slope
+        after = np.roll(numbers, -1, axis=1)
+        rows = _banded((course.end - after) * weight, course.end_slope * weight[..., None], per_level)
+        ten = np.arange(len(SIZES))
+        rows[:, :, ten, len(SIZES) + ten] = -weight
+        return rows
 
-    def _priors(self, levels: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        away = away.reshape(len(levels), -1)
-        weight = np.append(np.ones(levels.shape[1]), np.full(away.shape[1], 1 / START_REACH))
-        residual = np.hstack([levels, away]) * weight
-        return residual, np.broadcast_to(np.diag(weight), (*residual.shape, len(weight)))
+    def _reach(self, away: np.ndarray, levels: int) -> np.ndarray:
+        """Return what is known of the starts before."""
+        ten = len(SIZES)
+        rows = np.zeros((*away.shape, 2 * ten + levels + 1))
+        rows[..., :ten] = np.eye(ten) / START_REACH
+        rows[..., -1] = away / START_REACH
+        return rows
 
     def _placed(self, value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return values (starts, windows, rows) and slopes by a window's own directions as those by all unknowns."""
@@ -224,7 +227,7 @@ class Fitting:
         slope = found.slope[found.lead]
         every = covariance(slope)
         course = self.course(point)
-        _, by = self._differences(course, self._per_level(point))
+        _, by = self._placed(*self._weighted(course), self._per_level(point))
 
         def shift(other: Course) -> np.ndarray:
             change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
@@ -267,6 +270,51 @@ class Fitting:
             draws=likely[1:],
             start=Motion(*(self.split(point[None])[1][0, 0] * SIZES)),
         )
+
+
+def _banded(value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> np.ndarray:
+    """Return values (starts, windows, rows) and slopes by a window's own directions as rows of `_triangular`."""
+    starts, windows, rows = value.shape
+    own, ten = per_level.shape[1], len(SIZES)
+    found = np.zeros((starts, windows, rows, 2 * ten + own + 1))
+    found[..., :ten] = slope[..., own:]
+    found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
+    found[..., -1] = value
+    return found
+
+
+def _triangular(
+    rows: Float[np.ndarray, "starts windows rows columns"], levels: Float[np.ndarray, "starts levels"]
+) -> tuple[Float[np.ndarray, "starts few"], Float[np.ndarray, "starts few unknowns"]]:
+    """Return residuals and slopes with one row more than unknowns, and the same sums of squares.
+
+    Each window's start is eliminated in turn by a QR decomposition, which leaves rows of the next one's and of the
+    levels.
+
+    **Arguments:** `rows`: by the numbers of a window's start, those of the next one, the levels, and the residual;
+    `levels`: which are to be small, too.
+    """
+    starts, windows = rows.shape[:2]
+    own, ten = levels.shape[1], len(SIZES)
+    size = own + ten * windows
+    found = np.zeros((starts, size + 1, size + 1))
+    left = np.zeros((starts, 0, ten + own + 1))
+    for k in range(windows):
+        before = np.concatenate([left[..., :ten], np.zeros((*left.shape[:2], ten)), left[..., ten:]], axis=2)
+        few = np.asarray(np.linalg.qr(np.concatenate([before, rows[:, k]], axis=1), mode="r"))
+        here = found[:, ten * k : ten * (k + 1)]
+        # nothing comes after the last window
+        most = min(2 * ten, size - own - ten * k)
+        here[..., own + ten * k : own + ten * k + most] = few[:, :ten, :most]
+        here[..., :own] = few[:, :ten, 2 * ten : -1]
+        here[..., -1] = few[:, :ten, -1]
+        left = few[:, ten:, ten:]
+    known = np.concatenate([np.broadcast_to(np.eye(own), (starts, own, own)), levels[..., None]], axis=2)
+    few = np.asarray(np.linalg.qr(np.concatenate([left[..., ten:], known], axis=1), mode="r"))
+    last = found[:, ten * windows :]
+    last[:, : few.shape[1], :own] = few[..., :-1]
+    last[:, : few.shape[1], -1] = few[..., -1]
+    return found[..., -1], found[..., :-1]
 
 
 def _rms(windows: Windows) -> Float[np.ndarray, " sensors"]:

@@ -194,8 +194,8 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
 
 
 def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Args) -> Array:
-    """Return the greatest rate of contacts and modes [1/s]: sum of the contacts' decay rates, frequency of their
-    springs, or that of the highest mode.
+    """Return the greatest rate of contacts and parts [1/s]: sum of the contacts' decay rates, frequency of their
+    springs, that of the highest mode, or that of a sled on springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
     greatest rate of all together.
@@ -216,6 +216,8 @@ def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Ar
     # one pass over the points, see `slipperjax.tools.fused`
     decay, square = sums(*(jnp.maximum(jax.lax.stop_gradient(x), 0) * per_mass for x in (damper, spring)))
     fastest = jnp.maximum(decay, jnp.sqrt(square))
+    if scene.sled is not None:
+        fastest = jnp.maximum(fastest, scene.sled.fastest(scene.slipper.mass))
     return fastest if modes is None else jnp.maximum(fastest, 2 * jnp.pi * modes.frequency[-1])
 
 

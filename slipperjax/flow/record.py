@@ -6,6 +6,7 @@ sample each period, whose samples are joined in the order of time. After the run
 """
 
 import abc
+from collections import deque
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -191,16 +192,19 @@ class Samples:
     def __init__(self, records: RecordSet, periods: int):
         """**Arguments:** `periods`: number of recorded periods in all calls together."""
         self._periods = periods
-        self._calls: dict[AbstractRecord, list[PyTree]] = {r: [] for r in records.records}
+        self._calls: dict[AbstractRecord, deque[PyTree]] = {r: deque() for r in records.records}
+        self._held = dict.fromkeys(records.records, 0)
+        """Periods of each record's samples."""
 
     def add(self, records: RecordSet, samples: tuple[PyTree, ...]) -> None:
         """Add the samples that some of the records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
+            self._held[r] += _periods_in(calls[-1])
             # earlier calls are dropped as soon as later ones have all periods that are needed, to save memory
-            while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
-                del calls[0]
+            while not r.from_start and self._held[r] - _periods_in(calls[0]) >= r.last(self._periods):
+                self._held[r] -= _periods_in(calls.popleft())
 
     def joined(self) -> tuple[PyTree, ...]:
         """Return each record's samples in the order of time."""
@@ -213,10 +217,10 @@ class Samples:
         return tuple(found)
 
 
-def _periods_in(calls: list[PyTree]) -> int:
-    """Return how many periods were sampled in some calls."""
+def _periods_in(call: PyTree) -> int:
+    """Return how many periods were sampled in a call."""
     # all arrays of a sample have the same periods: the first one tells
-    return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
+    return sum(leaf.shape[1] for leaf in jax.tree.leaves(call)[:1])
 
 
 # --- records of samples ---------------------------------------------------------------------------------------------

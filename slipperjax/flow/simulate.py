@@ -72,6 +72,11 @@ class Probe(NamedTuple):
     peak_error: Float[Array, " probes"]
     """Relative change of the period's highest contact force [1]; NaN without contact or without loads."""
 
+    @property
+    def worst(self) -> Float[np.ndarray, ""]:
+        """The greatest of all errors, of motions and of forces; not for use under a transformation."""
+        return np.maximum(np.max(np.asarray(self.error)), np.max(np.nan_to_num(np.asarray(self.peak_error))))
+
 
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
     """Return the errors of `count` periods of a run, equally spaced from the first to the last, or of all if fewer.
@@ -432,7 +437,7 @@ def simulate(
     measured = None
     if probe:
         measured = _probed(run, records, states, saves, epoch, probe)
-        status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
+        status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
     # with adaptive steps, the number of instants at which states were interpolated
     shown = steps if controller is None or loads or saves == 1 else saves
     call = dict(

@@ -146,6 +146,27 @@ def scales_of(motion: Motion) -> Motion:
     return dataclasses.replace(MOTION_SCALES, sled=sled, modes=modes)
 
 
+def with_parts(scales: Motion, scene: Scene) -> Motion:
+    """Return scales of a body's numbers with those of the scene's parts that have none of their own.
+
+    The coordinate of a mode counts by the displacement of the mount or place that it moves farthest, that of a mode
+    which hardly moves any by the mean of its body's.
+    """
+    sled, modes = scales.sled, scales.modes
+    if sled is None and scene.sled is not None:
+        sled = SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
+    own = scene.slipper.modes
+    if modes is None and own is not None:
+        # of unit modal mass, the mean square of a shape is one over the mass
+        moved = [jnp.broadcast_to(1 / jnp.sqrt(scene.slipper.mass), own.frequency.shape)]
+        for shapes in (own.shapes, own.place_shapes):
+            if shapes is not None:
+                moved.append(jnp.max(jnp.abs(shapes), axis=(-2, -1), initial=0.0))
+        most = jnp.max(jnp.stack(moved), axis=0)
+        modes = ModalMotion(scales.z / most, scales.v_z / most)
+    return dataclasses.replace(scales, sled=sled, modes=modes)
+
+
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
     """Return the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
     # faces without play do not count
@@ -159,7 +180,8 @@ def share_of_scale(scene: Scene) -> Float[Array, ""]:
 def accuracy_scales(scene: Scene) -> Motion:
     """Return the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
     displacements and attitude in proportion, because an error of the size of the play leaves nothing right; and with
-    contact points farther than 0.1 m from the centre of mass attitude and spin in proportion, because they move."""
+    contact points farther than 0.1 m from the centre of mass attitude and spin in proportion, because they move.
+    Those of its parts are as of `with_parts`."""
     share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
     body = scene.slipper
     # where the scale of the attitude moves a point by that of displacements; a quaternion is half an angle
@@ -167,13 +189,19 @@ def accuracy_scales(scene: Scene) -> Motion:
     near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
     y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
     q_x, q_y, q_z = (share * near * q for q in attitude)
-    return Motion(share * y, share * z, q_x, q_y, q_z, v_y, v_z, near * w_x, near * w_y, near * w_z)
+    body = Motion(share * y, share * z, q_x, q_y, q_z, v_y, v_z, near * w_x, near * w_y, near * w_z)
+    return with_parts(body, scene)
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
-    """Return the largest magnitude in a difference of two slippers' motions, in multiples of `scales` [1]."""
-    scaled = [jnp.abs(d) / s for d, s in zip(_of_slipper(motion), _of_slipper(scales), strict=True)]
-    return jnp.max(jnp.stack(scaled))
+    """Return the largest magnitude in a difference of two motions, in multiples of `scales` [1]; of parts for which
+    these have none, of the usual ones."""
+    instance("scales", scales, Motion, "a slipperjax.Motion of sizes")
+    usual = scales_of(instance("motion", motion, Motion, "a slipperjax.Motion"))
+    parts = {"sled": usual.sled, "modes": usual.modes}
+    of_parts = {name: part and (getattr(scales, name) or part) for name, part in parts.items()}
+    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, dataclasses.replace(scales, **of_parts))
+    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)]))
 
 
 def quaternion_from_euler(roll, pitch, yaw):

@@ -43,6 +43,12 @@ class SledMass(ShapeChecked):
         beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
         return force + self.stop_stiffness * beyond
 
+    def fastest(self, body: Array) -> Array:
+        """Return the greatest rate of springs, stops and dampers [1/s]; `body`: mass of what carries them [kg]."""
+        stiffness = self.stiffness if self.stop_stiffness is None else self.stiffness + self.stop_stiffness
+        per_mass = 1 / self.mass + 1 / body
+        return jnp.max(jnp.maximum(jnp.sqrt(stiffness * per_mass), self.damping * per_mass))
+
     def sag(self, gravity: Array | None) -> Array:
         """Return the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
         if gravity is None:

@@ -307,7 +307,8 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     colors = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
     most = len(colors)
     periods = ds["basin_period"].values
-    shares = ds["share"].values
+    # over parameters, of all cases
+    shares = ds["share"].mean([d for d in ds["share"].dims if d != "attractor"]).values
     with drawing(ax, ds, 3.5, 3.3) as ax:
         # entries of the largest basins
         for color, period, share in zip(colors, periods, shares, strict=False):

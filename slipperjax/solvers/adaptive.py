@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
+from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size, with_parts
 from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
 from ..tools.tracing import is_traced
@@ -25,6 +25,10 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     - Errors in an integrated memory count by what the contacts feel of them, see `AbstractIntegratedMemory.felt`.
 
     Each period starts with the step length proposed at the end of the previous one.
+
+    The tolerance is of the motion: highest contact forces on a random rail were 3.5 % off at 1e-5, 12 % at 1e-4 and
+    81 % at 1e-3. At equal cost the default, constant steps with contact impulses integrated anew, is 10 to 30 times
+    more exact. `probe` of `slipperjax.simulate` measures the error of forces, too.
     """
 
     tolerance: float = 1e-5
@@ -40,7 +44,8 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """The integration fails if a step would have to be shorter than this [forcing periods]."""
     scales: Motion = MOTION_SCALES
     """Scales of the motion's numbers [m], [1], [m/s] and [rad/s]; by default for clearances of about a millimetre. An
-    angle's scale counts half in the quaternion."""
+    angle's scale counts half in the quaternion. Parts without scales, a sled on springs and elastic modes, have those
+    of `slipperjax.model.accuracy_scales`."""
 
     def __check_init__(self):
         for name in "tolerance", "touchdown", "per_contact", "shortest":
@@ -83,7 +88,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         assert y_error is not None  # see `resolve_controller`
         _, end = controller_state
         scene = args.scene
-        size = scaled_size(y_error.motion, self.scales) / self.tolerance
+        size = scaled_size(y_error.motion, with_parts(self.scales, scene)) / self.tolerance
         if scene.integrates_memory:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
             # of errors in the memory counts what contacts feel, in the scale of the vertical velocity

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ..analysis.attractor import Attractors, classify
 from ..analysis.kinds import Regime
 from ..flow.status import Status
+from ..model.parameters import STARTS
 from ..model.quantities import COORDINATE_SCALES
 from ..tools.checks import require, whole
 from ..tools.columns import column
@@ -77,57 +78,129 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
     return motions._replace(evidence=evidence.astype(str))
 
 
-def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Dataset:
+def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float = 0.5) -> xr.Dataset:
     """Number the attractors that a grid of starts leads to: 0, 1, ... from the largest basin to the smallest.
 
-    Two cases are on one attractor where mean and standard deviation of their last strobe states agree within
-    `tolerance`, in multiples of `slipperjax.model.COORDINATE_SCALES`. If a motion recurs after n periods, within a
-    tenth of `tolerance`, they are taken over whole multiples of n periods, which makes them independent of its phase.
-    Reliable for periodic attractors; a chaotic one may be numbered as several.
+    Two cases are on one periodic attractor where their last strobe states recur after the same n periods, within a
+    tenth of `tolerance`, and mean and standard deviation of these agree within `tolerance`, in multiples of
+    `slipperjax.model.COORDINATE_SCALES`. They are taken over whole multiples of n periods, which makes them
+    independent of the phase. All motions that do not recur, chaotic ones above all, count as one attractor.
 
-    **Arguments:** `ds`: as for `strobe_states`; `last`: periods at its end that are used; `tolerance` [1].
+    Over parameters, such as the speed, an attractor keeps its number from one value to the next where its period
+    stays and mean and standard deviation change by `reach` at most.
+
+    **Arguments:** `ds`: as for `strobe_states`; `last`: periods at its end that are used, twice the longest n;
+    `tolerance`, `reach` [1].
 
     **Returns:** an `xarray.Dataset`, which `slipperjax.plots.basin_map` draws: `basin`, the number of each case's
     attractor, -1 for cases with a status other than 0; for each `attractor`, `basin_period`, the forcing periods
-    after which it recurs, 0 if it does not, and `share` of the cases [1].
+    after which it recurs, 0 if it does not, and `share` of the cases [1], at each value of the parameters.
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
-    marks = [_mark(case, tolerance / 10) for case in states.reshape(-1, *states.shape[-2:])]
-    numbers = np.full(len(marks), -1)
-    centres: list[np.ndarray] = []
-    periods: list[int] = []
-    # a case joins the nearest attractor within the tolerance, or begins a new one
-    for k, (mark, period) in enumerate(marks):
-        if not np.all(np.isfinite(mark)):
-            continue
-        near = [np.max(np.abs(mark - c)) for c in centres]
-        if near and min(near) < tolerance:
-            numbers[k] = int(np.argmin(near))
-        else:
-            numbers[k] = len(centres)
-            centres.append(mark)
-            periods.append(period)
-    sizes = np.bincount(numbers[numbers >= 0], minlength=len(centres))
+    strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
+    # what is not of the start: an attractor is looked for at each value of these
+    over = [d for d in strobe.dims if d in ds.coords and d not in (*STARTS, "direction")]
+    axes = [strobe.dims.index(d) for d in over]
+    states = np.moveaxis(states, axes, range(len(axes)))
+    outer, inner = states.shape[: len(axes)], states.shape[len(axes) : -2]
+    marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
+    cases = (int(np.prod(outer)), int(np.prod(inner)))
+    numbers, kinds = _numbered(marks.reshape(*cases, -1), periods.reshape(cases), outer, tolerance, reach)
+    sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
-    strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
-    basin = rank[numbers].reshape(strobe.shape)
-    share = sizes[order] / max(len(numbers), 1)
+    ranked = rank[numbers]
+    basin = np.moveaxis(ranked.reshape(*outer, *inner), range(len(axes)), axes)
+    share = np.mean(ranked[..., None] == np.arange(len(kinds)), axis=1).reshape(*outer, len(kinds))
     text = "attractor, by falling size of its basin; -1 for cases with a status"
     data = {
         "basin": column(strobe.dims, basin, "", text),
-        "basin_period": column("attractor", np.array(periods, int)[order], "1", "forcing periods"),
-        "share": column("attractor", share, "1", "share of the cases"),
+        "basin_period": column("attractor", np.array(kinds, int)[order], "1", "forcing periods"),
+        "share": column((*over, "attractor"), share, "1", "share of the cases"),
     }
     made = xr.Dataset(data, strobe.coords, ds.attrs)
     return made if "status" not in ds else made.assign(status=ds["status"])
 
 
-def _mark(states: np.ndarray, near: float) -> tuple[np.ndarray, int]:
-    """Return mean and spread of scaled states (periods, 10) over whole recurrences, and the period of these, or 0."""
-    periods = len(states)
-    recurs = (n for n in range(1, periods // 2 + 1) if np.max(np.abs(states[n:] - states[:-n])) < near)
-    n = next(recurs, 0)
-    # the latest states, as many as whole multiples of n
-    used = states[periods % n :] if n else states
-    return np.concatenate([used.mean(axis=0), used.std(axis=0)]), n
+def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and spread of scaled states (cases, periods, 10) over whole recurrences, (cases, 20), and the
+    periods of these, 0 for motions that do not recur, -1 for those that are not finite."""
+    periods = states.shape[1]
+    marks = np.concatenate([states.mean(axis=1), states.std(axis=1)], axis=-1)
+    found = np.where(np.isfinite(marks).all(axis=-1), 0, -1)
+    for n in range(1, periods // 2 + 1):
+        open_ = np.flatnonzero(found == 0)
+        of = states[open_]
+        recurs = np.max(np.abs(of[:, n:] - of[:, :-n]), axis=(1, 2)) < near
+        # the latest states, as many as whole multiples of n
+        used = of[recurs, periods % n :]
+        marks[open_[recurs]] = np.concatenate([used.mean(axis=1), used.std(axis=1)], axis=-1)
+        found[open_[recurs]] = n
+    return marks, found
+
+
+class _Basin(NamedTuple):
+    """An attractor at one value of the parameters, and the cases that lead to it."""
+
+    period: int
+    mark: Float[np.ndarray, " marks"]
+    cases: Int[np.ndarray, " some"]
+
+    def far(self, other: "_Basin") -> float:
+        """Return how far another attractor is, infinitely of another period; of what does not recur marks tell
+        nothing."""
+        if self.period != other.period:
+            return np.inf
+        return float(np.max(np.abs(self.mark - other.mark))) if self.period else 0.0
+
+
+def _numbered(
+    marks: np.ndarray, periods: np.ndarray, outer: tuple[int, ...], tolerance: float, reach: float
+) -> tuple[Int[np.ndarray, "values starts"], list[int]]:
+    """Return the number of each case's attractor, -1 for none, and the period of each number.
+
+    **Arguments:** `marks`, `periods`: as of `_marks`, at each value of the parameters; `outer`: how many values of
+    each parameter there are.
+    """
+    numbers = np.full(periods.shape, -1)
+    kinds: list[int] = []
+    found: list[dict[int, _Basin]] = []
+    for k in range(len(marks)):
+        # attractors at the value before, along each of the parameters
+        before = [np.subtract(np.unravel_index(k, outer), step) for step in np.eye(len(outer), dtype=int)]
+        known = [found[np.ravel_multi_index(tuple(at), outer)] for at in before if at.min() >= 0]
+        here = _basins(marks[k], periods[k], tolerance)
+        found.append(_named(here, [pair for basins in known for pair in basins.items()], kinds, reach))
+        for number, basin in found[-1].items():
+            numbers[k, basin.cases] = number
+    return numbers, kinds
+
+
+def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_Basin]:
+    """Return the attractors of some cases, in the order in which they are met."""
+    found = []
+    for n in np.unique(periods[periods >= 0]):
+        left = np.flatnonzero(periods == n)
+        while len(left):
+            first = marks[left[0]]
+            near = np.max(np.abs(marks[left] - first), axis=-1) < (tolerance if n else np.inf)
+            found.append(_Basin(int(n), first, left[near]))
+            left = left[~near]
+    return sorted(found, key=lambda basin: basin.cases[0])
+
+
+def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
+    """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
+    pairs = [(basin.far(other), i, number) for i, basin in enumerate(here) for number, other in known]
+    numbers: dict[int, int] = {}
+    for distance, i, number in sorted(pairs):
+        if distance <= reach and i not in numbers and number not in numbers.values():
+            numbers[i] = number
+    for i, basin in enumerate(here):
+        if i not in numbers and basin.period == 0 and 0 in kinds:
+            # what does not recur is one, wherever it is met
+            numbers[i] = kinds.index(0)
+        elif i not in numbers:
+            numbers[i] = len(kinds)
+            kinds.append(basin.period)
+    return {numbers[i]: basin for i, basin in enumerate(here)}

@@ -7,6 +7,7 @@ import diffrax
 import numpy as np
 import xarray as xr
 
+from ..analysis.attractor import recurrence
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet, Strobe
 from ..flow.simulate import Trajectory, beginning_of, check_rail, first_of
@@ -126,6 +127,9 @@ class Jump(NamedTuple):
     """How far the mean strobe state moved, in multiples of `COORDINATE_SCALES`; NaN without a jump."""
     status: Status
     """`FINITE`, or what ended the search at `after`."""
+    recurs: bool = True
+    """Whether the motion at `before` recurs within the periods of a hold. Where it does not, it may be chaos that
+    ends by escape: then the jump is elsewhere with other `transient`, `periods` and `most_holds`."""
 
 
 class _HeldMotion(NamedTuple):
@@ -134,6 +138,7 @@ class _HeldMotion(NamedTuple):
     state: State
     mark: np.ndarray  # its mean strobe state, in multiples of `COORDINATE_SCALES`
     status: Status
+    wander: float  # least change of its strobe states over some periods, in multiples of `COORDINATE_SCALES`
 
     def distance(self, other: "_HeldMotion") -> float:
         """Return how far its mean strobe state is from another one's, in multiples of `COORDINATE_SCALES`."""
@@ -167,8 +172,9 @@ def find_jump(
     `within`: longest last step [the parameter's unit]; `threshold`: in multiples of
     `slipperjax.model.COORDINATE_SCALES` [1]; `most_holds`: repetitions at one value, at most; others as for `follow`.
 
-    **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a
-    status other than `FINITE`, because nothing can be followed from there.
+    **Returns:** the first `Jump` met, or one with `found` False. Of a jump out of chaos `recurs` is False: where it
+    is met depends on how long the motion is held. The search ends at a value whose motion gets a status other than
+    `FINITE`, because nothing can be followed from there.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -188,8 +194,11 @@ def find_jump(
         state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
         done = run_chunk(part, state, epoch)
         epoch += plan.periods
-        mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
-        return _HeldMotion(done.state, mark, Status(int(done.status[0])))
+        strobe = done.record[0][0] / COORDINATE_SCALES
+        # over periods that the record shows twice, the motion's own being unknown
+        changes = recurrence(strobe, len(strobe) // 2).values()
+        wander = min((float(np.max(change)) for change in changes), default=np.inf)
+        return _HeldMotion(done.state, strobe.mean(axis=0), Status(int(done.status[0])), wander)
 
     def hold(value: float, state: State | None) -> _HeldMotion:
         held = run(value, state)
@@ -225,5 +234,5 @@ def find_jump(
             pending += [value, (at + value) / 2]  # half way first, then here again
             beyond = value, new
         else:
-            return Jump(True, at, value, size, Status.FINITE)
+            return Jump(True, at, value, size, Status.FINITE, on_branch.wander < threshold / 10)
     return Jump(False, at, at, float("nan"), Status.FINITE)

@@ -50,24 +50,30 @@ def shared_capacity(most: int, steps: int) -> int:
 
 
 class Calls(NamedTuple):
-    """A span of forcing periods as equal calls of one compiled program."""
+    """A span of forcing periods as equal calls of one compiled program, the last of which may be shorter."""
 
     length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
-    count: int
+    count: int  # of equal calls
     most: int = 0  # forcing periods in the longest call of the same program, where that is longer
+    rest: int = 0  # forcing periods in one more, shorter call
 
     @classmethod
     def of(cls, periods: int) -> "Calls":
-        """Return calls of 50 periods at most, or of all where `periods` has no divisor from 10 to 50."""
+        """Return calls of 50 periods at most, of equal length where `periods` has a divisor from 10 to 50."""
         length = max(periods, 1)  # of no periods, none is called
         if periods > 50:
-            length = next((k for k in range(50, 9, -1) if periods % k == 0), periods)
-        return cls(length, periods // length)
+            length = next((k for k in range(50, 9, -1) if periods % k == 0), 50)
+        return cls(length, periods // length, rest=periods % length)
 
     @property
     def periods(self) -> int:
         """Forcing periods in all."""
-        return self.length * self.count
+        return self.length * self.count + self.rest
+
+    @property
+    def lengths(self) -> list[int]:
+        """Forcing periods in each call."""
+        return [self.length] * self.count + [self.rest] * (self.rest > 0)
 
     @property
     def capacity(self) -> int:

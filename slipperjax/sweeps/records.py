@@ -27,13 +27,16 @@ from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
 from .plan import AbstractStage, LastStrobes
 
+UNCHECKED = "without certificates: long transients look chaotic, see lyapunov_sweep"
+"""Comment of quick labels."""
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
 
 
 @dataclass(frozen=True)
 class MotionKind(AbstractRecord):
-    """The kind of each motion by recurrence of the recorded strobe states, as by `slipperjax.sweeps.attractors`.
+    """The kind of each motion by recurrence of the recorded strobe states, as by `slipperjax.sweeps.attractors`: a
+    quick label, which nothing checks. Long transients look chaotic; `slipperjax.lyapunov_sweep` has certificates.
 
     The variables `kind` and `period` are those of `slipperjax.analysis.classify`. With fewer than `MIN_TEST` (200)
     periods, a motion is periodic or unresolved: 16 periods show period 4 at most, and 64 show period 16. Cases with a
@@ -79,7 +82,7 @@ class MotionKind(AbstractRecord):
     def label(self, scene, dims, values: Motions) -> Labelled:
         words = Regime.kind_names(values.kind)
         return {
-            "kind": column(dims, words, "", "kind of motion, by recurrence"),
+            "kind": column(dims, words, "", "kind of motion by recurrence, a quick label", comment=UNCHECKED),
             "period": column(
                 dims,
                 values.period,

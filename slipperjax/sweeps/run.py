@@ -132,14 +132,14 @@ def run_span(
     **Returns:** where the span ended, and the records' carry.
     """
     states, period, status = at
-    for _ in range(calls.count):
+    for used in calls.lengths:
         part.on_progress(0)  # stops here after Ctrl-C
         passed = advance(
             scenes,
             states,
             period,
             stepping,
-            used=as_argument(calls.length),
+            used=as_argument(used),
             earlier=carry,
             solver=part.plan.solver,
             periods=calls.capacity,
@@ -149,9 +149,9 @@ def run_span(
         carry = passed.carried
         status = first_problem(status, passed.status)
         # a program serves several numbers of periods: samples of periods beyond its use are cut off
-        samples.add(records, jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], passed.samples))
-        part.on_progress(calls.length)
-        period += calls.length
+        samples.add(records, jax.tree.map(lambda a, used=used: np.asarray(a)[:, :used], passed.samples))
+        part.on_progress(used)
+        period += used
     return Passing(states, period, status), carry
 
 

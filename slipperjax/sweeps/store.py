@@ -175,7 +175,8 @@ def _leaves(value: object, path: str = "") -> Iterator[tuple[str, str]]:
 # --- the store on disk ----------------------------------------------------------------------------------------------
 
 
-class Archive(NamedTuple):
+@dataclass(frozen=True)
+class Archive:
     """A store that exists: what its attribute `MARK` says, and where it is."""
 
     path: Path
@@ -213,7 +214,12 @@ class Archive(NamedTuple):
 
     def mark_of(self, number: int) -> str:
         """Return what tells a tile from those of other calls and places."""
-        return _digest(json.dumps([self.call, number], sort_keys=True).encode())
+        return _digest(f"[{self._called}, {number}]".encode())
+
+    @functools.cached_property
+    def _called(self) -> str:
+        """The call as text, which takes long to make."""
+        return json.dumps(self.call, sort_keys=True)
 
     def is_complete(self, number: int) -> bool:
         """Return whether all files of a tile are there, with the mark of this store."""
@@ -606,7 +612,7 @@ def _stored(
                 archive = _make_archive(store.path, grid, tiles, asked, like)
         archive.open()  # raises where variables are missing
         # workers of an executor may have another working directory
-        archive = archive._replace(path=store.path.absolute())
+        archive = replace(archive, path=store.path.absolute())
         if store.share is None:
             for part in archive.path.rglob("*.partial"):  # of a process that was killed
                 part.unlink()

@@ -1,9 +1,11 @@
 """Classification of known attractors: maps, linear oscillators and tori."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from slipperjax.analysis.attractor import classify, zero_one_test
+from slipperjax.analysis.attractor import classify, rotation_number, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
 GOLDEN = (5**0.5 - 1) / 2
@@ -160,6 +162,28 @@ def test_noise_is_not_chaos(states):
     assert result.k > 0.95
 
 
+def test_rotation_numbers():
+    angle = 2 * np.pi * GOLDEN * np.arange(400)
+    wobble = angle + 0.3 * np.sin(angle)
+    both = np.stack([wobble, np.angle(np.exp(1j * wobble)), -wobble])
+    # of a plain mean 1e-4
+    np.testing.assert_allclose(rotation_number(both), np.mod([GOLDEN, GOLDEN, -GOLDEN], 1), atol=1e-10)
+    # turns to both sides of none
+    assert rotation_number(0.5 * np.sin(angle)) == pytest.approx(0.0, abs=1e-8)
+    assert rotation_number(2 * np.pi / 3 * np.arange(10)) == pytest.approx(1 / 3)
+
+
+def test_long_records_take_no_memory_of_all_pairs():
+    """529 MB at 4000 periods with a matrix of all distances."""
+    x = logistic([3.9], 4000)[0][0]
+    tracemalloc.start()
+    found = classify(x)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert str(found.kind) == "chaotic"
+    assert peak < 3e7  # measured 5e6
+
+
 def test_zero_one_test():
     k = np.arange(1000)
     noise = np.random.default_rng(0).standard_normal(1000)
@@ -185,6 +209,8 @@ def test_zero_one_test():
     ("call", "message"),
     [
         (lambda x: classify(x[:, 0]), "`strobe` must be of shape"),
+        (lambda x: classify(x[:, :1] + 1j * x[:, 1:2]), "`strobe` must be real: .* real and imaginary parts"),
+        (lambda x: rotation_number(x[:2, 0]), "`angle` must be of three periods or more"),
         (lambda x: classify(x[:15]), "`strobe` must be of shape .* with 16 periods or more"),
         (lambda x: classify(x, scales=[1.0, 2.0, 3.0]), "`scales` must be of shape"),
         (lambda x: classify(x, scales=[1.0, 0.0]), "`scales` must be positive"),

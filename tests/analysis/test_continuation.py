@@ -10,6 +10,7 @@ from scipy.optimize import root
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.continuation import continue_motion, extend, switch
 from slipperjax.analysis.floquet import multipliers
+from slipperjax.analysis.shooting import PeriodicMotions
 
 from .systems import (
     LOGISTIC,
@@ -255,3 +256,18 @@ def test_ends_by_count_on_bounds_and_at_the_start():
     assert on_bound.ended == ("bound", "bound")
     assert on_bound.values.max() == pytest.approx(2.9, abs=1e-12)
     assert labels(continue_motion(branch.equations, branch.nodes[3], (2.0, 2.9))) == ["EP", "EP"]
+
+
+def test_an_end_without_convergence_says_why():
+    """A square-root map whose motion grazes at a = 0, and a start where two branches cross."""
+    root = lambda a: lambda s, k: a - jnp.sqrt(jnp.where(s > 0, s, jnp.nan))
+    grazing = continue_motion(PeriodicMotions(root, jnp.zeros(1), 1.0), (jnp.array([1.0]), 2.0), (-1.0, 2.5))
+    (end,) = [event for event in grazing.events if event.label == "MX"]
+    assert abs(end.value) < 1e-5  # measured 1.4e-6
+    assert "as at a grazing" in end.note
+    assert "MX at 1.43" in repr(grazing)
+    assert "as at a grazing" in repr(grazing)
+    logistic = lambda a: lambda s, k: a * s * (1 - s)
+    crossing = continue_motion(PeriodicMotions(logistic, jnp.zeros(1), 1.0), (jnp.zeros(1), 1.0), (0.5, 2.5))
+    assert {event.label for event in crossing.events} == {"MX"}
+    assert all("begin beside it" in event.note for event in crossing.events)

@@ -125,6 +125,12 @@ def test_a_curve_of_neimark_sackers():
     np.testing.assert_allclose(np.cos(angle), (1 - c) / 2, rtol=0, atol=1e-9)  # measured: 2e-12
     assert found.ended == ("bound", "bound")
     np.testing.assert_allclose(sorted(c[[0, -1]]), [-0.5, 0.9], rtol=0, atol=1e-9)
+    # the last unknown is the angle, which is no parameter
+    np.testing.assert_array_equal(found.values, c)
+    assert list(found.parameters) == ["r", "c"]
+    np.testing.assert_array_equal(found.parameters["r"], r)
+    assert sorted(event.value for event in found.events) == pytest.approx([-0.5, 0.9])
+    assert repr(found).startswith(f"Branch({len(c)} points over r and c; EP at r = ")
 
 
 def test_a_curve_of_neimark_sackers_does_not_go_on_as_one_of_folds_or_flips():

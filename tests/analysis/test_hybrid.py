@@ -5,9 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from slipperjax.analysis.floquet import jacobians, multipliers
-from slipperjax.analysis.hybrid import impact_step, return_step, share_before
+from slipperjax.analysis.hybrid import impact_step, return_step, share_before, switched_step
 from slipperjax.analysis.lyapunov import map_spectrum
 from slipperjax.analysis.shooting import shoot
 
@@ -240,6 +242,71 @@ def test_flights_shorter_than_a_step_are_flights():
     np.testing.assert_allclose(slope[1, 1], 0.5, rtol=1e-12)  # measured: 4e-16
     plastic = falling(0.0, 0.01, None, return_step)
     assert np.all(np.isnan(plastic(jnp.array([0.0, -1.0]), 0.0)))  # there is no next impact
+
+
+def rubbing(frequency, friction, steps):
+    """Den Hartog's oscillator: x'' + x + friction sign(x') = cos(frequency t), which sticks in every period."""
+    push = lambda t, s: jnp.cos(frequency * t) - s[0]
+    above = lambda t, s: jnp.stack([s[1], push(t, s) - friction])
+    below = lambda t, s: jnp.stack([s[1], push(t, s) + friction])
+    return switched_step(above, below, lambda t, s: s[1], dt=2 * np.pi / frequency / steps, steps=steps)
+
+
+def rubbed(frequency, friction, x, v):
+    """Its state after a period by SciPy, from event to event."""
+    t, end = 0.0, 2 * np.pi / frequency
+    push = lambda t: np.cos(frequency * t) - x
+    while t < end:
+        sign = np.sign(v) or np.sign(push(t))
+        if v == 0 and abs(push(t)) < friction:
+            held = lambda t: friction - abs(push(t))
+            times = np.linspace(t, end, 2001)
+            gone = np.flatnonzero(held(times) < 0)
+            if not len(gone):
+                break
+            t = brentq(held, times[gone[0] - 1], times[gone[0]], xtol=1e-14)
+            sign = np.sign(push(t))
+        stops = lambda t, s, sign=sign: sign * s[1]
+        stops.terminal, stops.direction = True, -1
+        rates = lambda t, s, sign=sign: [s[1], np.cos(frequency * t) - s[0] - friction * sign]
+        options = dict(method="DOP853", rtol=1e-12, atol=1e-13, max_step=0.1, events=stops)
+        slip = solve_ivp(rates, (t, end), [x, v], **options)
+        t, (x, v) = slip.t[-1], slip.y[:, -1]
+        v = 0.0 if slip.status else v
+    return np.array([x, v])
+
+
+def test_dry_friction_slides_where_both_fields_point_to_the_surface():
+    """The motion sticks: its velocity is zero, and so is every derivative of it."""
+    start = np.array([0.5, 0.3])
+    exact = rubbed(0.4, 0.6, *start)
+    nudged = [rubbed(0.4, 0.6, *(start + sign * 1e-5 * e)) for e in np.eye(2) for sign in (1, -1)]
+    slopes = np.stack([nudged[0] - nudged[1], nudged[2] - nudged[3]], axis=1) / 2e-5
+    for steps, error in ((400, 3e-7), (1600, 3e-9)):
+        step = rubbing(0.4, 0.6, steps)
+        end = eqx.filter_jit(step)(jnp.asarray(start), 0.0)
+        np.testing.assert_allclose(end, exact, atol=error)
+        found = map_spectrum(step, jnp.asarray(start), 40, transient=10)
+        # superstable: +4.4 and +22.4, which are no exponents, where the motion was stepped across the surface
+        np.testing.assert_allclose(found.weighted[0], -2.985, atol=0.02)
+        assert found.per_period[1] < -300
+    np.testing.assert_allclose(jacobians(rubbing(0.4, 0.6, 400), jnp.asarray(start), 1)[0], slopes, atol=3e-6)
+
+
+def test_a_motion_slides_along_an_oblique_surface_and_leaves_it():
+    """From (0, 1) down to s = y - x / 4 = 0 along (1, -1), along it, and off where the field below turns away."""
+    height = lambda t, s: s[1] - s[0] / 4
+    above = lambda t, s: jnp.array([1.0, -1.0])
+    below = lambda t, s: jnp.stack([0 * t, 2.0 - t])
+    step = switched_step(above, below, height, dt=0.03, steps=100)
+    end = eqx.filter_jit(step)(jnp.array([0.0, 1.0]), 0.0)
+    # touches at t = 0.8 and x = 0.8; then x' = (2 - t) / (3.25 - t) until t = 2, as rates of s are -1.25 and 2 - t
+    x = 0.8 + 1.2 - 1.25 * np.log(2.45 / 1.25)
+    # below from then on, with y' = 2 - t
+    np.testing.assert_allclose(end, [x, x / 4 - 0.5], atol=1e-8)
+    slope = jacobians(step, jnp.array([0.0, 1.0]), 1)[0]
+    # a plane of starts ends on a line
+    assert abs(np.linalg.det(slope)) < 1e-12
 
 
 @pytest.mark.slow

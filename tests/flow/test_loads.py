@@ -12,7 +12,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.course import contact_loads, over_periods
-from slipperjax.flow.simulate import _difference
+from slipperjax.flow.simulate import Probe, _difference
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
 
@@ -132,6 +132,13 @@ def test_an_error_probe_tells_good_steps_from_bad():
     assert int(bad.status) == Status.INACCURATE
     with pytest.raises(ValueError, match="`probe` must be 0 under jit"):
         jax.jit(lambda v: sj.simulate(sj.paper_scene(v), 1, probe=1).peak.force)(1250.0)
+
+
+def test_a_wrong_force_is_inaccurate_though_the_motion_is_not(monkeypatch):
+    errors = lambda peak: lambda *_: Probe(*map(jnp.asarray, ([0.0, 1.0], [1e-3, 1e-3], [peak, np.nan])))
+    for peak, status in ((0.35, Status.INACCURATE), (0.035, Status.FINITE), (np.nan, Status.FINITE)):
+        monkeypatch.setattr("slipperjax.flow.simulate._probed", errors(peak))
+        assert int(probed(sj.paper_scene(), 104).status) == status
 
 
 def test_an_error_beside_the_play_is_inaccurate():

@@ -20,13 +20,15 @@ def test_a_periodic_motion_contracts_and_a_lost_one_says_so(nominal):
     options = dict(transient=0, periods=40, steps_per_period=STEPS)
     found = sj.lyapunov_spectrum(SCENE, 2, start=nominal.state, **options)
     assert found.status == Status.FINITE
-    assert (found.resolved, found.slowest) == (True, 2000.0)
+    # a slow spiral over 40 periods: -0.036 +- 0.026
+    assert not found.resolved
     # the leading pair of multipliers is complex: measured -0.0462 and -0.0472 by the weighted mean, -0.0465 by both
     np.testing.assert_allclose(found.weighted, float(nominal.exponent), atol=3e-3)
     np.testing.assert_allclose(found.per_second, found.per_period / 6.4e-3)
     lost = sj.lyapunov_spectrum(SCENE.replace(speed=1e-3), 2, **options)
     assert lost.status == Status.NOT_FINITE
     assert np.all(np.isnan(lost.per_period))
+    assert not lost.resolved
 
 
 @pytest.mark.slow

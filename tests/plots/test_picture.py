@@ -52,6 +52,14 @@ def test_each_result_has_its_picture(ds, name, drawn):
     assert drawn == [(name, {"name": "peak_force"} if name == "quantity_map" else {})]
 
 
+def test_the_dimension_of_slippers_is_not_hidden_by_the_pictures():
+    ds = over("slipper", mass=[]).assign_coords(slipper=["front", "rear"])
+    assert ds.slipper.values.tolist() == np.asarray(ds.slipper).tolist() == ["front", "rear"]
+    assert (len(ds.slipper), ds.slipper.dims, str(ds.slipper[1].values)) == (2, ("slipper",), "rear")
+    with pytest.raises(AttributeError):
+        over("speed").slipper.values  # noqa: B018
+
+
 @pytest.mark.parametrize(
     "ds", [over("speed", "length", "mass", kind=[]), over(strobe=["strobe_period"]), xr.Dataset()]
 )

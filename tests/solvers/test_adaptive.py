@@ -1,5 +1,7 @@
 """Adaptive steps with a smooth switch: steps end at touchdowns, and the memory counts by what contacts feel of it."""
 
+import dataclasses
+
 import diffrax
 import equinox as eqx
 import jax
@@ -15,7 +17,7 @@ from slipperjax.flow.records import RECORDS, AbstractAtPeak
 from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.contact import AbstractIntegratedMemory
 from slipperjax.model.dynamics import Args, vector_field
-from slipperjax.model.kinematics import Motion
+from slipperjax.model.kinematics import Motion, accuracy_scales, scaled_size
 from slipperjax.model.step_size import settle_memory
 from slipperjax.solvers.adaptive import _until
 from slipperjax.solvers.latching import differentiable, with_tolerance
@@ -121,6 +123,42 @@ class OwnMemory(AbstractIntegratedMemory):
 
     def decay(self, gap):
         return jnp.zeros_like(gap)
+
+
+def carrying(scene):
+    """A scene with a mass on springs, and with two elastic modes, the second of which moves its place alone."""
+    shapes = np.array([[[0.0, 0.2], [0.0, -0.2]], [[0.0, 0.0], [0.0, 0.0]]])
+    place = np.array([[[0.0, 0.0, 0.1]], [[0.0, 0.0, 0.5]]])
+    modes = sj.Modes([80.0, 8000.0], [0.02, 0.02], shapes, places=np.zeros((1, 3)), place_shapes=place)
+    mounts = [sj.Mount(x=1.0), sj.Mount(x=-1.0)]
+    body = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts, modes=modes)
+    payload = sj.SledMass(mass=50.0, stiffness=(1e6, 1e6))
+    return dataclasses.replace(scene, slipper=body, sled=payload)
+
+
+@pytest.mark.parametrize(
+    ("part", "size"),
+    [
+        (lambda m: m.sled.z, 1e-3),
+        (lambda m: m.sled.v_y, 1.0),
+        (lambda m: m.modes.coordinate, np.array([np.inf, 1e-3 / 0.5])),
+        (lambda m: m.modes.rate, np.array([1.0 / 0.2, np.inf])),
+    ],
+)
+def test_errors_of_every_part_count(part, size):
+    """A step is rejected whose error in one number exceeds the tolerance, in that number's scale."""
+    scene = carrying(sj.paper_scene())
+    state = sj.initial_state(scene, sj.Motion())
+    small = jax.tree.map(jnp.zeros_like, state)
+    step = lambda error: sj.AdaptiveSteps(1e-4).adapt_step_size(
+        0.0, 0.01, state, state, Args(scene), error, 4.0, (jnp.array(0.01), jnp.array(1.0))
+    )
+    for share, kept in ((0.9, True), (1.1, False)):
+        error = np.where(np.isfinite(size), share * 1e-4 * np.minimum(size, 1e9), 0.0)
+        of_part = eqx.tree_at(lambda s: part(s.motion), small, jnp.asarray(error))
+        assert bool(step(of_part)[0]) == kept
+        # errors of runs are judged by the same numbers
+        assert float(scaled_size(of_part.motion, accuracy_scales(scene))) == pytest.approx(share * 1e-4)
 
 
 def test_an_integrated_memory_of_one_s_own_counts_as_it_is():

@@ -52,6 +52,37 @@ def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
     assert sorted(set(found.tolist())) == list(range(8))
 
 
+def test_an_attractor_keeps_its_number_over_speeds_and_chaos_is_one():
+    """Two orbits that move by less than they are apart, one of which ends; and chaos at every second speed."""
+    speeds, starts = np.linspace(1000.0, 1080.0, 9), np.linspace(0.0, 1.0, 20)
+    level = 0.02 * np.arange(9)[:, None] + np.where(np.arange(20) < 12, 0.0, 1.0)
+    level[5:, :12] += 1.0  # on the second one, too
+    states = 1e-3 * np.tile(level[..., None, None], (1, 1, 30, 10))
+    rng = np.random.default_rng(0)
+    states[::2, 15:] = rng.uniform(-1e-3, 1e-3, (5, 5, 30, 10))
+    coords = {"speed": speeds, "start_v_y": starts}
+    # in any order of dimensions
+    ds = dataset(states, ("speed", "start_v_y")).assign_coords(coords)
+    for found in (groups(ds), groups(ds.transpose("start_v_y", ...))):
+        assert found["basin"].dims[:1] != ("attractor",)
+        basin = found["basin"].transpose("speed", "start_v_y").values
+        first, second, chaos = basin[0, 0], basin[0, 12], basin[0, 19]
+        assert (first, second, chaos) == (1, 0, 2)
+        assert np.all(basin[:5, :12] == first)
+        assert np.all(basin[5:, :12] == second)
+        assert np.all(basin[:, 12:15] == second)
+        assert np.all(basin[::2, 15:] == chaos)
+        assert found["basin_period"].values.tolist() == [1, 1, 0]
+        share = found["share"].transpose("speed", "attractor").values
+        np.testing.assert_allclose(share[[0, 1, 8]], [[0.15, 0.6, 0.25], [0.4, 0.6, 0.0], [0.75, 0.0, 0.25]])
+
+
+def test_thousands_of_chaotic_cases_are_one_group():
+    states = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4000, 20, 10))
+    found = groups(dataset(states, ("a",)))
+    assert (found.sizes["attractor"], found["share"].item()) == (1, 1.0)
+
+
 @pytest.fixture
 def motion(monkeypatch):
     """Replaces what a follower computes by a made-up level of its motion and a status at each speed."""
@@ -59,7 +90,7 @@ def motion(monkeypatch):
     def made_up(level, status=lambda speed: 0):
         def run_chunk(part, states, epoch):
             speed = float(part.scenes.varied.speed[0])
-            strobe = np.full((8, 3, 10), level(speed)) * SCALES
+            strobe = np.broadcast_to(level(speed), (8, 3, 10)) * SCALES
             return ChunkRun(states, np.full(8, int(status(speed))), (strobe,))
 
         monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
@@ -77,6 +108,15 @@ def test_jumps_are_told_from_gradual_changes(motion, direction, leaves):
     assert found.size == pytest.approx(5.0, abs=0.1)
     gentle = find_jump(sj.paper_scene(), {"speed": [2000.0, 2100.0, 2200.0]}, direction="up")
     assert (gentle.found, gentle.status) == (False, Status.FINITE)
+
+
+@pytest.mark.parametrize("recurs", [True, False])
+def test_an_escape_from_motions_that_do_not_recur_is_told(motion, recurs):
+    rng = np.random.default_rng(0)
+    moves = lambda: 0.0 if recurs else rng.uniform(-1, 1, (1, 3, 10))
+    motion(lambda speed: 5.0 + (moves() if speed > 1700 else 4.0))
+    found = find_jump(sj.paper_scene(), {"speed": [1600.0, 1800.0]}, direction="down", within=200.0, threshold=2.0)
+    assert (found.found, found.recurs) == (True, recurs)
 
 
 def test_a_motion_that_breaks_down_is_no_calm_one(motion):

@@ -96,4 +96,8 @@ def test_calls_make_up_the_run():
     assert plan.recorded[:2] == (50, 2)
     assert [Calls(n, 1).capacity for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
+    # of a prime number of periods the last call is shorter
+    prime = Calls.of(997)
+    assert (prime.lengths, prime.periods, prime.capacity) == ([50] * 19 + [47], 997, 50)
+    assert Calls.of(0).lengths == []
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1

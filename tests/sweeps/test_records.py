@@ -269,6 +269,13 @@ def test_plans_know_what_is_kept():
     assert "peak_force" in names("strobe", loads=True)
 
 
+def test_the_quick_label_of_motions_is_told_as_quick():
+    data, _ = MotionKind().label(sj.paper_scene(), ("case",), Motions(np.zeros(3, int), np.zeros(3, int)))
+    attrs = data["kind"][2]
+    assert "quick label" in attrs["long_name"]
+    assert "lyapunov_sweep" in attrs["comment"]
+
+
 def test_cases_that_were_not_run_are_no_motions():
     blank = Motions(np.zeros(3, int), np.zeros(3, int))
     data, _ = MotionKind().label(sj.paper_scene(), ("case",), blank)
