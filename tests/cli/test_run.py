@@ -288,7 +288,7 @@ def test_the_worst_stretch_is_named():
 def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     file.write_text(FILE.replace("80 m", "16 m") + 'units = ["lbf"]\n')
     out = tmp_path / "designs"
-    words = ["run", file, "--over", "clearance", "0.8", "1/8 in", "--starts", "80"]
+    words = ["run", file, "--over", "clearance", "0.8", "1/8 in", "--rails", "1", "--starts", "80"]
     text, _ = call([*words, f"--out={out}.nc", f"--out={out}.xlsx"], capsys)
     assert text.startswith(f"wrote {out}.nc\nwrote {out}.xlsx\nlength 0.2 m, from rest on the rail\nclearance ")
     better, heading, *each = text.splitlines()[3:]
@@ -311,7 +311,7 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
         (["--over", "clearance", "0.8", "1 kg"], "`clearance` must be in a unit like m, but is in 'kg'"),
-        (["--over", "clearance", "0.8", "1"], "Argument `rails` must be 2 or more"),
+        (["--over", "clearance", "0.8", "1", "--rails", "32", "--starts", "4"], "`quantile` must come with 80 or more rails"),
     ],
 )
 def test_a_wrong_comparison_is_one_line(options, words, file, capsys):
