@@ -84,8 +84,9 @@ def surroundings(
 
 
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
-    """Judge designs of a grid by ensembles on rails that no search uses: those a million batches further."""
-    other = problem.with_seed(problem.ensemble.seed + 1_000_000)
+    """Judge designs of a grid by ensembles on rails that no search uses, a million batches further; of a set of rails
+    on those of the last judgement."""
+    other = problem.unseen.with_seed(problem.unseen.ensemble.seed + 1_000_000)
     # every combination of the variables, design by design
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     designs = np.stack([values.ravel() for values in mesh], axis=1)

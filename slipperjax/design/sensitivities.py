@@ -20,7 +20,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, one_of, positive, require, whole
 from ..tools.columns import column
 from .averages import ensemble_averages
-from .ensembles import EnsembleSettings, RailEnsemble, ensemble_for
+from .ensembles import AbstractEnsemble, RailEnsemble, ensemble_for
 from .judge import at_starts, judge_on_orbits
 from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, objective_named
 
@@ -31,7 +31,7 @@ def sensitivities(
     names: Sequence[str] = ("speed", "clearance", "length"),
     *,
     method: str | None = None,
-    ensemble: EnsembleSettings | None = None,
+    ensemble: AbstractEnsemble | None = None,
     reach: float | None = None,
     transient: int = 200,
     steps_per_period: int | None = None,
@@ -54,7 +54,7 @@ def sensitivities(
     **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and along `parameter`,
     too, `gradient` and `gradient_stderr` [objective's unit per parameter's unit], and `relative`, the relative change
     of the objective per relative change of the parameter [1]. `domain` is how far the parameter may change: on orbits
-    until a linear estimate has them graze, for ensembles the reach. On orbits all of it is taken with twelve times
+    until a linear estimate has them graze, for ensembles the reach; `lost` is how many of their runs were lost. On orbits all of it is taken with twelve times
     the steps of the motion, and the errors follow from the differences to three and six times: 99 % of true errors
     of derivatives lie within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`,
     `multiplier`, `simulated`. A parameter that contains another one changes the remaining parts: the clearance, where
@@ -106,7 +106,7 @@ def sensitivities(
             motion = ensemble_averages(plan, grid, motion)
         if motion.status[0] != Status.FINITE:
             raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(motion.status[0]))}.")
-        facts = dict(method="ensemble", regime=regime, members=ensemble.members, periods=ensemble.periods)
+        facts = dict(method="ensemble", regime=regime, ensemble=str(ensemble), lost=int(motion.lost[0]))
         return _dataset(plan, motion, np.array(list(plan.reach.values())), facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
     # where a linear estimate has the orbit graze

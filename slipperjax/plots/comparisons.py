@@ -86,7 +86,8 @@ def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
         lines.append(f"{view.labels[best]} {words} {label}: by {', '.join(each)}")
     rails, starts = flat.sizes["rail"], flat.sizes["start"]
     runs = f"{rails} rail{'s' * (rails > 1)} from {starts} start{'s' * (starts > 1)} each"
-    lines.append(f"{view.quantity.long_name} on {runs}:")
+    over = flat.attrs.get("mean_over")
+    lines.append(f"{view.quantity.long_name}{f' over {over}' * bool(over)} on {runs}:")
     for k, label in enumerate(view.labels):
         values = [f"{_of_runs(share)} {view.said('value', k, j)}" for j, share in enumerate(shares)]
         lines.append(f"{label}: {', '.join(values)}")

@@ -23,7 +23,7 @@ from ..tools.columns import column
 from ..tools.files import listed
 from .grid import Grid, sample_box
 from .runs import run
-from .windows import run_record
+from .windows import run_record, whole_run
 
 RESAMPLES = 400
 NAMED = 5
@@ -40,6 +40,7 @@ def compare(
     rails: int = 80,
     starts: int = 1,
     record: str = "peak_slipper_force",
+    mean_over: str = "distance",
     quantiles: Sequence[float] = (0.5, 0.95),
     start: object = None,
     seed: int = 0,
@@ -65,6 +66,7 @@ def compare(
         `SPREAD`.
     - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum,
         of means and root mean squares that of all its windows; by default the greatest net force of a slipper.
+    - `mean_over`: whether means and root mean squares are over "distance" or over "time".
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
@@ -88,6 +90,7 @@ def compare(
     shares = [
         float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
     ]
+    one_of("mean_over", mean_over, ("distance", "time"))
     for share in shares:
         check_quantile(share, rails if rails > 1 else starts)
     scene, of_rails = _on_rails(scene, rails)
@@ -104,7 +107,7 @@ def compare(
             cases[name] = np.tile(shift, count * rails)
     of_runs = dict(length=length, record=record, start=first, product=False)
     ds = run(scene, cases, **of_runs, **options)
-    numbers = _numbers(of_windows, ds)
+    numbers = _numbers(of_windows, ds, mean_over)
     status = ds["status"].values.copy()
     lost = np.flatnonzero(is_lost(status))
     # one impact among thousands may need more steps
@@ -115,16 +118,16 @@ def compare(
         more = {name: value for name, value in options.items() if name not in ("store", "executor")}
         more[number] = 2 * whole(number, more.get(number, 1), 1)
         finer = run(scene, again, **of_runs, **more)
-        numbers[lost] = _numbers(of_windows, finer)
+        numbers[lost] = _numbers(of_windows, finer, mean_over)
         status[lost] = finer["status"].values
     ensembles = (count, rails, starts)
-    return _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
+    made = _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
+    return made.assign_attrs(mean_over=mean_over if of_windows.join.weighted else "")
 
 
-def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
+def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance") -> Float[np.ndarray, " cases"]:
     """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
-    values = ds[record.name].transpose("distance", "case", ...).values
-    joined = record.join.whole(values)
+    joined = whole_run(ds, record, mean_over).transpose("case", ...).values
     numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 

@@ -20,7 +20,7 @@ from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
-from ..flow.status import MEANINGS, Status, with_accuracy
+from ..flow.status import MEANINGS, Status, with_accuracy, without_lost
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -447,6 +447,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     measured.
     """
     cases = plan.cases
+    results = without_lost(results, results.status)
     dims = cases.dims
     along_stretch = (*dims, "stretch")
     of_grid = lambda a: np.asarray(a).reshape(*cases.shape, *a.shape[1:])
