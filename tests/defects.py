@@ -122,6 +122,26 @@ tests/sweeps/test_windows.py -k mean_over_time
 -    weights = None if over == "distance" else lasting(ds).broadcast_like(values).transpose(*values.dims).values
 +    weights = None
 
+a lost motion keeps its numbers
+tests/flow/test_status.py -k no_numbers
+-        return np.where(at, np.nan, leaf) if leaf.dtype.kind in "fc" else leaf
++        return leaf
+
+the last designs are judged along the rails of the search
+tests/design/test_rail_ensembles.py -k every_other
+-                half = np.arange(self.seed % 2, len(part.tracks), 2.0)
++                half = np.arange(0.0, len(part.tracks))
+
+runs over one rail are drawn one by one
+tests/design/test_rail_ensembles.py -k drawn_together
+-                of_runs = np.tile(weights[index], len(corners))
++                of_runs = np.tile(weights[np.arange(len(index)) % rails], len(corners))
+
+errors are a quarter of the interval
+tests/analysis/test_quantiles.py -k scatter
+-    return Estimates(value, stderr, low, high, difference, difference_stderr, difference - reach, difference + reach)
++    return Estimates(value, (high - low) / 4, low, high, difference, difference_stderr, difference - reach, difference + reach)
+
 # model
 the fastest approach of a contact is forgotten
 tests/model/test_memory.py -k fastest

@@ -77,10 +77,11 @@ def test_intervals_hold_a_quantile_where_runs_share_their_rails(rails, starts, q
 
 def test_standard_errors_are_the_scatter_of_quantiles():
     draws = np.random.default_rng(0)
-    found = [estimate(runs(80, 1, 1, draws), 0.95, resamples=40) for _ in range(100)]
-    # measured 1.05, and 1.40 for a quarter of the interval, with an error of 0.1
+    found = [estimate(runs(80, 1, 1, draws), 0.95, resamples=40) for _ in range(300)]
+    # measured MEASURED, and OLD for a quarter of the interval, with an error of 0.04
     ratio = np.mean([one.stderr for one in found]) / np.std([one.value for one in found])
-    assert 0.7 < ratio < 1.5
+    print(ratio, np.mean([one.high - one.low for one in found]) / 4 / np.std([one.value for one in found]))
+    assert 0.85 < ratio < 1.2
 
 
 def test_runs_that_are_equal_are_worth_one():
@@ -106,26 +107,6 @@ def test_the_best_of_equal_cases_is_seldom_called_better():
     np.testing.assert_allclose(factors, [1.960, 2.344, 2.728, 3.164], atol=2e-3)
     # measured 0.05; with two errors either side 0.69
     assert claimed(10, 40, 1, None, 150) < 0.15
-
-
-@pytest.mark.slow  # some minutes
-def test_intervals_hold_quantiles_of_all_kinds():
-    print()
-    for rails, quantile in ((8, 0.5), (20, 0.5), (40, 0.9), (80, 0.95), (160, 0.95), (400, 0.99)):
-        for starts in (1, 4):
-            shares = [held(rails, starts, quantile, 1000, share) for share in (0.2, 0.5, 2.0)]
-            print(f"{rails} rails x {starts}, quantile {quantile}: {shares}")
-            # measured 0.94 to 0.99, with an error of 0.007
-            assert min(shares) > 0.92
-
-
-@pytest.mark.slow  # some minutes
-def test_equal_cases_are_seldom_called_better():
-    print()
-    for cases in (2, 3, 5, 10):
-        shares = [claimed(cases, *of, 300) for of in ((20, 4, 0.5), (80, 1, 0.95))]
-        print(f"{cases} equal cases: {shares}")
-        assert max(shares) < 0.1
 
 
 def sample(rails, seed, shift=0.3):
