@@ -1,9 +1,9 @@
 """Quantiles and means over random conditions, such as rails, with their errors and intervals.
 
-Independent are rails, not the runs over one rail. Errors are by the bootstrap, which draws rails with all runs over
-them, so that what runs share counts. Intervals of quantiles are by order statistics of as many independent runs as all
-runs are worth. A rail with a lost run is left out for all designs. Planes of quantiles follow Koenker and Bassett 1978,
-doi:10.2307/1913643.
+Rails are independent, and runs over one rail are not. Errors are by the bootstrap, which draws rails with all of
+their runs, so that what runs share counts. Intervals of quantiles are by order statistics of as many independent runs
+as all are worth. A rail with a lost run is left out for all designs. Planes of quantiles follow Koenker and Bassett
+1978, doi:10.2307/1913643.
 """
 
 import functools
@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float
 from ..tools.checks import require
 
 LEAST_BEYOND = 4
-"""Fewest rails beyond a quantile. All of n rails lie below the quantile 1 - 4/n with a probability below exp(-4), 1.8 %,
-so that order statistics bound a 95 % interval on both sides."""
+"""Fewest rails beyond a quantile. All of n rails lie below the quantile 1 - 4/n with a probability below exp(-4), or
+1.8 %, so that order statistics bound a 95 % interval on both sides."""
 
 
 def check_quantile(quantile: object, rails: int) -> None:
@@ -41,7 +41,7 @@ def least_rails(quantile: float | None) -> int:
     return 2 if quantile is None else math.ceil(LEAST_BEYOND / min(quantile, 1 - quantile) * (1 - 1e-9))
 
 
-def whole_rails(numbers: Float[np.ndarray, "rails *runs"]) -> Bool[np.ndarray, " rails"]:
+def whole_rails(numbers: Float[np.ndarray, "rails ..."]) -> Bool[np.ndarray, " rails"]:
     """Return whether a rail has the numbers of all its runs, in all cases: the others are left out in all cases."""
     return np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
 

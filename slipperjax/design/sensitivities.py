@@ -54,11 +54,11 @@ def sensitivities(
     **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and along `parameter`,
     too, `gradient` and `gradient_stderr` [objective's unit per parameter's unit], and `relative`, the relative change
     of the objective per relative change of the parameter [1]. `domain` is how far the parameter may change: on orbits
-    until a linear estimate has them graze, for ensembles the reach; `lost` is how many of their runs were lost. On orbits all of it is taken with twelve times
+    until a linear estimate has them graze, for ensembles the reach. On orbits all of it is taken with twelve times
     the steps of the motion, and the errors follow from the differences to three and six times: 99 % of true errors
     of derivatives lie within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`,
-    `multiplier`, `simulated`. A parameter that contains another one changes the remaining parts: the clearance, where
-    section.play.2 is named too, all other faces.
+    `multiplier`, `simulated`; of ensembles how many runs are `lost`. A parameter that contains another one changes
+    the remaining parts: the clearance, where section.play.2 is named too, all other faces.
 
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit.
     """

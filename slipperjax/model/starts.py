@@ -39,8 +39,8 @@ HOLD = 1e-3
 SOFT_ITERATIONS = 14
 """In each of the first ones contacts have twice the stiffness of the one before."""
 MOST_ITERATIONS = 300
-"""Of 2000 places of sleds on four slippers and twisted rails, with four decades of stiffness, all found their rest, the
-slowest after 170, the mean after 25."""
+"""Of 2000 places of sleds on four slippers and twisted rails, with four decades of stiffness, all found their rest,
+the slowest after 170, the mean after 25."""
 LEAST_APPROACH = 1e-9
 """Rate beyond that of the rail from which on a contact of a slipper at rest approaches [m/s]."""
 
@@ -308,8 +308,8 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
         along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u, soft), (unknown,), (way,))
         each = jnp.eye(at.unknown.size)
         residual, slope = jax.vmap(along, (None, 0), (None, 1))(at.unknown, each)
-        # Forces are those of an energy, whose minimum a step must not pass so far that it climbs as steeply as it fell.
-        # So contacts that open and close by turns end with shorter steps.
+        # Forces are those of an energy, whose minimum a step must not pass so far that it climbs as steeply as it
+        # fell: steps become shorter where contacts open and close by turns.
         fell = jnp.abs(jnp.dot(at.residual, at.step))
         back = -jnp.dot(residual, at.step)
         good = (back <= 0.9 * fell) | (at.count <= SOFT_ITERATIONS)

@@ -104,7 +104,8 @@ def _lost(view: Comparison) -> Iterator[str]:
     if not view.ds["counted"].all():
         along = "rail" if view.ds.sizes["rail"] > 1 else "start"
         counted = view.ds["counted"].all({"rail", "start"} - {along}).values
-        yield f"{np.sum(~counted)} of {len(counted)} {along}s are left out for all designs, because a run is lost there"
+        left_out = f"{np.sum(~counted)} of {len(counted)} {along}s"
+        yield f"{left_out} are left out for all designs, because a run is lost there"
 
 
 def _of_runs(share: float) -> str:

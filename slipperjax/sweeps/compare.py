@@ -232,8 +232,8 @@ def over_rails(
       `step_change_stderr`, and `status`, `Status.INACCURATE` where the change is above a tenth by more than twice its
       error.
 
-    Rails on which a value is NaN, because a slipper was lost, are left out in all cases, with a warning. Where too few
-    are left, results are NaN.
+    Rails on which a value is NaN, because a slipper was lost, are left out in all cases, with a warning. Where too
+    few are left, results are NaN.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """

@@ -61,7 +61,7 @@ def test_a_search_does_not_see_every_other_rail_of_a_set():
     assert ensemble.unseen(SCENE.track) == "along 80 rails that the search has not seen"
     scene = dataclasses.replace(SCENE, track=sj.TrackSet([sj.SampledTrack([0.0, 1e4], np.zeros(65), 0.0)] * 20))
     assert ensemble_for(scene, ensemble) == ensemble
-    with pytest.raises(ValueError, match="must come with 80 or more rails, 4 of them beyond it, but is 0.95 with 10"):
+    with pytest.raises(ValueError, match="must come with 80 or more rails, 4 of them beyond it"):
         ensemble_for(scene, RailEnsemble())
 
 

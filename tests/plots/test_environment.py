@@ -94,7 +94,7 @@ def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
     lines = environment_summary(report)
     assert len(lines) == 4
     strongest = float(report["rms"].isel(place=0).sel(direction="z").max()) / G
-    assert f": g-RMS of the whole record x " in lines[0]
+    assert ": g-RMS of the whole record x " in lines[0]
     assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in lines[0]
     assert ", in the loudest window x " in lines[0]
     assert lines[1].startswith("highest shock response ")
