@@ -122,6 +122,11 @@ tests/sweeps/test_windows.py -k mean_over_time
 -    weights = None if over == "distance" else lasting(ds).broadcast_like(values).transpose(*values.dims).values
 +    weights = None
 
+a search for a rest never takes a step back
+tests/model/test_starts.py -k twisted
+-        good = (back <= 0.9 * fell) | (at.count <= SOFT_ITERATIONS)
++        good = jnp.ones((), bool)
+
 a lost motion keeps its numbers
 tests/flow/test_status.py -k no_numbers
 -        return np.where(at, np.nan, leaf) if leaf.dtype.kind in "fc" else leaf

@@ -54,6 +54,8 @@ class Comparison(NamedTuple):
             self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
             for part in (name, "stderr" if name == "value" else f"{name}_stderr")
         )
+        if not np.isfinite(value):
+            return "an unknown value"
         if not np.isfinite(error):
             return _stated(f"{value:.3g}", self.quantity) + " with an unknown error"
         # two digits of the error

@@ -122,10 +122,10 @@ def drawn(rails, starts, seed, shift=1.0):
     return 10 + common + shift * np.array([0.0, 1.0])[:, None, None] + 0.3 * rng.normal(size=(2, rails, starts))
 
 
-def made(numbers, seed=0):
+def made(numbers, seed=0, shares=(0.5, 0.95)):
     ds = xr.Dataset({"peak_force": ((), 0.0, {"units": "N", "quantity": "peak_force"})})
     status = np.where(np.isnan(numbers), 1, 0)
-    return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", (0.5, 0.95), seed)
+    return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
 
 
 def test_intervals_hold_the_truth_where_runs_share_their_rails():
@@ -194,6 +194,10 @@ def test_too_few_rails_have_no_quantile():
     lines = verdict(ds)
     assert lines[0].endswith("clearance 0.8 mm rail=4 start=0 and 6 more")
     assert lines[-1] == "too many runs are lost to tell which design is better"
+    # a median that decides is known
+    by_median = "\n".join(verdict(made(numbers, shares=(0.95, 0.5))))
+    assert "nan" not in by_median
+    assert " kN in the median, an unknown value in the 95 % quantile" in by_median
     numbers[:] = np.nan
     assert verdict(made(numbers))[-1] == "too many runs are lost to tell which design is better"
 
