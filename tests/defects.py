@@ -144,7 +144,7 @@ tests/design/test_rail_ensembles.py -k drawn_together
 
 errors are a quarter of the interval
 tests/analysis/test_quantiles.py -k scatter
--    stderr = drawn.std(axis=0, ddof=1)
+-    stderr = standard_error(drawn, rails)
 +    stderr = np.diff(quantile_interval(numbers, quantile), axis=0)[0] / 4
 
 # model

@@ -99,6 +99,14 @@ def bootstrap(
     return fit(np.ones(groups)), np.stack([fit(draw.astype(float)) for draw in draws])
 
 
+def standard_error(drawn: Float[np.ndarray, "resamples ..."], groups: int) -> np.ndarray:
+    """Return the standard errors of numbers from those of resamples by `bootstrap`.
+
+    The mean of n values drawn from n scatters less than that of n others, by sqrt((n - 1) / n).
+    """
+    return drawn.std(axis=0, ddof=1) * np.sqrt(groups / (groups - 1))
+
+
 class Estimates(NamedTuple):
     """Quantiles or means of cases that ran over the same rails; each an array (cases,) in the unit of the runs."""
 
@@ -133,7 +141,7 @@ def estimate(
     if rails < least_rails(quantile):
         return Estimates(*np.full((len(Estimates._fields), cases), np.nan))
     value, drawn = bootstrap(sample_fit(numbers, quantile), rails, resamples=resamples, seed=seed)
-    stderr = drawn.std(axis=0, ddof=1)
+    stderr = standard_error(drawn, rails)
     if quantile is None:
         reach = scipy.stats.t.ppf(0.975, rails - 1) * stderr
         low, high = value - reach, value + reach
@@ -141,7 +149,7 @@ def estimate(
         low, high = quantile_interval(numbers, quantile)
     difference = value - value[base]
     # all cases of a resample have the same rails, so that what these have in common cancels
-    difference_stderr = (drawn - drawn[:, base : base + 1]).std(axis=0, ddof=1)
+    difference_stderr = standard_error(drawn - drawn[:, base : base + 1], rails)
     reach = range_factor(max(cases, 2), rails) * difference_stderr
     return Estimates(value, stderr, low, high, difference, difference_stderr, difference - reach, difference + reach)
 

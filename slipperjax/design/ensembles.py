@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float, Int
 
-from ..analysis.quantiles import bootstrap, check_quantile, least_rails, mean_plane, quantile_plane
+from ..analysis.quantiles import bootstrap, check_quantile, least_rails, mean_plane, quantile_plane, standard_error
 from ..model.rails import TrackSet
 from ..model.scene import Scene
 from ..model.tracks import AbstractTrack
@@ -176,7 +176,7 @@ class RailEnsemble(AbstractEnsemble):
                 return quantile_plane(system, column, self.quantile, of_runs)
 
             found, drawn = bootstrap(plane, rails)
-            fits.append((found, drawn.std(axis=0, ddof=1)))
+            fits.append((found, standard_error(drawn, rails)))
         return Plane.of(*map(np.array, zip(*fits, strict=True)))
 
 

@@ -7,7 +7,16 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-from ..analysis.quantiles import Estimates, bootstrap, check_quantile, estimate, least_rails, sample_fit, whole_rails
+from ..analysis.quantiles import (
+    Estimates,
+    bootstrap,
+    check_quantile,
+    estimate,
+    least_rails,
+    sample_fit,
+    standard_error,
+    whole_rails,
+)
 from ..flow.records import ONE_PERIOD, AbstractNumber
 from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
@@ -297,7 +306,7 @@ def _step_change(
         return unknown, unknown
     both = sample_fit(pairs[:, None], quantile)
     change, drawn = bootstrap(lambda weights: np.divide(*np.split(both(weights), 2)) - 1, len(pairs), **draws)
-    return change, drawn.std(axis=0, ddof=1)
+    return change, standard_error(drawn, len(pairs))
 
 
 def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.DataArray, xr.DataArray]:
