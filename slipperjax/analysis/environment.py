@@ -45,7 +45,10 @@ class VibrationEnvironment(NamedTuple):
     rms: np.ndarray
     """RMS of the whole record about its mean, of all frequencies [m/s^2], shape (*cases,)."""
     band_rms: np.ndarray
-    """RMS in the bands that have a density, by `density` [m/s^2], shape (*cases,)."""
+    """The same in the bands that have a density [m/s^2], shape (*cases,): not more than `rms`, as it could be by
+    `density`, a mean of windows that leaves out those without the band, and counts the ends of a record less."""
+    maximax_rms: np.ndarray
+    """Greatest RMS of a window in its bands [m/s^2], shape (*cases,)."""
     shock_response: np.ndarray
     """Maximax absolute acceleration at natural frequencies `edges` [m/s^2], shape (*cases, bands + 1)."""
     level_time: np.ndarray
@@ -300,6 +303,8 @@ def vibration_environment(
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
+    import scipy.signal
+
     x, rate = _histories(acceleration, rate, 2)
     require(np.isfinite(x).all(), "acceleration", "be finite", shown="infinite or not a number")
     edges = band_edges() if edges is None else np.asarray(edges, float)
@@ -315,6 +320,8 @@ def vibration_environment(
         highest = reliable[np.searchsorted(time[1:-1], new, side="right")]
     middles, windows = window_densities(x, rate, edges, window=window, highest=highest)
     density = np.ma.masked_invalid(windows).mean(axis=-2).filled(np.nan)
+    # the whole record as one window, without a taper
+    whole = _band_means(*scipy.signal.periodogram(x, rate), edges, rate)
     maximax = np.fmax.reduce(windows, axis=-2)
     shock = shock_response_spectrum(x, rate, edges, quality=quality)
     level_time, level = running_level(x, rate, window=averaging)
@@ -326,7 +333,8 @@ def vibration_environment(
         density=density,
         maximax=maximax,
         rms=x.std(axis=-1),
-        band_rms=band_rms(density, edges),
+        band_rms=band_rms(np.where(np.isnan(density), np.nan, whole), edges),
+        maximax_rms=np.fmax.reduce(band_rms(windows, edges), axis=-1),
         shock_response=shock,
         level_time=level_time,
         level=level,

@@ -41,9 +41,9 @@ def ensemble_averages(
     """
     settings = plan.ensemble
     cases = len(evaluation.status)
-    # every corner has as many runs as are needed for all members
     signs = box_corners(len(plan.names))
-    repeats = max(1, -(-settings.members // len(signs)))
+    rail, chosen = settings.conditions(plan.scene.track, len(signs))
+    repeats = len(rail)
     members = len(signs) * repeats
     # corner by corner for each case, and run by run for each corner
     runs = {}
@@ -59,7 +59,7 @@ def ensemble_averages(
         offsets[..., k] = (corner - here) / reach
         runs[name] = runs[name] + np.repeat(offsets[..., k], repeats) * reach
     # the same rails at all corners
-    for path, numbers in settings.rails(plan.scene.track, repeats).items():
+    for path, numbers in chosen.items():
         runs[path] = np.tile(numbers, cases * len(signs))
     # the same disturbances at all corners, too
     motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
@@ -68,21 +68,21 @@ def ensemble_averages(
     values = values.reshape(cases, len(signs), repeats, -1)
     stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
     # one fit for each case, of whose planes the parts are stacked
-    fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
+    fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, stayed, strict=True)]
     plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
-    share = stayed.mean(axis=(1, 2))
-    good = np.array([settings.enough(float(of_case)) for of_case in share])
-    for part in plane:
-        part[~good] = np.nan  # too few runs stayed on the rail
     # slopes are per reach
     per = 1 / np.array([plan.reach[name] for name in plan.names])
     worst = status.reshape(cases, members).max(axis=1)
+    lost = np.sum(~stayed, axis=(1, 2))
+    # too few runs stayed on the rail
+    few = np.isnan(plane.value).all(axis=1) & (lost > 0)
     return evaluation._replace(
         value=plane.value,
         stderr=plane.stderr,
         gradient=plane.slope * per,
         gradient_stderr=plane.slope_stderr * per,
-        status=np.where(good, int(Status.FINITE), worst),
+        status=np.where(few, worst, int(Status.FINITE)),
+        lost=lost,
         simulated=evaluation.simulated + members * (settings.transient + settings.periods),
     )
 

@@ -84,8 +84,9 @@ def surroundings(
 
 
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
-    """Judge designs of a grid by ensembles on rails that no search uses: those a million batches further."""
-    other = problem.with_seed(problem.ensemble.seed + 1_000_000)
+    """Judge designs of a grid by ensembles on rails that no search uses, a million batches further; of a set of rails
+    on those of the last judgement."""
+    other = problem.unseen.with_seed(problem.unseen.ensemble.seed + 1_000_000)
     # every combination of the variables, design by design
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     designs = np.stack([values.ravel() for values in mesh], axis=1)
@@ -119,14 +120,14 @@ def event_margins(
     `continue_orbit` follows each orbit from the design, one parameter at a time.
 
     **Arguments:** `names`: of the parameters, default the variables and those of `over`; `cases`: by number,
-    default the worst, and the one with the largest multiplier; `width`: greatest change, over the parameter's value
-    [1]; `points`: most points of each branch.
+    default the worst, and the one with the largest multiplier; `width`: greatest change, over the magnitude of the
+    parameter, or where a variable is zero over the width of its bounds [1]; `points`: most points of each branch.
 
     **Returns:** an `xarray.Dataset` along `margin`: `case`, `parameter`, `direction` (-1 or 1), `label` of the event
     (empty where none was met), `value` of the parameter there, or where the branch ended, and `change` from the
-    design, in SI units; `relative` change [1].
+    design, in SI units; `relative` change [1], as `width`.
 
-    **Raises:** `ValueError` where a case has no orbit.
+    **Raises:** `ValueError` where a case has no orbit, or another parameter than a variable is zero.
     """
     problem = design.problem
     far = number(positive, "width", width)
@@ -148,12 +149,13 @@ def event_margins(
         # one parameter at a time, both ways
         for name in names:
             value = float(scene.value(name))
-            ends = (value * (1 - far), value * (1 + far))
+            size = size_of(problem, name, value)
+            ends = (value - far * size, value + far * size)
             options = steps | dict(points=points, until=EVENTS, progress=progress)
             branch = continue_orbit(scene, name, ends, start=orbit, **options)
             for direction, label, end in _first_events(branch, value):
                 change = end - value
-                relative = change / abs(value)
+                relative = change / size
                 unit = parameter(name, problem.scene).unit
                 rows.append((case, name, direction, label, end, change, relative, unit))
     require(rows, "cases", "name cases on orbits", cases)
@@ -166,6 +168,17 @@ def event_margins(
     ds["relative"].attrs["long_name"] = "distance to the event over the parameter's value"
     ds["relative"].attrs["units"] = "1"
     return ds
+
+
+def size_of(problem: Problem, name: str, value: float) -> float:
+    """Return the size of a parameter, over which its changes count: its magnitude, or the width of a variable's box
+    where it is zero.
+
+    **Raises:** `ValueError` for another parameter that is zero.
+    """
+    size = abs(value) or float(np.ptp(problem.bounds.get(name, 0.0)))
+    require(size > 0, "names", "be of variables, or of parameters that are not zero", name)
+    return size
 
 
 def _telling_cases(design: Design) -> list[int]:

@@ -1,13 +1,14 @@
 """Ensembles of runs around a design: their sizes, their rails, and the planes through their values."""
 
-from dataclasses import dataclass
+import abc
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from ..analysis.quantiles import bootstrap, check_quantile, mean_plane, quantile_plane
+from ..analysis.quantiles import bootstrap, check_quantile, least_rails, mean_plane, quantile_plane, standard_error
 from ..model.rails import TrackSet
 from ..model.scene import Scene
 from ..model.tracks import AbstractTrack
@@ -23,139 +24,183 @@ class Plane(NamedTuple):
     slope: Float[np.ndarray, "objectives parameters"]
     slope_stderr: Float[np.ndarray, "objectives parameters"]
 
+    @classmethod
+    def of(cls, planes: np.ndarray, errors: np.ndarray) -> "Plane":
+        """Return the planes whose coefficients, and their errors, are rows (objectives, 1 + parameters)."""
+        return cls(planes[:, 0], errors[:, 0], planes[:, 1:], errors[:, 1:])
+
+
+class Conditions(NamedTuple):
+    """What the runs at each corner of a box differ by, the same at all corners and for all designs."""
+
+    rail: Int[np.ndarray, " runs"]
+    """Number of the rail of each run: those of one rail are not independent."""
+    chosen: dict[str, np.ndarray]
+    """Numbers that choose the rails of the runs, by their paths in the scene; of no path where all share one."""
+
+
+class AbstractEnsemble(abc.ABC):
+    """Runs at the corners of a small box around a design, through whose values a plane is laid."""
+
+    box_reach: ClassVar[float]
+    """Distance of the runs' parameters from a design's [unit box]."""
+    relative_reach: ClassVar[float]
+    """The same in `sensitivities`, over the parameters' values [1]."""
+    transient: int
+    periods: int
+    seed: int
+
+    @abc.abstractmethod
+    def conditions(self, track: AbstractTrack, corners: int) -> Conditions:
+        """Return what the runs at each corner differ by."""
+
+    @abc.abstractmethod
+    def fit(
+        self,
+        corners: Float[np.ndarray, "corners parameters"],
+        values: Float[np.ndarray, "corners runs objectives"],
+        kept: Bool[np.ndarray, "corners runs"],
+        rail: Int[np.ndarray, " runs"],
+    ) -> Plane:
+        """Fit a plane to runs at the corners of a box around a design, for each objective.
+
+        **Arguments:** `corners`: differences from the design, in the reach; `kept`: whether each run stayed on the
+        rail; `rail`: of `conditions`.
+        """
+
 
 @dataclass(frozen=True)
-class EnsembleSettings:
+class EnsembleSettings(AbstractEnsemble):
     """Ensembles of runs from disturbed starts, of whose values the mean is taken.
 
     The defaults give slopes to some 10 % where averages change by as much.
     """
 
-    box_reach: ClassVar[float] = 0.005
-    """Distance of the runs' parameters from a design's [unit box]."""
-    relative_reach: ClassVar[float] = 0.002
-    """The same in `sensitivities`, over the parameters' values [1]."""
+    box_reach = 0.005
+    relative_reach = 0.002
     members: int = 32
-    """Runs of each case."""
+    """Runs of each case, at all corners together."""
     transient: int = 60
     """Forcing periods before recording, in which disturbances grow to the attractor's size."""
     periods: int = 100
     """Recorded forcing periods of each run."""
     seed: int = 0
-    """Of the disturbances; on rails that do not recur the number of the batch of rails, which have none in common."""
+    """Of the disturbances."""
 
     def __post_init__(self):
-        for name, least in (("members", 4), ("transient", 0), ("periods", 1), ("seed", 0)):
-            whole(name, getattr(self, name), least)
+        _check_whole(self, members=4)
 
-    def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
-        """Return the numbers that choose `count` rails, by their paths in the scene. Here none: all share one."""
-        del track, count
-        return {}
+    def conditions(self, track, corners):
+        # every corner has as many runs as are needed for all members
+        return Conditions(np.arange(-(-self.members // corners)), {})
 
-    def enough(self, share: float) -> bool:
-        """Return whether the share of the runs that stayed on the rail [1] is enough for a value."""
-        return share >= 0.5
-
-    def fit(
-        self,
-        corners: Float[np.ndarray, "corners parameters"],
-        values: Float[np.ndarray, "corners runs objectives"],
-        kept: np.ndarray,
-    ) -> Plane:
-        """Fit a plane to runs at the corners of a box around a design, for each objective.
-
-        **Arguments:** `corners`: differences from the design, in the reach; `kept`: whether each run stayed
-        on the rail, shape (corners, runs).
-        """
+    def fit(self, corners, values, kept, rail):
         _, runs, objectives = values.shape
         rows = values.reshape(-1, objectives)
-        used = kept.ravel() & np.all(np.isfinite(rows), axis=1)
-        system = np.column_stack([np.ones(len(rows)), np.repeat(corners, runs, axis=0)])
-        # a plane needs more runs than unknowns
-        if used.sum() <= system.shape[1]:
-            value = np.full(objectives, np.nan)
-            slope = np.full((objectives, corners.shape[1]), np.nan)
-            return Plane(value, value, slope, slope)
-        fits, stderr = self._planes(system, rows, used, runs)
-        return Plane(fits[:, 0], stderr[:, 0], fits[:, 1:], stderr[:, 1:])
-
-    def _planes(
-        self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return planes (objectives, unknowns) and their standard errors, here by least squares."""
-        del runs
-        system = system[used]
-        planes, *_ = np.linalg.lstsq(system, rows[used], rcond=None)
-        left = rows[used] - system @ planes
+        used = kept.ravel() & np.isfinite(rows).all(axis=1)
+        system = _system(corners, runs)[used]
         # degrees of freedom that are left for the errors
         freedom = len(system) - system.shape[1]
+        if freedom <= 0 or used.mean() < 0.5:
+            return _unknown(corners, objectives)
+        planes, *_ = np.linalg.lstsq(system, rows[used], rcond=None)
+        left = rows[used] - system @ planes
         variance = np.sum(left**2, axis=0) / freedom
         covariance = np.linalg.pinv(system.T @ system)
-        return planes.T, np.sqrt(np.diag(covariance)[:, None] * variance).T
+        return Plane.of(planes.T, np.sqrt(np.diag(covariance)[:, None] * variance).T)
 
 
 @dataclass(frozen=True)
-class RailEnsemble(EnsembleSettings):
+class RailEnsemble(AbstractEnsemble):
     """Ensembles of runs along rails that do not recur, of whose values a quantile is taken.
 
-    Each run has a rail of its own where the scene's track is one of many: the seeds of a `RandomTrack` or of
-    `RandomRails`, the numbers of a `TrackSet`. All designs run on the same rails. Periods are reference lengths of
-    travel. Runs that leave the rail count as greater than all others.
+    Where the scene's track is one of many rails, each run of a corner has its own: seeds of a `RandomTrack` or of
+    `RandomRails`, or numbers of a `TrackSet`, of which ensembles with an even seed have the even ones, and those with
+    an odd seed the odd ones. Where a set has fewer, its rails come again from other starts. All designs run on the
+    same rails. A rail with a lost run is left out. Periods are reference lengths of travel.
     """
 
-    box_reach: ClassVar[float] = 0.05
-    relative_reach: ClassVar[float] = 0.05
-    members: int = 400
-    """Runs of each case, at all corners of a box together."""
+    box_reach = 0.05
+    relative_reach = 0.05
+    rails: int = 80
+    """Runs at each corner of a box, each on a rail of its own where there are as many."""
     transient: int = 5
     """Reference lengths before recording."""
-    quantile: float | None = 0.99
+    periods: int = 100
+    """Recorded reference lengths of each run."""
+    seed: int = 0
+    """Number of the batch of rails: batches of an even and an odd seed have no rail in common."""
+    quantile: float | None = 0.95
     """Share of rails on which the objective is lower [1]; None for the mean."""
 
     def __post_init__(self):
-        super().__post_init__()
-        check_quantile(self.quantile, self.members)
+        _check_whole(self, rails=2)
+        check_quantile(self.quantile, self.rails)
 
-    def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
-        # batches of different seeds have no rail in common
-        numbers = self.seed * count + np.arange(count, dtype=float)
+    def conditions(self, track, corners):
+        count = self.rails
         chosen = {}
         for path, part in _of_many(track, "track").items():
-            # a set of rails begins again after its last one
-            chosen[path] = numbers % len(part.tracks) if isinstance(part, TrackSet) else numbers
-        return chosen
+            if isinstance(part, TrackSet):
+                half = np.arange(self.seed % 2, len(part.tracks), 2.0)
+                chosen[path] = half[np.arange(count) % len(half)]
+            else:
+                chosen[path] = self.seed * count + np.arange(count, dtype=float)
+        # rails that have a part in common are not independent; of one rail alone each start counts
+        parts = [np.unique(numbers, return_inverse=True)[1] for numbers in chosen.values()]
+        return Conditions(min(parts, key=np.max, default=np.arange(count)), chosen)
 
-    # a quantile below the lost runs is still known
-    def enough(self, share: float) -> bool:
-        return super().enough(share) if self.quantile is None else share > self.quantile
+    def unseen(self, track: AbstractTrack) -> str:
+        """Return in words what a search along these rails has not seen, along which its designs are judged."""
+        rail, chosen = replace(self, seed=self.seed + 1).conditions(track, 1)
+        if not chosen:
+            return f"from {len(rail)} other starts along the one rail of the search"
+        return f"along {len(np.unique(rail))} rails that the search has not seen"
 
-    def _planes(
-        self, system: np.ndarray, rows: np.ndarray, used: np.ndarray, runs: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        planes = []
-        errors = []
-        for column in rows.T:
-            # a quantile depends on which side of the plane a lost run lies, not on how far
-            above = 2 * np.max(np.abs(column[used]), initial=0.0)
-            column = np.where(used, column, above)
-
-            # a rail is drawn with its runs at all corners
+    def fit(self, corners, values, kept, rail):
+        # a rail counts with all its runs at all corners
+        lost = ~(kept & np.isfinite(values).all(axis=2)).all(axis=0)
+        counted = ~np.isin(rail, rail[lost])
+        _, index = np.unique(rail[counted], return_inverse=True)
+        rails = len(np.unique(index))
+        if rails < least_rails(self.quantile):
+            return _unknown(corners, values.shape[2])
+        system = _system(corners, len(index))
+        fits = []
+        for column in values[:, counted].reshape(len(system), -1).T:
+            # a rail is drawn with all its runs
             def plane(weights, column=column):
-                of_runs = np.tile(weights, len(column) // runs)
+                of_runs = np.tile(weights[index], len(corners))
                 if self.quantile is None:
-                    return mean_plane(system, column, of_runs * used)
+                    return mean_plane(system, column, of_runs)
                 return quantile_plane(system, column, self.quantile, of_runs)
 
-            found, drawn = bootstrap(plane, runs)
-            planes.append(found)
-            errors.append(drawn.std(axis=0, ddof=1))
-        return np.array(planes), np.array(errors)
+            found, drawn = bootstrap(plane, rails)
+            fits.append((found, standard_error(drawn, rails)))
+        return Plane.of(*map(np.array, zip(*fits, strict=True)))
+
+
+def _check_whole(ensemble: AbstractEnsemble, **size: int) -> None:
+    """Check the numbers of an ensemble. **Arguments:** `size`: least number of its runs, by the field's name."""
+    for name, least in (*size.items(), ("transient", 0), ("periods", 1), ("seed", 0)):
+        whole(name, getattr(ensemble, name), least)
+
+
+def _system(corners: Float[np.ndarray, "corners parameters"], runs: int) -> Float[np.ndarray, "rows unknowns"]:
+    """Return the system of planes through runs at corners, corner by corner."""
+    return np.column_stack([np.ones(len(corners) * runs), np.repeat(corners, runs, axis=0)])
+
+
+def _unknown(corners: np.ndarray, objectives: int) -> Plane:
+    unknown = np.full((objectives, 1 + corners.shape[1]), np.nan)
+    return Plane.of(unknown, unknown)
 
 
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
     """Return the parts of a track that are one of many rails, by the paths of the numbers that choose them."""
-    # what is within such a track, it chooses itself
+    # what is within such a track, it chooses itself; one rail alone is no choice
+    if isinstance(track, TrackSet) and len(track.tracks) == 1:
+        return {}
     if track.chosen_by:
         return {f"{path}.{track.chosen_by}": track}
     found = {}
@@ -166,10 +211,10 @@ def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
     return found
 
 
-def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSettings:
+def ensemble_for(scene: Scene, ensemble: AbstractEnsemble | None) -> AbstractEnsemble:
     """Return a user's ensemble, by default the one that a scene's track needs.
 
-    **Raises:** `ValueError` for one without rails where the track does not recur, or a rail that is too short.
+    **Raises:** `ValueError` for one without rails where the track does not recur, for too few rails or short ones.
     """
     on_rails = not bool(recurs(scene))
     kind = RailEnsemble if on_rails else EnsembleSettings
@@ -182,6 +227,9 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
         periods = ensemble.transient + ensemble.periods
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
+        # the search has one half of a set of rails, and the last judgement the other
+        halves = [replace(ensemble, seed=seed).conditions(scene.track, 1).rail for seed in (0, 1)]
+        check_quantile(ensemble.quantile, min(len(np.unique(rail)) for rail in halves))
     return ensemble
 
 

@@ -18,7 +18,7 @@ from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..sweeps.records import LargestExponent
 from ..tools.checks import require
-from .ensembles import EnsembleSettings
+from .ensembles import AbstractEnsemble
 
 Objective = AbstractNumber | LargestExponent
 """A number that a motion is judged by. Equal ones share compiled programs."""
@@ -86,7 +86,7 @@ class EvaluationPlan:
     """Distance of ensembles' parameters from a case's, by name [their SI units]."""
     transient: int
     """Forcing periods from the start before an orbit is looked for."""
-    ensemble: EnsembleSettings
+    ensemble: AbstractEnsemble
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest values that parameters may have, by name [their SI units]."""
 
@@ -134,6 +134,8 @@ class Evaluation(NamedTuple):
     """Of I - P_x, P_x being the orbit's Jacobian; NaN without an orbit."""
     simulated: Float[np.ndarray, " cases"]
     """Simulated forcing periods, derivatives counted by their cost."""
+    lost: Int[np.ndarray, " cases"]
+    """Runs of the case's ensemble that were lost, and do not count; of a rail none does then."""
 
     @classmethod
     def of_states(
@@ -159,6 +161,7 @@ class Evaluation(NamedTuple):
             gradient_stderr=nan(objectives, parameters),
             inverse=nan(size, size),
             simulated=np.zeros(count),
+            lost=np.zeros(count, int),
         )
 
     @property

@@ -24,7 +24,7 @@ from ..tools.columns import column
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Numbers
-from .ensembles import EnsembleSettings
+from .ensembles import AbstractEnsemble, RailEnsemble
 from .methods import AbstractMethod, CaseValues, TrustRegion
 from .objectives import Evaluation, ObjectiveLike
 from .problem import Limits, Problem, checked_problem, first_designs, spread_designs
@@ -60,6 +60,9 @@ class Design:
     case, and forcing periods simulated until then."""
     status: str
     """One of "converged", "not converged", "infeasible" and "no motion"."""
+    judged: str
+    """In words, along which rails the objective was taken, and how many runs were lost; empty on a rail that recurs
+    without a lost run."""
 
     @property
     def regime(self) -> np.ndarray:
@@ -116,10 +119,12 @@ class Design:
             cases = f"{problem.robust} of {problem.count} cases"
         counts = Counter(sorted(self.regime.tolist()))
         regimes = [f"{count} x {word}" for word, count in counts.items()]
+        judged = f"  judged {self.judged},\n" if self.judged else ""
         return (
             f"Design(status: {self.status}, {', '.join(variables)},\n"
             f"  {shown(problem.objective.quantity, self.objective)}, {cases},\n"
             f"  regimes: {', '.join(regimes)},\n"
+            f"{judged}"
             f"  {self.history.sizes['trial']} trials from {self.starts.sizes['start']} starts, "
             f"{self.simulated:.3g} forcing periods)"
         )
@@ -161,6 +166,7 @@ class Design:
             stderr=self.stderr,
             status=self.status,
             robust=problem.robust,
+            judged=self.judged,
             several=np.int8(self.several),
         )
         return xr.merge(parts, join="exact", compat="equals").assign_attrs(attrs)
@@ -203,7 +209,7 @@ def optimise_design(
     method: AbstractMethod | None = None,
     max_trials: int = 60,
     transient: int = 200,
-    ensemble: EnsembleSettings | None = None,
+    ensemble: AbstractEnsemble | None = None,
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | None = None,
@@ -215,7 +221,8 @@ def optimise_design(
     Each case of each trial is judged on the stable periodic orbit that it settles to, which is followed from trial to
     trial, with exact derivatives. Where there is none, an ensemble of runs gives value and slope with their standard
     errors. On rails that do not recur, all trials are judged by runs along many of them, see `RailEnsemble`, and the
-    last designs once more along rails that the search has not seen.
+    last designs once more along rails that the search has not seen, or from other starts where there is one rail
+    alone: `judged` says which.
 
     **Arguments:**
 
@@ -289,8 +296,7 @@ class _Search:
         self.moves: dict[int, Generator] = {}  # of the starts that move
         self.trials: list[Trial] = []
         self.simulated = 0.0
-        # on rails the last designs are judged along rails that the search has not seen
-        self.unseen = problem.with_seed(problem.ensemble.seed + 1) if problem.on_rails else problem
+        self.unseen = problem.unseen
 
     def run(
         self,
@@ -446,7 +452,20 @@ class _Search:
             starts=starts,
             history=history,
             status=status,
+            judged=_judged(problem, evaluation, checked),
         )
+
+
+def _judged(problem: Problem, evaluation: Evaluation, checked: bool) -> str:
+    """Return in words along which rails a design was judged, and how many runs of its ensembles were lost."""
+    words = []
+    if isinstance(problem.ensemble, RailEnsemble):
+        unseen = problem.ensemble.unseen(problem.scene.track)
+        words.append(unseen if checked else "along the rails of the search")
+    lost = int(evaluation.lost.sum())
+    if lost:
+        words.append(f"{lost} runs lost and left out")
+    return ", ".join(words)
 
 
 def _unchecked(evaluation: Evaluation) -> tuple[Evaluation, np.ndarray]:
@@ -482,6 +501,7 @@ def _cases(
         "state": column(("case", "number"), evaluation.state, "", "all numbers of the state"),
         "status": column("case", evaluation.status, "", "status"),
         "simulated": column("case", evaluation.simulated, "forcing periods", "simulated for the errors"),
+        "lost": column("case", evaluation.lost, "1", "runs of the ensemble that were lost"),
     }
     for one, _, _ in problem.constraints:
         data[f"constraint_{one.name}"] = ("case", value[:, problem.index(one)], _labels(one.quantity))

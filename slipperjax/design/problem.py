@@ -83,6 +83,11 @@ class Problem(EvaluationPlan):
         """Return the problem with other disturbances, or other rails."""
         return dataclasses.replace(self, ensemble=dataclasses.replace(self.ensemble, seed=seed))
 
+    @property
+    def unseen(self) -> "Problem":
+        """The problem along rails that a search along these does not see; itself where the rail recurs."""
+        return self.with_seed(self.ensemble.seed + 1) if self.on_rails else self
+
     def evaluate(
         self,
         designs: Float[np.ndarray, "designs parameters"],

@@ -20,7 +20,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, one_of, positive, require, whole
 from ..tools.columns import column
 from .averages import ensemble_averages
-from .ensembles import EnsembleSettings, RailEnsemble, ensemble_for
+from .ensembles import AbstractEnsemble, RailEnsemble, ensemble_for
 from .judge import at_starts, judge_on_orbits
 from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, objective_named
 
@@ -31,7 +31,7 @@ def sensitivities(
     names: Sequence[str] = ("speed", "clearance", "length"),
     *,
     method: str | None = None,
-    ensemble: EnsembleSettings | None = None,
+    ensemble: AbstractEnsemble | None = None,
     reach: float | None = None,
     transient: int = 200,
     steps_per_period: int | None = None,
@@ -57,8 +57,8 @@ def sensitivities(
     until a linear estimate has them graze, for ensembles the reach. On orbits all of it is taken with twelve times
     the steps of the motion, and the errors follow from the differences to three and six times: 99 % of true errors
     of derivatives lie within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`,
-    `multiplier`, `simulated`. A parameter that contains another one changes the remaining parts: the clearance, where
-    section.play.2 is named too, all other faces.
+    `multiplier`, `simulated`; of ensembles how many runs are `lost`. A parameter that contains another one changes
+    the remaining parts: the clearance, where section.play.2 is named too, all other faces.
 
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit.
     """
@@ -106,7 +106,7 @@ def sensitivities(
             motion = ensemble_averages(plan, grid, motion)
         if motion.status[0] != Status.FINITE:
             raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(motion.status[0]))}.")
-        facts = dict(method="ensemble", regime=regime, members=ensemble.members, periods=ensemble.periods)
+        facts = dict(method="ensemble", regime=regime, ensemble=str(ensemble), lost=int(motion.lost[0]))
         return _dataset(plan, motion, np.array(list(plan.reach.values())), facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
     # where a linear estimate has the orbit graze

@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -48,11 +49,16 @@ class Join(NamedTuple):
     """Gives that by which the greatest of several values, such as those of all points, is chosen."""
     reduced: Callable[[AnyArray], AnyArray] = lambda values: values
     """Gives back, from the number of one period, the value that `value` made it of."""
+    weighted: Callable[[AnyArray, AnyArray], AnyArray] | None = None
+    """Of means: weights the values of periods by factors whose mean is 1."""
 
-    def whole(self, values: AnyArray) -> np.ndarray:
-        """Return the number of several periods from the numbers of each, along axis 0."""
-        together = np.asarray(self.reduce(self.reduced(values), axis=0))
-        return np.asarray(self.value(together, len(values)))
+    def whole(self, values: AnyArray, weights: AnyArray | None = None) -> np.ndarray:
+        """Return the number of several periods from the numbers of each, along axis 0; `weights`: of means, such as
+        how long each period lasts, of the shape of `values`."""
+        reduced = self.reduced(values)
+        if weights is not None and self.weighted is not None:
+            reduced = self.weighted(reduced, weights / np.mean(weights, axis=0))
+        return np.asarray(self.value(np.asarray(self.reduce(reduced, axis=0)), len(values)))
 
 
 def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
@@ -87,8 +93,8 @@ JOINS: dict[str, Join] = {
     "min": Join(np.inf, jnp.min),
     "extreme": Join(0.0, _farthest, size=abs),
     "sum": Join(0.0, jnp.sum),
-    "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods),
-    "rms": Join(0.0, jnp.sum, _root_mean, reduced=jnp.square),
+    "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods, weighted=operator.mul),
+    "rms": Join(0.0, jnp.sum, _root_mean, reduced=jnp.square, weighted=operator.mul),
 }
 """Ways to make one number of all periods, by name."""
 
@@ -240,7 +246,8 @@ class PowerMean(AbstractNumber):
         # on the host nothing is compiled
         exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
-        return Join(-np.inf, _log_sum, value, reduced=lambda x: self.order * jnp.log(x))
+        weighted = lambda logarithm, share: logarithm + np.log(share)
+        return Join(-np.inf, _log_sum, value, reduced=lambda x: self.order * jnp.log(x), weighted=weighted)
 
     def of(self, course):
         """Return ln of the mean over time of the sum of x^order, whose power itself would overflow."""

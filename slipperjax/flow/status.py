@@ -11,7 +11,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Int, PyTree
 
 from ..model.dynamics import State
 from ..model.kinematics import share_of_scale
@@ -118,6 +118,26 @@ DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.
 def is_lost(codes: AnyArray) -> np.ndarray | np.bool:
     """Return of each of some `Status` codes, or of one, whether numbers of such a case mean nothing."""
     return ~np.isin(codes, (Status.FINITE, *DOUBTFUL))
+
+
+LOST_MOTIONS = (Status.NOT_FINITE, Status.DERAILED, Status.TOO_FEW_STEPS, Status.PRESSED_IN)
+"""Statuses of motions of which nothing is known: results have NaN in all of their variables."""
+
+
+def without_lost(values: PyTree, status: np.ndarray) -> PyTree:
+    """Return arrays (cases, ...) of results with NaN, where numbers are real, for all of `LOST_MOTIONS`.
+
+    A maximum passes over NaN, and nothing that touches has a force of zero: such numbers would look like others.
+    """
+    lost = np.isin(status, LOST_MOTIONS)
+    if not lost.any():
+        return values
+
+    def of(leaf: np.ndarray) -> np.ndarray:
+        at = lost.reshape(-1, *[1] * (leaf.ndim - 1))
+        return np.where(at, np.nan, leaf) if leaf.dtype.kind in "fc" else leaf
+
+    return jax.tree.map(of, values)
 
 
 MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)

@@ -2,13 +2,14 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..analysis.quantiles import Estimates
 from ..flow.status import Status, is_lost
 from ..model.quantities import Quantity, ShownUnits
 from .runs import UNITS
@@ -16,6 +17,8 @@ from .style import check_dataset, line_color, name_label, page, quantity_of, wit
 
 SOURCE = "slipperjax.compare"
 """What makes such datasets."""
+NAMED = 5
+"""Most runs of a status that are named."""
 
 
 class Comparison(NamedTuple):
@@ -31,7 +34,7 @@ class Comparison(NamedTuple):
     @classmethod
     def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
         """Return the comparison of a dataset; `units`: as of `slipperjax.plots.report`."""
-        ds = check_dataset(ds, SOURCE, "runs", "best", "difference")
+        ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
         chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
         dims = ds["best"].dims
         # every parameter that differs from design to design
@@ -51,6 +54,8 @@ class Comparison(NamedTuple):
             self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
             for part in (name, "stderr" if name == "value" else f"{name}_stderr")
         )
+        if not np.isfinite(value):
+            return "an unknown value"
         if not np.isfinite(error):
             return _stated(f"{value:.3g}", self.quantity) + " with an unknown error"
         # two digits of the error
@@ -68,11 +73,7 @@ def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
     each design. Behind +- stand standard errors."""
     view = Comparison.of(ds, units)
     flat = view.ds
-    codes = flat["status"].values
-    lines = []
-    for code in np.unique(codes[is_lost(codes)]):
-        count = int(np.sum(codes == code))
-        lines.append(f"status of {count} of {codes.size} runs: {Status(int(code))}; they count as the highest")
+    lines = list(_lost(view))
     shares = flat["quantile"].values
     best = int(np.argmax(flat["best"].values))
     if np.isnan(flat["value"].isel(design=best, quantile=-1)):
@@ -81,18 +82,32 @@ def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
         if k == best:
             continue
         at = flat.isel(design=k, quantile=-1)
-        sure = float(at["difference"]) > 2 * float(at["difference_stderr"])
-        words = "is better than" if sure else "cannot be told from"
+        words = "is better than" if float(at["difference_low"]) > 0 else "cannot be told from"
         # the last quantile, which decides, first
         each = [f"{view.said('difference', k, j)} in the {_of_runs(shares[j])}" for j in reversed(range(len(shares)))]
         lines.append(f"{view.labels[best]} {words} {label}: by {', '.join(each)}")
     rails, starts = flat.sizes["rail"], flat.sizes["start"]
     runs = f"{rails} rail{'s' * (rails > 1)} from {starts} start{'s' * (starts > 1)} each"
-    lines.append(f"{view.quantity.long_name} on {runs}:")
+    over = flat.attrs.get("mean_over")
+    lines.append(f"{view.quantity.long_name}{f' over {over}' * bool(over)} on {runs}:")
     for k, label in enumerate(view.labels):
         values = [f"{_of_runs(share)} {view.said('value', k, j)}" for j, share in enumerate(shares)]
         lines.append(f"{label}: {', '.join(values)}")
     return lines
+
+
+def _lost(view: Comparison) -> Iterator[str]:
+    """Yield in words which runs are lost, by their status, and which others do not count for that."""
+    codes = view.ds["status"].transpose("design", "rail", "start").values
+    for code in np.unique(codes[is_lost(codes)]):
+        runs = [f"{view.labels[k]} rail={rail} start={start}" for k, rail, start in np.argwhere(codes == code)]
+        named = ", ".join(runs[:NAMED]) + f" and {len(runs) - NAMED} more" * (len(runs) > NAMED)
+        yield f"status of {len(runs)} of {codes.size} runs: {Status(int(code))}: {named}"
+    if not view.ds["counted"].all():
+        along = "rail" if view.ds.sizes["rail"] > 1 else "start"
+        counted = view.ds["counted"].all({"rail", "start"} - {along}).values
+        left_out = f"{np.sum(~counted)} of {len(counted)} {along}s"
+        yield f"{left_out} are left out for all designs, because a run is lost there"
 
 
 def _of_runs(share: float) -> str:
@@ -108,7 +123,7 @@ def table(ds: object, units: Sequence[str] | None = None) -> pd.DataFrame:
             at = view.ds.isel(design=k, quantile=j)
             numbers = {
                 f"{name.replace('_', ' ')} [{view.quantity.display_unit}]": view.quantity.shown(float(at[name]))
-                for name in ("value", "stderr", "low", "high", "difference", "difference_stderr")
+                for name in Estimates._fields
             }
             lost = int(is_lost(at["status"].values).sum())
             rows.append({"design": label, "quantile": share} | numbers | {"runs": at["runs"].size, "lost": lost})
@@ -116,7 +131,8 @@ def table(ds: object, units: Sequence[str] | None = None) -> pd.DataFrame:
 
 
 def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
-    """Draw the shares of runs below each value, with the quantiles and their errors, and what designs differ by.
+    """Draw the shares of runs below each value, with the quantiles and their 95 % intervals, and what designs
+    differ by.
 
     **Arguments:** as for `verdict`.
 
@@ -131,23 +147,24 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
     with page(1, 2, 2.9, flat, full=False, width_ratios=(3, 2)) as axes:
         left, right = axes
         for k, label in enumerate(view.labels):
-            runs = np.sort(q.shown(flat["runs"].isel(design=k).values.ravel()))
+            of_design = flat["runs"].isel(design=k).where(flat["counted"]).values
+            runs = np.sort(q.shown(of_design[np.isfinite(of_design)]))
             color = line_color(k)
-            # lost runs, which count as the highest, come last and are not drawn
             left.step(runs, (np.arange(len(runs)) + 1) / len(runs), where="post", color=color, lw=1, label=label)
-            value, error = (q.shown(flat[name].isel(design=k).values) for name in ("value", "stderr"))
-            left.errorbar(value, shares, xerr=2 * error, fmt="o", ms=4, color=color, capsize=2)
-            difference, error = (
-                q.shown(flat[name].isel(design=k).values) for name in ("difference", "difference_stderr")
-            )
-            right.errorbar(
-                difference, np.arange(len(shares)) - 0.12 * k, xerr=2 * error, fmt="o", ms=4, color=color, capsize=2
-            )
+            for ax, name, prefix, heights in (
+                (left, "value", "", shares),
+                (right, "difference", "difference_", np.arange(len(shares)) - 0.12 * k),
+            ):
+                value, low, high = (
+                    q.shown(flat[part].isel(design=k).values) for part in (name, f"{prefix}low", f"{prefix}high")
+                )
+                ends = value - low, high - value
+                ax.errorbar(value, heights, xerr=ends, fmt="o", ms=4, color=color, capsize=2)
         left.set(xlabel=name_label(q), ylabel="share of runs below", ylim=(0, 1.02))
         left.legend(loc="lower right", fontsize=7)
         right.axvline(0.0, color="black", lw=0.6)
         right.set_yticks(np.arange(len(shares)), [_of_runs(share) for share in shares])
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
-        right.set_title("bars: two standard errors either side", fontsize=7)
+        right.set_title("bars: 95 % intervals, of all differences at once", fontsize=7)
         right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))
     return axes

@@ -14,6 +14,8 @@ from ..tools.units import STANDARD_GRAVITY
 from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, set_log_ticks
 
 SOURCE = "slipperjax.environment"
+RMS = ("rms", "band_rms", "maximax_rms")
+"""Root mean squares that are stated."""
 DECADES = 6
 """Most decades of a density that a panel shows."""
 
@@ -96,11 +98,13 @@ def environment_summary(report: xr.Dataset) -> list[str]:
     for place in range(report.sizes["place"]):
         at = _of_place(report, place)
         greatest = _greatest(at)
-        level, in_bands = (
-            " ".join(f"{direction} {_three(value)}" for direction, value in greatest[name].items())
-            for name in ("rms", "band_rms")
+        level, in_bands, loudest = (
+            " ".join(f"{direction} {_three(value)}" for direction, value in greatest[name].items()) for name in RMS
         )
-        lines.append(f"environment at {named_place(at)}: g-RMS {level}; of {low:g} to {high:g} Hz {in_bands}")
+        lines.append(
+            f"environment at {named_place(at)}: g-RMS of the whole record {level}; of {low:g} to {high:g} Hz "
+            f"{in_bands}, in the loudest window {loudest}"
+        )
         worst = greatest["shock_response"].idxmax()
         shock = at["shock_response"].sel(direction=worst).max("rail")
         frequency = float(shock.idxmax("natural_frequency"))
@@ -132,7 +136,7 @@ def _of_place(report: xr.Dataset, place: int) -> xr.Dataset:
 
 def _greatest(at: xr.Dataset) -> pd.DataFrame:
     """Return RMS, RMS in the bands and shock response [g] and the duration [s], greatest of rails, by direction."""
-    names = ["rms", "band_rms", "shock_response", "duration"]
+    names = [*RMS, "shock_response", "duration"]
     return at[names].max(["rail", "natural_frequency"]).to_dataframe().loc[:, names]
 
 
@@ -194,7 +198,8 @@ def _draw_table(ax: Axes, at: xr.Dataset) -> None:
     ax.axis("off")
     low, high = float(at["low"][0]), float(at["high"][-1])
     greatest = _greatest(at)
-    heads = ["g-RMS", f"g-RMS, {low:g}\nto {high:g} Hz", "highest shock\nresponse [g]", "within\n6 dB [s]"]
+    bands = f"g-RMS, {low:g}\nto {high:g} Hz"
+    heads = ["g-RMS", bands, f"{bands},\nloudest", "highest shock\nresponse [g]", "within\n6 dB [s]"]
     cells = greatest.T.map(_three).values
     table = ax.table(
         cells, rowLabels=heads, colLabels=list(greatest.index), cellLoc="center", bbox=(0.35, 0.2, 0.65, 0.7)

@@ -15,4 +15,4 @@ from .store import (
     check_store as check_store,
     store_status as store_status,
 )
-from .windows import AccelerationHistory as AccelerationHistory
+from .windows import AccelerationHistory as AccelerationHistory, whole_run as whole_run

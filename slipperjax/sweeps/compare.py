@@ -1,14 +1,22 @@
 """Designs compared on common rails and starts: quantiles, their errors, and the errors of differences."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
 import xarray as xr
 from jaxtyping import Float, Int
 
-from ..analysis.quantiles import bootstrap, check_quantile
+from ..analysis.quantiles import (
+    Estimates,
+    bootstrap,
+    check_quantile,
+    estimate,
+    least_rails,
+    sample_fit,
+    standard_error,
+    whole_rails,
+)
 from ..flow.records import ONE_PERIOD, AbstractNumber
 from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
@@ -19,15 +27,16 @@ from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
 from ..model.tracks import AbstractTwoRails
-from ..tools.checks import brief, instance, one_of, require, whole
+from ..tools.checks import brief, instance, one_of, require, warn, whole
 from ..tools.columns import column
+from ..tools.files import listed
 from .grid import Grid, sample_box
 from .runs import run
-from .windows import run_record
+from .windows import run_record, whole_run
 
-Draws = Mapping[str, int]
-"""Options of `slipperjax.analysis.quantiles.bootstrap`."""
 RESAMPLES = 400
+NAMED = 5
+"""Most rails that a warning names."""
 SPREAD = {"start_v_y": 0.1, "start_v_z": 0.1, "start_w_x": 0.5, "start_w_y": 0.5, "start_w_z": 0.5}
 """Greatest difference of starts from the first one, either way [m/s], [rad/s]: little, and more than chaos needs."""
 
@@ -37,9 +46,10 @@ def compare(
     designs: Mapping[str, object],
     *,
     length: float,
-    rails: int = 1,
+    rails: int = 80,
     starts: int = 1,
     record: str = "peak_slipper_force",
+    mean_over: str = "distance",
     quantiles: Sequence[float] = (0.5, 0.95),
     start: object = None,
     seed: int = 0,
@@ -49,7 +59,7 @@ def compare(
     """Compare designs by runs over the same rails from the same starts, and say which one is better, and how sure.
 
     ```python
-    ds = sj.compare(scene, {"clearance": [0.8e-3, 1.5e-3]}, length=300.0, rails=32, starts=4)
+    ds = sj.compare(scene, {"clearance": [0.8e-3, 1.5e-3]}, length=300.0)
     ds["difference"].sel(quantile=0.95)  # with ds["difference_stderr"]
     ```
 
@@ -57,26 +67,29 @@ def compare(
 
     - `designs`: values by parameter, as the grid of `sweep`.
     - `length`: how far each run goes [m]; `options`: others of `run`, such as `speed`, `begin`, `store`.
-    - `rails`: number of rails, or of pairs of rails. Those of a `RandomTrack` or of `RandomRails` have its seed and
-        the next ones; of a survey the first is the survey itself, and the others are like it, see `RandomTrack.like`
-        and `RandomRails.like`.
+    - `rails`: number of rails, or of pairs of rails, which alone are independent: the median takes 8, the quantile
+        0.95 takes 80. Those of a `RandomTrack` or of `RandomRails` have its seed and the next ones; of a survey the
+        first is the survey itself, and the others are like it, see `RandomTrack.like` and `RandomRails.like`. On one
+        rail starts count as rails do, and what is found holds for that rail.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
     - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum,
         of means and root mean squares that of all its windows; by default the greatest net force of a slipper.
+    - `mean_over`: whether means and root mean squares are over "distance" or over "time".
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
     **Returns:** an `xarray.Dataset` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
-    NaN where one was lost, also with twice the steps; and over `quantile`, too, `value`, `stderr`, `low`, `high`,
-    `difference` and `difference_stderr` as of `over_rails`, but from the `best` design, of the lowest last quantile.
+    NaN where one was lost, also with twice the steps; `counted`, whether a rail has all its runs with all designs, as
+    those must that quantiles are of; and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference`,
+    `difference_stderr`, `difference_low` and `difference_high` as of `over_rails`, but from the `best` design, of the
+    lowest last quantile.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     scene = check_scene(scene)
     rails = whole("rails", rails, 1)
     starts = whole("starts", starts, 1)
-    require(rails * starts > 1, "rails", "be 2 or more, or `starts`", rails)
     of_windows = run_record(record)
     if of_windows is None:
         raise ValueError(
@@ -86,9 +99,9 @@ def compare(
     shares = [
         float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
     ]
-    # one warning, of the quantile with the fewest runs beyond it
-    for share in sorted(shares, key=lambda share: min(share, 1 - share))[:1]:
-        check_quantile(share, rails * starts)
+    one_of("mean_over", mean_over, ("distance", "time"))
+    for share in shares:
+        check_quantile(share, rails if rails > 1 else starts)
     scene, of_rails = _on_rails(scene, rails)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
@@ -103,7 +116,7 @@ def compare(
             cases[name] = np.tile(shift, count * rails)
     of_runs = dict(length=length, record=record, start=first, product=False)
     ds = run(scene, cases, **of_runs, **options)
-    numbers = _numbers(of_windows, ds)
+    numbers = _numbers(of_windows, ds, mean_over)
     status = ds["status"].values.copy()
     lost = np.flatnonzero(is_lost(status))
     # one impact among thousands may need more steps
@@ -114,16 +127,16 @@ def compare(
         more = {name: value for name, value in options.items() if name not in ("store", "executor")}
         more[number] = 2 * whole(number, more.get(number, 1), 1)
         finer = run(scene, again, **of_runs, **more)
-        numbers[lost] = _numbers(of_windows, finer)
+        numbers[lost] = _numbers(of_windows, finer, mean_over)
         status[lost] = finer["status"].values
     ensembles = (count, rails, starts)
-    return _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
+    made = _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
+    return made.assign_attrs(mean_over=mean_over if of_windows.join.weighted else "")
 
 
-def _numbers(record: AbstractNumber, ds: xr.Dataset) -> Float[np.ndarray, " cases"]:
+def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance") -> Float[np.ndarray, " cases"]:
     """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
-    values = ds[record.name].transpose("distance", "case", ...).values
-    joined = record.join.whole(values)
+    joined = whole_run(ds, record, mean_over).transpose("case", ...).values
     numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
@@ -166,23 +179,24 @@ def _compared(
 ) -> xr.Dataset:
     """Return the dataset of `compare` from the numbers and statuses of all runs; `ds`: that of the runs."""
     count, rails, starts = numbers.shape
-    # runs on one rail are drawn together; lost ones count as the highest
-    grouped = np.moveaxis(np.where(np.isnan(numbers), np.inf, numbers), 0, -1)
+    # runs on one rail are drawn together; of one rail alone each start is
+    grouped = np.moveaxis(numbers, 0, -1)
     groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
     draws = dict(resamples=RESAMPLES, seed=seed)
     unit = ds[record].attrs["units"]
-    last = _fit(groups, shares[-1])(np.ones(len(groups)))
-    best = int(np.argmin(np.where(np.isfinite(last), last, np.inf)))
-    each = [_columns(groups, share, best, unit, draws) for share in shares]
+    best = int(np.argmin(estimate(groups, shares[-1], **draws).value))
+    each = [_columns(estimate(groups, share, best, **draws), share, unit, "the best design") for share in shares]
     dims = designs.dims
     data = {}
     for name, (_, unit, words) in each[0].items():
         stacked = np.stack([columns[name][0] for columns in each], axis=-1).reshape(*designs.shape, len(shares))
-        text = words.replace("the first case", "the best design") if name != "value" else "quantile of the runs"
+        text = "quantile of the runs" if name == "value" else words
         data[name] = column((*dims, "quantile"), stacked, unit, text)
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), ds[record].attrs
     codes = status.reshape(data["runs"][1].shape)
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
+    counted = np.broadcast_to(whole_rails(groups)[:, None], groups.shape[:2]).reshape(rails, starts)
+    data["counted"] = column(("rail", "start"), counted, "", "whether no run on the rail is lost")
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
     coords = designs.coordinates() | {"quantile": column("quantile", list(shares), "1", "share of the runs below")}
@@ -191,7 +205,7 @@ def _compared(
 
 def over_rails(
     values: xr.DataArray,
-    quantile: float | None = 0.99,
+    quantile: float | None = 0.95,
     *,
     dim: str = "track.seed",
     finer: xr.DataArray | None = None,
@@ -203,7 +217,7 @@ def over_rails(
     ```python
     rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
     ds = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(400)}, **rails)
-    over_rails(ds["peak_force"].max(("end", "point")), 0.99)  # of a sled "slipper", too
+    over_rails(ds["peak_force"].max(("end", "point")))  # of a sled "slipper", too
     ```
 
     With `finer`, results of some of the rails with more steps, it also says what the number of steps changes: chaotic
@@ -220,16 +234,15 @@ def over_rails(
     **Returns:** an `xarray.Dataset` over the other dimensions, in the unit of `values` where no other is named, with
 
     - `value`, the quantile or the mean;
-    - `low` and `high`, its 95 % confidence interval: for quantiles from order statistics, otherwise two standard
-      errors on both sides;
-    - `stderr`, a quarter of the interval;
+    - `stderr`, by the bootstrap; `low` and `high`, its 95 % confidence interval: for quantiles from order statistics;
     - `difference` from the first case along the other dimensions, and `difference_stderr` by the bootstrap;
+      `difference_low` and `difference_high`, the 95 % interval that holds for all differences at once;
     - with `finer`: `step_change` [1], the relative change from the same rails in `values`, its standard error
       `step_change_stderr`, and `status`, `Status.INACCURATE` where the change is above a tenth by more than twice its
       error.
 
-    Values that are NaN, where a slipper was lost, count as greater than all others when quantiles are taken. A result
-    that depends on them is NaN.
+    Rails on which a value is NaN, because a slipper was lost, are left out in all cases, with a warning. Where too
+    few are left, results are NaN.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -237,22 +250,20 @@ def over_rails(
     one_of("dim", dim, [str(name) for name in values.dims])
     others = [name for name in values.dims if name != dim]
     rows = values.transpose(dim, *others)
-    numbers = _of_rails(rows, quantile)
-    require(len(numbers) > 1, "values", "have two or more rails", shown=f"{len(numbers)}")
+    numbers = rows.values.reshape(len(rows), -1)
     check_quantile(quantile, len(numbers))
+    lost = rows[dim].values[~whole_rails(numbers)]
+    if len(lost):
+        named = listed([f"{number:g}" for number in lost[:NAMED]])
+        warn(f"{len(lost)} of {len(numbers)} rails are left out, because a run is lost there, first {dim} {named}.")
     draws = dict(resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0))
-    columns = _columns(numbers[:, None], quantile, 0, values.attrs.get("units", ""), draws)
+    found = estimate(numbers[:, None], quantile, 0, **draws)
+    columns = _columns(found, quantile, values.attrs.get("units", ""))
     if finer is not None:
         # drawn together, so that both have the same rails in each resample
-        fine, same = (_of_rails(part, quantile) for part in _same_rails(finer, rows, dim))
-        check_quantile(quantile, len(fine))
-        pairs = _fit(np.concatenate([fine, same], axis=1), quantile)
-        change, drawn = bootstrap(
-            lambda weights: np.divide(*np.split(pairs(weights), 2)) - 1,
-            len(fine),
-            **draws,
-        )
-        error = drawn.std(axis=0, ddof=1)
+        pairs = np.concatenate([part.values.reshape(len(part), -1) for part in _same_rails(finer, rows, dim)], axis=1)
+        check_quantile(quantile, len(pairs))
+        change, error = _step_change(pairs[whole_rails(pairs)], quantile, **draws)
         columns["step_change"] = change, "1", "relative change by more steps"
         columns["step_change_stderr"] = error, "1", "standard error of the relative change"
     shape = [rows.sizes[name] for name in others]
@@ -265,64 +276,37 @@ def over_rails(
         )
         data["status"] = column(others, status, "", "status", meaning=MEANINGS)
     coords = {name: values.coords[name] for name in others if name in values.coords}
-    facts = dict(rails=len(numbers), quantile="none" if quantile is None else quantile)
+    facts = dict(rails=len(numbers) - len(lost), quantile="none" if quantile is None else quantile)
     return xr.Dataset(data, coords, facts)
 
 
 def _columns(
-    numbers: Float[np.ndarray, "groups members cases"], quantile: float | None, base: int, unit: str, draws: Draws
+    found: Estimates, quantile: float | None, unit: str, base: str = "the first case"
 ) -> dict[str, tuple[np.ndarray, str, str]]:
-    """Return the variables of `over_rails`, each with its unit and description.
-
-    **Arguments:** `numbers`: of groups that are drawn together, such as the runs over one rail; `base`: the case from
-    which differences count; `draws`: options of `bootstrap`.
-    """
-    groups, members, _ = numbers.shape
-    value, drawn = bootstrap(_fit(numbers, quantile), groups, **draws)
-    if quantile is None or members > 1:
-        stderr = drawn.std(axis=0, ddof=1)
-        low = value - 2 * stderr
-        high = value + 2 * stderr
-    else:
-        # true whatever the distribution, for as many values lie below as a binomial law says
-        below = np.asarray(scipy.stats.binom.ppf([0.025, 0.975], groups, quantile), int)
-        places = below - np.array([1, 0])  # from 0 on
-        ends = np.sort(numbers[:, 0], axis=0)[np.clip(places, 0, groups - 1)]
-        low, high = np.where(np.isfinite(ends), ends, np.nan)
-        stderr = (high - low) / 4
-    # all cases of a resample have the same rails, so that what these have in common cancels
-    difference_stderr = (drawn - drawn[:, base : base + 1]).std(axis=0, ddof=1)
-    return {
-        "value": (value, unit, "mean" if quantile is None else f"quantile {quantile:g}"),
-        "stderr": (stderr, unit, "standard error"),
-        "low": (low, unit, "lower end of the 95 % interval"),
-        "high": (high, unit, "upper end of the 95 % interval"),
-        "difference": (value - value[base], unit, "difference from the first case"),
-        "difference_stderr": (difference_stderr, unit, "standard error of the difference"),
-    }
+    """Return the variables of `over_rails`, each with its unit and description; `base`: what differences are from."""
+    words = Estimates(
+        value="mean" if quantile is None else f"quantile {quantile:g}",
+        stderr="standard error",
+        low="lower end of the 95 % interval",
+        high="upper end of the 95 % interval",
+        difference=f"difference from {base}",
+        difference_stderr="standard error of the difference",
+        difference_low="lower end of the 95 % interval of all differences at once",
+        difference_high="upper end of the 95 % interval of all differences at once",
+    )
+    return {name: (values, unit, word) for name, values, word in zip(found._fields, found, words, strict=True)}
 
 
-def _of_rails(rows: xr.DataArray, quantile: float | None) -> np.ndarray:
-    """Return values of shape (rails, cases); for quantiles NaN becomes infinity, because lost slippers count most."""
-    numbers = rows.values.reshape(len(rows), -1)
-    return np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
-
-
-def _fit(numbers: np.ndarray, quantile: float | None) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of how often each group was drawn, which gives the quantiles or means of the cases.
-
-    **Arguments:** `numbers`: (groups, members, cases), or (groups, cases).
-    """
-
-    def fit(weights: np.ndarray) -> np.ndarray:
-        drawn = numbers[np.repeat(np.arange(len(numbers)), weights.astype(int))].reshape(-1, numbers.shape[-1])
-        if quantile is None:
-            return drawn.mean(axis=0)
-        with np.errstate(invalid="ignore"):  # differences of infinite ones
-            found = np.quantile(drawn, quantile, axis=0, method="median_unbiased")
-        return np.where(np.isfinite(found), found, np.nan)
-
-    return fit
+def _step_change(
+    pairs: Float[np.ndarray, "rails twice_cases"], quantile: float | None, **draws: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the relative change of each case by more steps, whose values come first, and its standard error [1]."""
+    if len(pairs) < least_rails(quantile):
+        unknown = np.full(pairs.shape[1] // 2, np.nan)
+        return unknown, unknown
+    both = sample_fit(pairs[:, None], quantile)
+    change, drawn = bootstrap(lambda weights: np.divide(*np.split(both(weights), 2)) - 1, len(pairs), **draws)
+    return change, standard_error(drawn, len(pairs))
 
 
 def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.DataArray, xr.DataArray]:

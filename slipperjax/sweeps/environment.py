@@ -1,6 +1,5 @@
 """The vibration environment of places on a sled, from its runs: what a report on a test states of a payload."""
 
-import json
 import math
 from collections.abc import Sequence
 
@@ -16,7 +15,7 @@ from ..tools.checks import finite, number, positive, require, warn
 from ..tools.columns import column
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
-from .windows import AccelerationHistory
+from .windows import AccelerationHistory, begins
 
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
@@ -55,7 +54,8 @@ def environment(
     - over `frequency`, the middles of bands: `density`, the power spectral density by Welch's method, and
       `maximax_density`, the greatest of all windows [(m/s^2)^2/Hz];
     - over `natural_frequency`: `shock_response`, the greatest acceleration of oscillators [m/s^2];
-    - `rms` of all frequencies, `band_rms` of the bands [m/s^2], and `duration` for which the running `level` [m/s^2]
+    - of the whole record, a standstill in it included, `rms` of all frequencies and `band_rms` of the bands; of the
+      loudest window of a density `maximax_rms` in the bands [m/s^2]; `duration` for which the running `level` [m/s^2]
       over `seconds` is within 6 dB of its greatest [s];
     - of densities and shock response over `summary`, their `maximum`, mean and 95/50 tolerance `limit`, without
       `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`.
@@ -148,21 +148,11 @@ def _histories(
     require(alike, "runs", "have the same speeds", shown="different ones")
     shapes = {row.shape for row in rows}
     require(len(shapes) == 1, "runs", "have the same samples", shown=listed([str(shape) for shape in sorted(shapes)]))
-    ends = np.append(_begin(first), seconds)
+    ends = np.append(begins(first).values, seconds)
     samples = rows[0].shape[1]
     rate = np.min(steps, axis=0) / np.diff(ends)
     joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
     return joined, _sample_times(ends, samples), np.repeat(rate, samples)
-
-
-def _begin(ds: xr.Dataset) -> float:
-    """Return the time at which the first window begins [s]: zero, unless windows before it were left out."""
-    window = float(ds.attrs["window [m]"])
-    begin = float(ds["distance"][0]) - window
-    if begin <= json.loads(ds.attrs["call"])["begin"] + 1e-6 * window:
-        return 0.0
-    speed = ds["speed_along" if "speed_along" in ds.coords else "speed"].values
-    return float(ds["seconds"][0] - window / speed[0])
 
 
 def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
@@ -205,6 +195,7 @@ def _dataset(found: VibrationEnvironment, places: np.ndarray) -> xr.Dataset:
         ),
         "rms": column(of_rails, found.rms, acceleration, "root mean square of the acceleration"),
         "band_rms": column(of_rails, found.band_rms, acceleration, "root mean square in the bands"),
+        "maximax_rms": column(of_rails, found.maximax_rms, acceleration, "greatest of a window in the bands"),
         "level": column((*of_rails, "seconds"), found.level, acceleration, "running root mean square"),
         "duration": column(of_rails, found.duration, "s", "time within 6 dB of the greatest level"),
         "density_envelope": column(

@@ -29,14 +29,17 @@ class Estimate:
     """Whether other processes compute the store, too: those of an executor, or of other shares."""
     stored_per_case: float | None = None
     """Bytes on disk of a case, compressed; None where no case was computed."""
+    at_work: float = 0.0
+    """Memory of the batches at work, such as of their rails [bytes]."""
     facts: str = ""
     """Further facts that were measured, as lines of text."""
 
     @classmethod
-    def counted(cls, cases: int, steps: float, values: int, periods: str) -> "Estimate":
+    def counted(cls, cases: int, steps: float, values: int, periods: str, at_work: float = 0.0) -> "Estimate":
         """Return the estimate of cases with so many steps and kept values each, and `periods` in words."""
         # a step of a case in a batch takes 0.38 us of one core, see the page on speed
-        return cls(cases=cases, per_case=4e-7 * steps, bytes_per_case=8.0 * values, periods=periods)
+        per_case = dict(per_case=4e-7 * steps, bytes_per_case=8.0 * values)
+        return cls(cases=cases, periods=periods, at_work=at_work, **per_case)
 
     @property
     def seconds(self) -> float:
@@ -48,10 +51,10 @@ class Estimate:
         """Bytes that the process needs besides its programs."""
         if self.tiles is None:
             # results are there twice while they are put together; scene, start and labels take a kilobyte
-            return self.cases * (2 * self.bytes_per_case + 1000)
+            return self.at_work + self.cases * (2 * self.bytes_per_case + 1000)
         # thrice while a tile is written
         at_once = 1 if self.shared else self.workers
-        return 3 * at_once * self.tiles.size * self.bytes_per_case
+        return self.at_work + 3 * at_once * self.tiles.size * self.bytes_per_case
 
     @property
     def stored(self) -> float:

@@ -209,6 +209,16 @@ class Cases(Grid):
         """Return the scenes and starts at some indices, with their tracks as they are."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
+    @property
+    def bytes_of_rail(self) -> int:
+        """Memory of the prepared rail of each case; 0 where all share one, or where nothing is prepared."""
+        track = self.scene.track
+        shared = not any(name.partition(".")[0] == "track" for name in self.axes)
+        if shared or type(track).prepared is AbstractTrack.prepared:
+            return 0
+        made = jax.tree.leaves(eqx.filter_eval_shape(lambda rail: rail.prepared(), track))
+        return sum(leaf.size * leaf.dtype.itemsize for leaf in made)
+
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
         """Return the forcing period of each case [s]."""
         return self._of_each()[0]

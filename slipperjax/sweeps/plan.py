@@ -133,7 +133,9 @@ class Plan:
         for one in self.outputs:
             kept = self.periods if one in early else self.recorded.periods
             values += one.values(self.cases.scene, kept)
-        return Estimate.counted(count, steps, values, f" of {periods} forcing periods")
+        # each thread has a batch
+        rails = min(count, LARGEST_CHUNK * cores()) * self.cases.bytes_of_rail
+        return Estimate.counted(count, steps, values, f" of {periods} forcing periods", rails)
 
     @property
     def record(self) -> str:

@@ -13,14 +13,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Int, PyTree
+from jaxtyping import Array, Int, PyTree
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
-from ..flow.status import MEANINGS, Status, with_accuracy
+from ..flow.status import MEANINGS, Status, with_accuracy, without_lost
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -332,10 +332,15 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     return earlier["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
+def _play(scene: Scene, more: Array) -> Array:
+    """Return the play of each face with what wear has added [m]."""
+    return scene.play + more
+
+
 @jit
 def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
-    """Return the same scenes with this play more at each face, (1 or cases, *slippers, faces) [m]."""
-    plays = scenes.map(lambda scene: scene.play) + play
+    """Return the same scenes with this play more at each face, (cases, *slippers, faces) [m]."""
+    plays = scenes.map(_play, play)
     # what is shared keeps no play, which differs from case to case
     return Batched(scenes.varied.with_play(plays), scenes.shared.with_play(None))
 
@@ -349,7 +354,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
     plan = part.plan
     scenes = _windowed(part.scenes, call.window)
     if call.worn is not None:
-        scenes = _opened(scenes, call.worn[None])
+        scenes = _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
     epoch = call.begin / call.window
     states = initial_states(scenes, part.starts, epoch)
     at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
@@ -397,7 +402,7 @@ def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[in
             carry += (new if isinstance(one, Unlabelled) else old,)
             pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
         marks.append(StateLayout.pack(at.states))
-        plays += [np.asarray(scenes.map(lambda scene: scene.play) + worn.play) for worn in _worn_in(carry)]
+        plays += [np.asarray(scenes.map(_play, worn.play)) for worn in _worn_in(carry)]
     status = records.judge(carry, at.status, scenes, plan.solver)
     probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
     record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
@@ -447,6 +452,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     measured.
     """
     cases = plan.cases
+    results = without_lost(results, results.status)
     dims = cases.dims
     along_stretch = (*dims, "stretch")
     of_grid = lambda a: np.asarray(a).reshape(*cases.shape, *a.shape[1:])

@@ -14,7 +14,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS, Status
+from ..flow.status import MEANINGS, Status, without_lost
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
@@ -298,6 +298,7 @@ def sweep_dataset(
     grid, by name; `more`: further arguments of the call, for the attribute `call`.
     """
     cases = plan.cases
+    results = without_lost(results._replace(state=None), results.status)
     first = first or {}
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)

@@ -3,12 +3,14 @@
 A run over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
 """
 
+import json
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jaxtyping import Array, Float, Int
 
 from ..flow.course import Course
@@ -25,7 +27,7 @@ from ..flow.records import (
 )
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
-from ..tools.checks import whole
+from ..tools.checks import one_of, require, whole
 from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
@@ -203,6 +205,47 @@ def play_added(scene: Scene, work: Array, distance: Real) -> Array:
     slippers = scene.mounted
     each = zip(slippers, work.reshape(len(slippers), -1), strict=True)
     return jnp.stack([wear.added(s.section, s.length, distance, own) for s, own in each]).reshape(work.shape)
+
+
+def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distance") -> xr.DataArray:
+    """Return a number of whole runs from that of each of their windows.
+
+    ```python
+    whole_run(ds, "contact_load", over="time")
+    ```
+
+    Greatest values, sums and least values are those of all windows together. At a speed that changes, a mean or a
+    root mean square is one over the distance, to which each window counts the same, or one over time, to which slow
+    ones count more.
+
+    **Arguments:** `ds`: of `run`, with the record of each window, or a part of it along the distance; `record`: its
+    name, or the record itself; `over`: "distance" or "time".
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    known = run_record(record)
+    require(known is not None and known.name in ds, "record", "be a number of the run's windows", record)
+    assert known is not None
+    one_of("over", over, ("distance", "time"))
+    values = ds[known.name].transpose("distance", ...)
+    weights = None if over == "distance" else lasting(ds).broadcast_like(values).transpose(*values.dims).values
+    return values.isel(distance=0, drop=True).copy(data=known.join.whole(values.values, weights))
+
+
+def lasting(ds: xr.Dataset) -> xr.DataArray:
+    """Return how long each window of a run lasts [s], also of a part of a run."""
+    seconds = ds["seconds"]
+    return seconds - seconds.shift(distance=1).fillna(begins(ds))
+
+
+def begins(ds: xr.Dataset) -> xr.DataArray:
+    """Return the time at which the first window begins [s]: zero, unless windows before it were left out."""
+    window = float(ds.attrs["window [m]"])
+    seconds = ds["seconds"].isel(distance=0, drop=True)
+    if float(ds["distance"][0]) - window <= json.loads(ds.attrs["call"])["begin"] + 1e-6 * window:
+        return xr.zeros_like(seconds)
+    speed = ds["speed_along" if "speed_along" in ds.coords else "speed"]
+    return seconds - window / speed.isel(distance=0, drop=True)
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:

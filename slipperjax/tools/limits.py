@@ -1,6 +1,8 @@
 """Limits of memory and time: impossible runs are refused before they begin, very long ones warned of."""
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
 from .checks import warn
 
@@ -8,11 +10,16 @@ LONGEST = 365.25 * 86400
 """Estimated time [s] beyond which a run is refused: a year."""
 
 
-def available_memory() -> int | None:
-    """Return the bytes of memory that can be had without swapping; None where the system does not tell."""
+def available_memory(root: Path = Path("/")) -> int | None:
+    """Return the bytes of memory that can be had without swapping, within the limit of a container; None where the
+    system does not tell.
+
+    **Arguments:** `root`: where the files of Linux are.
+    """
     try:
-        with open("/proc/meminfo") as lines:
-            return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable"))
+        with open(root / "proc/meminfo") as lines:
+            free = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable"))
+            return min(free, *_free_in_groups(root), free)
     except (OSError, StopIteration, ValueError):
         pass
     # not on Linux: all of the memory
@@ -20,6 +27,35 @@ def available_memory() -> int | None:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return None
+
+
+def _free_in_groups(root: Path) -> Iterator[int]:
+    """Yield what each limit of the process's control groups leaves of memory [bytes], of both versions of these."""
+    try:
+        groups = (root / "proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return
+    for group in groups:
+        _, controllers, path = group.split(":", 2)
+        if not controllers:
+            base, limits, usage, cache = "", ("memory.max", "memory.high"), "memory.current", "inactive_file"
+        elif "memory" in controllers.split(","):
+            base, limits, usage = "memory", ("memory.limit_in_bytes",), "memory.usage_in_bytes"
+            cache = "total_inactive_file"
+        else:
+            continue
+        base = root / "sys/fs/cgroup" / base
+        own = base / path.lstrip("/")
+        # limits of groups around it hold, too; a container sees its own as the base
+        for folder in (one for one in (own, *own.parents) if one.is_relative_to(base)):
+            for limit in limits:
+                try:
+                    # files that are cached give way
+                    stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+                    used = int((folder / usage).read_text()) - int(stat[cache])
+                    yield max(int((folder / limit).read_text()) - used, 0)
+                except (OSError, ValueError, KeyError):
+                    continue  # "max" is no limit
 
 
 def cores() -> int:

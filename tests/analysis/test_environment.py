@@ -87,6 +87,23 @@ def test_sine_has_its_rms_in_its_band():
     assert power[k] == pytest.approx(power.sum(), rel=1e-3)
 
 
+def test_bands_have_no_more_than_all_frequencies():
+    """Three records: loud in the middle alone; loud at the end, after a standstill; at first too slow for bands."""
+    samples = 4 * int(RATE)
+    t = np.arange(samples) / RATE
+    x = noise(3, samples)
+    x[0] *= np.exp(-(((t - 2.0) / 0.3) ** 2))
+    x[1:] *= t > 3.0
+    highest = np.where(t > 2.0, RATE / 2, 100.0)
+    for record, known in ((x[:1], None), (x[1:2], None), (x[2:], highest)):
+        report = vibration_environment(record[:, None], RATE, edges=band_edges(20.0, RATE / 2), highest=known)
+        # measured 0.999; by the mean density 1.02, 0.97 and 1.49
+        assert 0.99 < report.band_rms / report.rms <= 1
+        # a quarter of the record, or less, has all of it: measured 2.0 and more
+        assert report.maximax_rms > 1.5 * report.band_rms
+    assert band_rms(report.density, report.edges) > 1.2 * report.rms
+
+
 def test_bands_that_a_record_cannot_have_are_not_a_number():
     # 0.1 s resolve 10 Hz, and 3 kHz allow 1500 Hz
     report = vibration_environment(noise(3, 300, rate=3000.0), 3000.0)

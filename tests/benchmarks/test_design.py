@@ -71,7 +71,7 @@ def test_over_random_rails():
     print("\n\nmethod                      clearance [mm]  length [mm]  on 1600 other rails [kN]  trials  periods")
     for method in (TrustRegion(), Descent(steps=20)):
         best = optimise_design(scene, "peak_force", box, method=method, starts=1, max_trials=20, **options)
-        large = dataclasses.replace(ensemble, members=1600, seed=1000)
+        large = dataclasses.replace(ensemble, rails=800, seed=1000)
         judged = sensitivities(best.scene, "peak_force", ["speed"], ensemble=large, steps_per_period=80)
         value, error = (float(judged[name][0]) / 1e3 for name in ("value", "stderr"))
         name = "TrustRegion()" if isinstance(method, TrustRegion) else "Descent(steps=20)"

@@ -12,7 +12,9 @@ SIGNS = np.repeat(CORNERS, 8, axis=0)
 def fit_plane(values, kept=True):
     """A plane through runs, eight at each corner."""
     runs = values.reshape(len(CORNERS), 8, -1)
-    return EnsembleSettings().fit(CORNERS, runs, np.broadcast_to(kept, len(SIGNS)).reshape(runs.shape[:2]))
+    return EnsembleSettings().fit(
+        CORNERS, runs, np.broadcast_to(kept, len(SIGNS)).reshape(runs.shape[:2]), np.arange(8)
+    )
 
 
 @pytest.mark.parametrize(("parameters", "count"), [(1, 2), (2, 4), (3, 4), (5, 8), (12, 16)])

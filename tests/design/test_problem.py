@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.design.checks import size_of
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import checked_problem, first_designs, spread_designs
 from slipperjax.design.sensitivities import sensitivities
@@ -67,6 +68,17 @@ def test_the_cases_are_every_combination():
     assert search.count == 6
     np.testing.assert_array_equal(search.cases["speed"], [1000.0] * 3 + [1600.0] * 3)
     np.testing.assert_array_equal(search.cases["restitution"], [0.8, 0.9, 1.0] * 2)
+
+
+def test_changes_count_over_the_magnitude_of_a_parameter():
+    box = problem()
+    name, (low, high) = next(iter(box.bounds.items()))
+    assert size_of(box, name, -0.2) == 0.2
+    assert size_of(box, "speed", 3.0) == 3.0
+    # zero has no magnitude
+    assert size_of(box, name, 0.0) == high - low
+    with pytest.raises(ValueError, match="Argument `names` must be of variables, or of parameters that are not zero"):
+        size_of(box, "speed", 0.0)
 
 
 def test_searches_begin_with_the_scene_s_own_design_and_spread():

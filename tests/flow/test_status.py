@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.status import Status, first_problem, is_lost, with_loads, with_resolution
+from slipperjax.flow.status import Status, first_problem, is_lost, with_loads, with_resolution, without_lost
 from slipperjax.sweeps.follow import find_jump
 
 RAIL = sj.RandomTrack.sled(length=250.0)
@@ -34,6 +34,19 @@ def test_numbers_of_lost_cases_mean_nothing():
     for status in (Status.DERAILED, Status.PRESSED_IN, Status.TOO_FEW_STEPS):
         lost = dataclasses.replace(run, status=jnp.asarray(int(status)))
         assert repr(lost).endswith(f"50 steps per period, status {int(status)}: {status})")
+
+
+def test_lost_motions_have_no_numbers():
+    status = np.arange(len(Status))
+    values = (np.ones((len(Status), 2)), np.ones(len(Status), int), np.zeros(len(Status), np.float32))
+    forces, counts, zeros = without_lost(values, status)
+    # whether there is an orbit, and what was not reached, is no matter of the motion
+    assert np.flatnonzero(np.isnan(forces).all(axis=1)).tolist() == [1, 2, 3, 4]
+    assert np.flatnonzero(np.isnan(forces).any(axis=1)).tolist() == [1, 2, 3, 4]
+    assert np.isnan(zeros).sum() == 4
+    assert zeros.dtype == np.float32
+    assert counts.all()
+    assert without_lost(values, 0 * status)[0] is values[0]
 
 
 def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():

@@ -11,7 +11,7 @@ import scipy.optimize
 import slipperjax as sj
 from slipperjax.flow.datasets import load_base
 from slipperjax.model.quantities import MOTION_NUMBERS
-from slipperjax.model.starts import state_and_penetration
+from slipperjax.model.starts import at_rest, state_and_penetration
 
 SCENE = dataclasses.replace(sj.paper_scene(stiffness=1e9, restitution=0.6), gravity=9.81)
 LEVEL = dataclasses.replace(SCENE, track=sj.StraightTrack())
@@ -160,6 +160,28 @@ def test_sleds_find_their_rest_on_two_rails():
     assert int(np.isfinite(found).all(axis=-1).sum()) >= len(epochs) * 10 - 1
     # they turn with the rails, measured 1.5 rad/s; where hardly anything holds the yaw, its equilibrium turns by 340
     np.testing.assert_array_less(np.abs(np.nan_to_num(found)), 2.0)
+
+
+def test_sleds_find_their_rest_on_twisted_rails():
+    """Places at which three slippers carry by turns, of 2400 with stiffnesses and plays of four and one and a half
+    decades."""
+    # at the first four iterations with a bounded step end nowhere, at the others those that are never taken back
+    places = [4.515242706516709, 8.605728134020634, 9.21248298770714, 6.770334873737982]
+    places += [7.558057359754617, 11.816481526743589, 13.868068697373547, 15.009900846011641]
+    stiffness = [1660976.471871991, 30666666.633018095, 22451337.63314037, 5838149.456013123]
+    stiffness += [13115545.068676699, 170505129.98014283, 9520422.407709826, 5736740.730739701]
+    play = [0.0019260690628046966, 0.00025270422970505656, 0.00021083454427515375, 0.0023114385983423204]
+    play += [0.00021975341063131502, 0.0019688869367932293, 0.00047768226917894974, 0.00012087066172731417]
+    mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
+    track = sj.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3).prepared()
+    sled = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts)
+    scene = dataclasses.replace(sj.paper_scene(600.0), slipper=sled, track=track, gravity=9.81)
+
+    def heights(place, stiffness, clearance):
+        return at_rest(scene.replace(stiffness=stiffness, clearance=clearance), place).z
+
+    found = jax.jit(jax.vmap(heights))(*map(jnp.array, (places, stiffness, play)))
+    assert np.isfinite(found).all()
 
 
 def test_a_slipper_without_rest_is_said():

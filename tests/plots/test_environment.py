@@ -52,7 +52,8 @@ def test_a_page_has_the_lines_of_its_report_in_g(report):
     cells = {at: cell.get_text().get_text() for at, cell in axes[1, 2].tables[0].get_celld().items()}
     rms = report["rms"].isel(place=0, rail=2) / G
     assert [float(cells[1, k]) for k in range(3)] == pytest.approx(rms.values, rel=5e-3)  # three digits
-    assert float(cells[4, 0]) == pytest.approx(2.0, rel=1e-2)
+    assert float(cells[3, 0]) == pytest.approx(float(report["maximax_rms"][:, 0, 0].max()) / G, rel=5e-3)
+    assert float(cells[5, 0]) == pytest.approx(2.0, rel=1e-2)
 
 
 def test_shaded_is_what_is_within_6_db():
@@ -93,7 +94,9 @@ def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
     lines = environment_summary(report)
     assert len(lines) == 4
     strongest = float(report["rms"].isel(place=0).sel(direction="z").max()) / G
+    assert ": g-RMS of the whole record x " in lines[0]
     assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in lines[0]
+    assert ", in the loudest window x " in lines[0]
     assert lines[1].startswith("highest shock response ")
     assert " along z at " in lines[1]
     for ending in ("pdf", "xlsx"):

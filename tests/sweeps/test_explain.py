@@ -3,13 +3,15 @@
 import dataclasses
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 
 import slipperjax as sj
 from slipperjax.sweeps.estimate import Estimate
-from slipperjax.sweeps.grid import Tiling
+from slipperjax.sweeps.grid import Cases, Tiling
 
 from .made_up import a_grid, made_up
 
@@ -31,6 +33,35 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     made_up(sj.paper_scene(), a_grid(), store=store, steps_per_period=100)
     size = sum(file.stat().st_size for file in store.path.rglob("c/**/*") if file.is_file())
     assert found.stored < size < 8 * found.stored
+
+
+def test_a_run_from_standstill_has_steps_of_its_own(monkeypatch):
+    asked = []
+
+    def runs(scene, grid, **options):
+        asked.append(options)
+        return xr.Dataset({"steps_per_window": (("case", "distance"), [[4000, 40]] * 128)})
+
+    monkeypatch.setattr("slipperjax.sweeps.explain.run", runs)
+    # half a second at a standstill, for which a wavelength would take endless steps
+    fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=0.0)
+    found = sj.explain(runs, SCENE, {"speed.scale": [0.9, 1.0]}, speed=fast, length=40.0, refine=2)
+    assert "steps per window: 40 to 4000" in str(found)
+    assert all("steps_per_period" not in options and options["refine"] == 2 for options in asked)
+
+
+def test_prepared_rails_count_in_the_memory():
+    scene = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=2000.0))
+    seeds, speeds = {"track.seed": np.arange(100.0)}, {"speed": np.linspace(900.0, 1000.0, 100)}
+    each = Cases(scene, seeds, sj.Motion()).bytes_of_rail
+    assert each == sum(leaf.nbytes for leaf in jax.tree.leaves(scene.track.prepared()))
+    assert each > 1e5
+    # a rail that all have in common is there once
+    assert Cases(scene, speeds, sj.Motion()).bytes_of_rail == 0
+    assert Cases(SCENE, speeds, sj.Motion()).bytes_of_rail == 0
+    sizes = dict(steps=1.0, values=1, periods="")
+    more = Estimate.counted(100, **sizes, at_work=1e9).memory - Estimate.counted(100, **sizes).memory
+    assert more == pytest.approx(1e9)
 
 
 MILLION = {"speed": np.linspace(1e3, 2e3, 10**4), "clearance": np.linspace(1e-3, 2e-3, 10**4)}

@@ -120,7 +120,7 @@ def test_derivatives_of_a_quantile_over_rails_are_those_of_its_differences():
     scene = dataclasses.replace(sj.paper_scene(600.0), **parts).replace(clearance=0.75e-3)
     names = ["clearance", "slipper.mounts.left1.x"]
     # 80 m, in which starts are forgotten, and the next 80 m
-    ensemble = sj.design.RailEnsemble(members=8000, transient=10, periods=10, quantile=0.95)
+    ensemble = sj.design.RailEnsemble(rails=2000, transient=10, periods=10, quantile=0.95)
     ds = sj.design.sensitivities(scene, "peak_force", names, ensemble=ensemble, start=sj.Motion(), reach=1 / 3)
     rails = {"track.seed": np.arange(20_000, 23_000)}
 

@@ -48,3 +48,44 @@ def test_runs_are_refused_before_anything_is_allocated():
     ):
         with pytest.raises(ValueError, match=r"need about .*B of memory and .*(are available|more than a year)"):
             run()
+
+
+@pytest.mark.parametrize(
+    ("group", "files", "free"),
+    [
+        # of the second version: a limit, and one below it from which on a process is slowed down
+        ("0::/job", {"job": {"memory.max": "max", "memory.high": "900000", "memory.current": "400000"}}, 550_000),
+        # a container sees its own group as the base, whatever its path is outside
+        ("0::/docker/1", {"": {"memory.max": "600000", "memory.current": "100000"}}, 550_000),
+        # the limit of a group around it
+        (
+            "0::/user/job",
+            {
+                "user": {"memory.max": "500000", "memory.current": "450000"},
+                "user/job": {"memory.max": "max", "memory.current": "1"},
+            },
+            100_000,
+        ),
+        # of the first version
+        (
+            "4:cpu,memory:/job",
+            {"memory/job": {"memory.limit_in_bytes": "300000", "memory.usage_in_bytes": "100000"}},
+            250_000,
+        ),
+        ("3:cpu:/job", {"job": {"memory.max": "1", "memory.current": "1"}}, 1_024_000),
+        ("0::/", {"": {"memory.max": "max", "memory.current": "400000"}}, 1_024_000),
+        ("0::/job", {"job": {"memory.max": "1000", "memory.current": "400000"}}, 0),
+    ],
+)
+def test_the_limit_of_a_container_counts(group, files, free, tmp_path):
+    (tmp_path / "proc/self").mkdir(parents=True)
+    (tmp_path / "proc/meminfo").write_text("MemTotal: 4000 kB\nMemAvailable: 1000 kB\n")
+    (tmp_path / "proc/self/cgroup").write_text(f"7:pids:/job\n{group}\n")
+    for folder, content in files.items():
+        place = tmp_path / "sys/fs/cgroup" / folder
+        place.mkdir(parents=True, exist_ok=True)
+        # files in the cache give way
+        cache = "total_inactive_file" if folder.startswith("memory") else "inactive_file"
+        for name, text in {"memory.stat": f"anon 1\n{cache} 50000", **content}.items():
+            (place / name).write_text(f"{text}\n")
+    assert available_memory(tmp_path) == free
