@@ -10,10 +10,9 @@ from jaxtyping import Float
 
 from ..model.parameters import PARAMETERS
 from ..model.sensors import Rig, Sensor
-from ..tools.checks import require
+from ..tools.checks import finite, number, numbers, require
 from ..tools.files import content_of, user_path
-from ..tools.tables import Table
-from ..tools.units import unit_factor
+from ..tools.tables import Table, without_marks
 
 FEWEST = 8
 """Samples that a signal needs."""
@@ -99,17 +98,17 @@ def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
     for name, value in ds.coords.items():
         if name in PARAMETERS and value.ndim == 0:
             unit = PARAMETERS[str(name)].unit
-            known[str(name)] = float(value) * (
-                1.0 if unit == "1" else unit_factor(str(name), value.attrs.get("units", unit), unit)
-            )
+            known[str(name)] = number(finite, str(name), value, unit)
     return _run(signals, rig, known)
 
 
 def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
-    """Return the values of a variable that has an attribute `units`, in an SI unit."""
-    given = array.attrs.get("units")
+    """Return the values of a variable that has an attribute `units`, or of durations, in an SI unit; NaN for marks of
+    overload."""
+    given = array.attrs.get("units") or array.dtype.kind in "mM" or hasattr(array.data, "magnitude")
     require(given, "measured", f"have an attribute `units` of {array.name}, such as {unit}", shown="without it")
-    return np.asarray(array.values, float) * unit_factor(str(array.name), str(given), unit)
+    values = numbers(str(array.name), array, unit=unit).astype(float)
+    return without_marks(values, f"Argument `measured`: {array.name}")
 
 
 def _constant(name: str, values: np.ndarray) -> float:

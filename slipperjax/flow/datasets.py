@@ -21,7 +21,7 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, SledMotion
 from ..model.layout import coordinates
-from ..model.parameters import PARAMETERS, STARTS, of_motion, parameter
+from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
@@ -346,8 +346,10 @@ def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
 
 
 def varied_names(ds: "xr.Dataset") -> list[str]:
-    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them."""
+    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them, or has
+    it in another unit."""
     names = _described(ds, "varied", list)
+    check_units(ds, "source")
     for name in names:
         need = f"have the coordinate `{name}`, which was varied"
         # in a list, because names from other files may be of a kind that no mapping can look up

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..tools.checks import finite, number, positive, require, shown_number, warn
 from ..tools.fields import unit_of
-from ..tools.files import content_of, user_path
+from ..tools.files import content_of, listed, user_path
 from ..tools.tables import Table, TableError, read_rows
 from ..tools.types import Real
 from .rails import EQUAL_SPACING, SampledTrack
@@ -20,7 +20,11 @@ from .travel import SpeedProgramme
 
 COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
 """Columns of a survey, and their SI units."""
-ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
+ALIASES = {
+    **dict.fromkeys(("chainage", "station", "sta", "x"), "distance"),
+    **dict.fromkeys(("offset", "lat", "y"), "lateral"),
+    **dict.fromkeys(("elevation", "elev", "vert", "z"), "vertical"),
+}
 """Other names of columns."""
 SIDES = ("left", "right")
 """First words of the columns of two rails."""
@@ -28,7 +32,9 @@ OF_SIDES = {f"{side}_{name}": unit for side in SIDES for name, unit in COLUMNS.i
 """Columns of two rails, and their SI units."""
 COLUMNS_OF_TWO = {"distance": "m", **OF_SIDES, "gauge": "m"}
 """Columns of a survey of two rails, and their SI units."""
-ALIASES_OF_TWO = ALIASES | {f"{side}_{y}": f"{side}_{ALIASES[y]}" for side in SIDES for y in ("y", "z")}
+ALIASES_OF_TWO = ALIASES | {
+    f"{side}_{other}": f"{side}_{name}" for side in SIDES for other, name in ALIASES.items() if name != "distance"
+}
 """Other names of columns of two rails."""
 
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
@@ -221,6 +227,7 @@ def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
         signs = ", and change the signs of lateral and roll if left was left along the falling distance"
         table.check_rising("distance", gaps=True, also=signs)
     columns = table.si()
+    _warn_of_offsets(table)
     zero = np.zeros_like(columns["distance"])
     return {"lateral": zero, "vertical": zero} | columns, found["distance"].unit or "m"
 
@@ -249,6 +256,7 @@ def _read_two(
     if "gauge" in found and gauge is None:
         table.fault(f'`{found["gauge"].name}` needs the nominal gauge, such as gauge=1.435, or gauge = "1.435 m"')
     columns = table.si()
+    _warn_of_offsets(table)
     of_gauge = columns.pop("gauge", None)
     if of_gauge is not None and gauge is not None and abs(np.mean(of_gauge) / gauge - 1) > 0.1:
         shown = f"{np.mean(of_gauge):g} m on average, far from the nominal {gauge:g} m"
@@ -259,6 +267,13 @@ def _read_two(
         for side in SIDES
     }
     return rails, of_gauge, found["distance"].unit or "m"
+
+
+def _warn_of_offsets(table: Table) -> None:
+    """Warn of columns that are called offsets, which road surveys count positive to the right."""
+    offsets = [column.name for column in table.columns.values() if "offset" in column.name.lower()]
+    if offsets:
+        warn(f"File {table.path}: {listed(offsets)} counts as lateral, positive to the left along the distance.")
 
 
 def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.ndarray]:

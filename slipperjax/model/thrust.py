@@ -95,7 +95,8 @@ class RocketSled(ShapeChecked):
             instance("brakes", brake, WaterBrake, "slipperjax.WaterBrake(...)")
 
     def programme(self) -> SpeedProgramme:
-        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` or has travelled `length`.
+        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` and no thrust is left, or
+        has travelled `length`.
 
         **Raises:** `ValueError` where the thrust does not move the sled.
         """
@@ -105,6 +106,9 @@ class RocketSled(ShapeChecked):
         far = begin + float(self.length)
         start = float(self.time[0])
         burnout = float(self.time[-1])
+        # behind the last time with thrust, also after a pause, a sled that is slow stays so
+        pushed = np.asarray(self.time)[1:][np.asarray(self.thrust[1:] + self.thrust[:-1]) > 0]
+        last_push = float(pushed[-1]) if len(pushed) else start
         # between these the forces have no jumps
         edges = sorted(x for b in self.brakes for x in (float(b.begin), float(b.end)) if begin < x < far)
         edges.append(far)
@@ -121,7 +125,10 @@ class RocketSled(ShapeChecked):
                 (t, burnout if burns else t + (edge - x) / LEAST_SPEED),
                 (x, v),
                 method="DOP853",
-                events=(_falls(lambda _, y: y[1] - LEAST_SPEED), _falls(lambda _, y, edge=edge: edge - y[0])),
+                events=(
+                    _falls(lambda t, y: y[1] - LEAST_SPEED if t >= last_push else 1.0),
+                    _falls(lambda _, y, edge=edge: edge - y[0]),
+                ),
                 dense_output=True,
                 rtol=ACCURACY,
                 atol=ACCURACY,

@@ -8,11 +8,12 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import finite, in_unit, instance, not_negative, number, positive, require
+from ..tools.checks import finite, instance, not_negative, number, positive, require
 from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
+from ..tools.units import in_unit
 
 LEAST_SPEED = 1.0
 """Least speed of histories and stages [m/s], at which runs pass where the sled is slower or stands: over a distance

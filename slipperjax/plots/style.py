@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.status import Status, is_lost
-from ..model.parameters import PARAMETERS, quantity
+from ..model.parameters import PARAMETERS, check_units, quantity
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
@@ -270,11 +270,12 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
 
     **Arguments:** `source`: what makes such datasets, for the error; `names`: variables that it must have.
 
-    **Raises:** `ValueError` for anything else.
+    **Raises:** `ValueError` for anything else, and for variables that are not in SI units.
     """
     ds = as_dataset(ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
+    check_units(ds, argument)
     # each variable that the picture needs
     for name in names:
         instance("name", name, str, "the name of a variable")

@@ -18,17 +18,33 @@ from .units import unit_factor
 if TYPE_CHECKING:
     import xarray as xr
 
-MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
-"""Cells that stand for no number."""
+MISSING = ("", "-", "nan", "na", "n/a", "#n/a", "null", "none")
+"""Cells that stand for no number, in small letters."""
+MISSING_NUMBERS = (-9999.0, -99999.0)
+"""Numbers that stand for none."""
+OVERLOAD = ("ol", "ovl", "ovld", "over", "overload", "overrange", "inf", "+inf", "-inf", "1.#inf", "-1.#inf")
+"""Cells that stand for a number which the instrument could not measure, in small letters."""
+OVERLOADED = 1e30
+"""Magnitude from which numbers stand for one that could not be measured: instruments write 9.9E37, netCDF files
+9.97e36 for none."""
 STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
 """What one counts before the plus of a station such as 129+773, in its unit, by that unit [m] and the digits
 behind."""
 MOST_SHOWN = 10
-"""Faults that an error shows."""
+"""Faults, and other names of columns, that an error shows."""
 Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
 """SI units of columns by name, or a function that returns them for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
 _FILE = -1  # in place of a row: the file as a whole
+
+
+def without_marks(values: np.ndarray, name: str) -> np.ndarray:
+    """Return numbers with NaN in place of marks of overload, of which a warning tells; `name` is their name there."""
+    marks = np.abs(values) >= OVERLOADED
+    if not marks.any():
+        return values
+    warn(f"{name} has marks of overload, such as {values[marks][0]:g}: {marks.sum()} samples count as missing.")
+    return np.where(marks, np.nan, values)
 
 
 class TableError(ValueError):
@@ -134,7 +150,10 @@ class Table:
             # a column without a unit is a fault of its own, or a pure number
             try:
                 factor = 1.0 if column.unit is None else unit_factor(column.name, column.unit, self.wanted[name])
-                found[name] = column.values * factor
+                values = column.values
+                if self.holes:
+                    values = without_marks(values, f"File {self.path}: `{column.name}`")
+                found[name] = values * factor
             except ValueError as error:
                 self.fault(str(error), self.header)
         if self.faults:
@@ -205,45 +224,55 @@ class Table:
         return self._of_labels != "" and self._plain(head.written) == self._of_labels
 
     def _decoded(self, content: bytes) -> str:
-        """Return a text in UTF-8 or Latin-1, or in UTF-16 that says so."""
+        """Return a text in UTF-8 or Windows-1252, or in UTF-16 that says so."""
         wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        # Latin-1 takes any bytes: control characters show what is no text
-        for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
+        # Windows-1252, with Latin-1 in it, takes nearly any bytes: control characters show what is no text
+        for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
             with contextlib.suppress(UnicodeDecodeError):
                 text = content.decode(encoding)
                 if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
                     return text
-        raise TableError(f"{self.path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
+        raise TableError(f"{self.path} is neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF file.")
 
     def _heads(self, lines: list[str]) -> tuple[int, str, list["_Head"]]:
         """Return the number of lines above the rows, the mark between columns, and the heads of these.
 
-        The line of names may come after lines of other words, and has the units, or the line below it.
+        The line of names may come after lines of other words, and has the units, or the line below it. It may stand
+        behind #, where no other line has names.
         """
-        for k, line in enumerate(lines[:200], 1):
-            delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
-            if delimiter is None or line.lstrip().startswith("#"):
-                continue
-            written = [_written(cell) for cell in _cells(line, delimiter)]
-            self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
-            heads = [_Head(self._name(name), name, unit) for name, unit in written]
-            # other words above the table may name one column by chance
-            if sum(head.name != "" for head in heads) < 2:
-                continue
-            measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
-            below = _cells(lines[k], delimiter) if k < len(lines) else []
-            below += [""] * (len(heads) - len(below))
-            is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
-            in_line_below = bool(measured) and all(is_unit)
-            if in_line_below:
-                heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
-            self.header = k
-            for i in measured:
-                if heads[i].unit is None:
-                    self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
-            return k + in_line_below, delimiter, heads
+        for behind_mark in (False, True):
+            for k, line in enumerate(lines[:200], 1):
+                words = line.lstrip(" \t#") if behind_mark else line
+                delimiter = _delimiter(words)
+                if delimiter is None or words.lstrip().startswith("#"):
+                    continue
+                written = [_written(cell) for cell in _cells(words, delimiter)]
+                self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
+                heads = [_Head(self._name(name), name, unit) for name, unit in written]
+                # other words above the table may name one column by chance
+                if sum(head.name != "" for head in heads) > 1:
+                    return self._with_units(heads, lines, k, delimiter)
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
-        raise TableError(f"{self.path} has no line of {need}.")
+        others = f"; other names are {listed(list(self.aliases)[:MOST_SHOWN])}" if self.aliases else ""
+        read = next((line for line in lines if _delimiter(line)), lines[0] if lines else "")
+        raise TableError(f"{self.path} has no line of {need}{others}. It begins with {brief(read.strip())}.")
+
+    def _with_units(
+        self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
+    ) -> tuple[int, str, list["_Head"]]:
+        """Return what `_heads` does, with the units of the line below the names, the k-th, where that has them."""
+        measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
+        below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
+        below += [""] * (len(heads) - len(below))
+        is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
+        in_line_below = bool(measured) and all(is_unit)
+        if in_line_below:
+            heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
+        self.header = k
+        for i in measured:
+            if heads[i].unit is None:
+                self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
+        return k + in_line_below, delimiter, heads
 
     def _names(self) -> str:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
@@ -253,10 +282,10 @@ class Table:
         unless there is no cell."""
         if words is None:
             return np.nan
-        if words in MISSING:
-            if not self.holes:
-                self.fault(f"`{column.name}` has no number", line)
-            return np.nan
+        if words.lower() in MISSING:
+            return self._none(column.name, line)
+        if words.lower() in OVERLOAD:
+            return self._overload(column.name, words, line)
         before = 0.0
         after = words
         hint = ""
@@ -271,10 +300,26 @@ class Table:
         with contextlib.suppress(ValueError):
             # Python reads an underscore as a mark of thousands
             value = before + float(after.replace(other, "?").replace(decimal, ".").replace("_", "?"))
+            if value in MISSING_NUMBERS:
+                return self._none(column.name, line)
+            if abs(value) >= OVERLOADED:
+                return self._overload(column.name, words, line)
             if np.isfinite(value):
                 return value
         self.fault(f"`{column.name}` must be a number{hint}, but is {brief(words)}", line)
         return np.nan
+
+    def _none(self, name: str, number: int) -> float:
+        """Return NaN for a number that is missing in a row, which is a fault unless `holes`."""
+        if not self.holes:
+            self.fault(f"`{name}` has no number", number)
+        return np.nan
+
+    def _overload(self, name: str, shown: object, number: int) -> float:
+        """Return infinity for a mark of overload in a row, which is a fault unless `holes`."""
+        if not self.holes:
+            self.fault(f"`{name}` has a mark of overload, {shown}, and no number", number)
+        return np.inf
 
     def _before_plus(self, column: Column, digits: int) -> float:
         """Return what one before the plus of a station counts in the column's unit; NaN where it is unknown."""
@@ -308,8 +353,11 @@ class Table:
         for key, array in arrays.items():
             values = np.asarray(array.values, float)
             self.numbers = list(range(len(values)))
-            for k in np.flatnonzero(~np.isfinite(values)) if not self.holes else ():
-                self.fault(f"`{key}` has no number", int(k))
+            values = np.where(np.isin(values, MISSING_NUMBERS), np.nan, values)
+            for k in np.flatnonzero(np.isnan(values)):
+                self._none(key, int(k))
+            for k in np.flatnonzero(np.abs(values) >= OVERLOADED):
+                self._overload(key, f"{values[k]:g}", int(k))
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
         return unread
 
@@ -364,6 +412,11 @@ def _written(cell: str) -> tuple[str, str | None]:
 
 _UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")
 """A cell of the line of units."""
+
+
+def _delimiter(line: str) -> str | None:
+    """Return the mark between the columns of a line; None where it has one column."""
+    return next((mark for mark in ("\t", ";", ",") if mark in line), None)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

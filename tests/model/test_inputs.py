@@ -11,9 +11,10 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.grid import Grid
-from slipperjax.tools.checks import Check, number, pint_unit, positive
+from slipperjax.tools.checks import Check, number, positive
 from slipperjax.tools.description import subclasses
 from slipperjax.tools.fields import ShapeChecked
+from slipperjax.tools.units import pint_unit
 
 SCENE = sj.paper_scene()
 slipper = lambda **changed: sj.Slipper(**dict(mass=1.0, inertia=(1, 1, 1), length=1.0) | changed)

@@ -108,6 +108,20 @@ brakes = [{ begin = "2 km", end = "2.5 km", area = "10 cm^2" }]
 """
 
 
+def test_a_thrust_with_a_pause_moves_the_sled_twice():
+    times, thrust = np.array([0.0, 0.001, 1.0, 1.001]), [0.0, 1e4, 1e4, 0.0]
+    more = dict(mass=500.0, friction=0.5)
+    once = sj.RocketSled(times, thrust, **more).programme()
+    twice = sj.RocketSled(np.append(times, times + 6.0), thrust * 2, **more).programme()
+    # behind 1 m/s the sled slides on once, v^2 / (2 g friction)
+    way = 2 * float(once.distance[-1]) + 1 / G
+    # found: 2.4e-7 m
+    assert float(twice.distance[-1]) == pytest.approx(way, abs=1e-4)
+    ((begin, _, duration),) = [stop for stop in twice.stops if stop[0] > 1.0]
+    assert begin == pytest.approx(float(once.distance[-1]), abs=1e-3)
+    assert duration == pytest.approx(6.0 - float(once.time[-1]), abs=0.1)
+
+
 def test_a_thrust_in_a_file_makes_the_programme(tmp_path):
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, 60\n2.1, 0\n")
     (tmp_path / "sled.toml").write_text(f'base = "paper"\n{TABLE}')
