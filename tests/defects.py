@@ -87,6 +87,26 @@ tests/analysis/test_environment.py -k moved_before
 -    return response + (pole**2 * amplitude[..., None] * vibration).real
 +    return response
 
+joined results have the first one's scene
+tests/flow/test_datasets.py -k joined
+-    return bool(np.isin(numbers[~np.isnan(numbers)], _scene_number(ds)).all())
++    return True
+
+shapes of largest value one say nothing
+tests/model/test_load_modes.py -k scale
+-        if ratio > LARGEST:
++        if ratio > np.inf:
+
+the line between the first and the last versine is the rail's
+tests/model/test_surveys.py -k chords
+-    about_line = lambda versines: versines - lines @ (lines.T @ versines)
++    about_line = lambda versines: versines - np.linspace(versines[0], versines[-1], samples)
+
+gaps between faces are faces without a word
+tests/model/test_inputs.py -k late
+-        if not _carries(points, start, end) and _carries(points, *gaps):
++        if False:
+
 a thrust ends at its first pause
 tests/model/test_thrust.py -k pause
 -                    _falls(lambda t, y: y[1] - LEAST_SPEED if t >= last_push else 1.0),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..model.kinematics import Motion
 from ..model.quantities import Quantity
 from ..model.scene import Scene
@@ -170,7 +170,7 @@ class Fit:
         attrs |= run_attributes(self.scene, self.start, self._call())
         attrs |= dict(status=self.status, confidence=self.confidence)
         attrs |= {"untold": "; ".join(self.untold), "unexplained": "; ".join(self.unexplained)}
-        return xr.Dataset(data | of_method, coords | along, attrs)
+        return result_dataset(data | of_method, coords | along, attrs)
 
     def _call(self) -> dict[str, object]:
         """Return the arguments of `fit` that state its problem, as `load_call` gives them."""

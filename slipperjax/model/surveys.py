@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import hashlib
+import math
 from collections.abc import Mapping, Set
 from pathlib import Path
 
@@ -36,6 +37,9 @@ ALIASES_OF_TWO = ALIASES | {
     f"{side}_{other}": f"{side}_{name}" for side in SIDES for other, name in ALIASES.items() if name != "distance"
 }
 """Other names of columns of two rails."""
+
+DAMPING = 0.03
+"""Of waves that follow from versines, over what a chord shows of them, at most 2 [1]."""
 
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
 
@@ -168,7 +172,7 @@ def load_rail(
     - `file`: its path. Scenes and results hold the path and a digest, by which they find the samples again.
     - `chord`: length of a chord [m] where lateral and vertical are the distances of the rail from the middle of that
         chord (versines), and not displacements from a line. Waves that the chord shows by less than a tenth, such as
-        those of half its length, are left out. A column of the gauge is none of them.
+        those of half its length, are left out, and so is a line of the versines. A column of the gauge is none.
     - `gauge`: nominal distance between the axes of two rails [m], which a column of the gauge needs; None: each rail
         is where its mounts are.
     - `options`: `ends` and `ramp` of `SampledTrack`, of both rails.
@@ -302,7 +306,11 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
-    """Return displacements from distances to the middle of a chord, see `load_rail`."""
+    """Return displacements from distances to the middle of a chord, see `load_rail`: by least squares, the least waves
+    that have these, and none that the chord hardly shows."""
+    import scipy.fft  # here, because importing it takes time
+    from scipy.sparse.linalg import LinearOperator, lsqr
+
     distance = columns["distance"]
     steps = np.diff(distance)
     require(
@@ -311,17 +319,25 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
         "be None where samples are not equally spaced",
         chord,
     )
-    count = 2 * len(steps)
-    k = np.fft.rfftfreq(count, steps.mean())
+    # beyond both ends, where the outer chords end, waves are free
+    samples = len(distance)
+    room = math.ceil(2 * chord / steps.mean())
+    size = scipy.fft.next_fast_len(samples + 2 * room, real=True)
     # a sine of amplitude one has middles of chords as high as this
-    gain = 1 - np.cos(np.pi * k * chord)
-    seen = gain > 0.1  # waves that the chord hardly shows would be noise
-    inverse = np.where(seen, 1 / np.where(seen, gain, 1.0), 0.0)
+    gain = 1 - np.cos(np.pi * np.fft.rfftfreq(size, steps.mean()) * chord)
+    gain[gain < 0.1] = 0.0  # waves that the chord hardly shows would be noise
+    middles = lambda waves: np.fft.irfft(np.fft.rfft(waves) * gain, size)
+    # a line of the versines is a curve that no such wave makes
+    lines, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, samples), 2))
+    about_line = lambda versines: versines - lines @ (lines.T @ versines)
+    seen = LinearOperator(
+        (samples, size),
+        matvec=lambda waves: about_line(middles(waves.ravel())[room : room + samples]),
+        rmatvec=lambda versines: middles(np.pad(about_line(versines.ravel()), (room, size - samples - room))),
+    )
     out = dict(columns)
     for name in {"lateral", "vertical"} & set(columns):
-        # less the line through both ends, which no chord shows, and continued oddly, so that both ends meet
-        odd = columns[name] - np.linspace(columns[name][0], columns[name][-1], len(distance))
-        waves = np.fft.rfft(np.append(odd[:-1], -odd[:0:-1]))
-        found = np.fft.irfft(waves * inverse, n=count)
-        out[name] = np.append(found, found[:1])[: len(distance)]
+        out[name] = lsqr(seen, about_line(columns[name]), damp=DAMPING, atol=1e-9, btol=1e-9)[0][
+            room : room + samples
+        ]
     return out

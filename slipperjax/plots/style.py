@@ -21,6 +21,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from ..flow.datasets import has_one_scene
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, check_units, quantity
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, point_dims
@@ -514,6 +515,8 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
         rows[0] += ["mass", "gravity"]
         rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
     lines = []
+    if not has_one_scene(ds):
+        ds = ds.drop_attrs(deep=False)
     # lines of the title, without what varies
     for row in rows:
         lines.append([])

@@ -107,3 +107,25 @@ def test_what_is_no_file_of_modes_is_told(tmp_path):
         sj.load_modes(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="`mounts` must be a list of names"):
         sj.load_modes(tmp_path / "fe.npz", "left1")
+
+
+def test_shapes_of_another_scale_are_divided_by_their_masses_or_warned_of(tmp_path):
+    masses = [4.0, 25.0]
+    scale = np.sqrt(masses)[:, None, None]
+    file = arrays(tmp_path, mounts=NAMES, modal_mass=masses)
+    np.testing.assert_allclose(sj.load_modes(file).shapes, SHAPES / scale, rtol=1e-15)
+    text = table(tmp_path, ("damping,", "damping, modal mass [kg],"), (" 0.01, 0.0, ", " 0.01, 4, 0.0, "))
+    text.write_text(text.read_text().replace(" 0.02, 0.09", " 0.02, 25, 0.09"))
+    np.testing.assert_allclose(sj.load_modes(text).shapes, SHAPES / scale, rtol=1e-15)
+    with pytest.raises(ValueError, match=r"fe\.npz: Argument `modal_mass` must be positive, but is -1 kg"):
+        sj.load_modes(arrays(tmp_path, modal_mass=[4.0, -1.0]))
+    with pytest.raises(ValueError, match="`modal_mass` must have one value per mode, 2, but has shape"):
+        sj.load_modes(arrays(tmp_path, modal_mass=[4.0]))
+    # a beam of 500 kg, as finite elements write it: with a largest value of 1
+    mounts = [sj.Mount(x=x, name=name) for x, name in ((2.0, "a"), (-2.0, "b"))]
+    beam = sj.Modes.beam([2.0, -2.0], mass=500.0, length=4.0, stiffness=1e7)
+    sled = lambda modes: sj.Sled(mass=500.0, inertia=(50, 700, 700), mounts=mounts, length=0.2, modes=modes)
+    sled(beam)
+    largest = np.abs(beam.shapes).max(axis=(1, 2), keepdims=True)
+    with pytest.warns(sj.ImplausibleWarning, match="square times the sled's mass is 500; plausible is up to 30"):
+        sled(sj.Modes(frequency=beam.frequency, damping=beam.damping, shapes=beam.shapes / largest))
