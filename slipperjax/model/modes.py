@@ -85,7 +85,7 @@ class Modes(ShapeChecked):
         shapes = np.stack([shape for _, shape in found])
         return cls(
             frequency=np.array([frequency for frequency, _ in found]),
-            damping=np.broadcast_to(np.asarray(damping, float), (count,)),
+            damping=np.broadcast_to(np.asarray(not_negative("damping")(damping)), (count,)),
             shapes=shapes[:, : len(along), 1:],
             places=None if places is None else others,
             place_shapes=None if places is None else shapes[:, len(along) :],

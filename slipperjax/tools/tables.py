@@ -18,7 +18,7 @@ from .units import unit_factor
 if TYPE_CHECKING:
     import xarray as xr
 
-MISSING = ("", "-", "nan", "na", "n/a", "#n/a", "null", "none")
+MISSING = ("", "-", "nan", "na", "n/a", "#n/a", "null", "none", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind")
 """Cells that stand for no number, in small letters."""
 MISSING_NUMBERS = (-9999.0, -99999.0)
 """Numbers that stand for none."""
@@ -196,7 +196,7 @@ class Table:
         at = {i: Column(head.written, head.unit, np.empty(0)) for i, head in enumerate(heads) if head.name}
         rows = []
         for k, line in enumerate(lines[above:], above + 1):
-            sample = line.partition("#")[0]
+            sample = _REMARK.split(line, maxsplit=1)[0]
             # spreadsheets end with rows of empty cells
             if not sample.strip(f"{delimiter} \t"):
                 continue
@@ -410,6 +410,8 @@ def _written(cell: str) -> tuple[str, str | None]:
     return (cell.strip(), None) if match is None else (match[1], match[2])
 
 
+_REMARK = re.compile(r"(?<!1\.)#(?!N/A)")
+"""The mark of remarks, which is none in 1.#INF and #N/A."""
 _UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")
 """A cell of the line of units."""
 
