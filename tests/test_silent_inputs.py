@@ -322,7 +322,9 @@ def overloads() -> Iterator[Given]:
     steady = np.arange(12) / 1e3
     for mark in (9.9e37, -9.9e37, 9.97e36, 9.969209968386869e36, 1e38, 9.91e37, np.inf):
         values = np.append(np.ones(11), mark)
-        record = xr.Dataset({"front": ("time", values, {"units": "m/s^2"})}, {"time": ("time", steady, {"units": "s"})})
+        record = xr.Dataset(
+            {"front": ("time", values, {"units": "m/s^2"})}, {"time": ("time", steady, {"units": "s"})}
+        )
         largest = lambda _, ds=record: abs(measured_runs(ds, RIG)[0].signals[0].value).max()
         yield Given("A18", f"a record with {mark:g}", largest, 1.0, warns="overload")
     for cell in ("9.9E37", "-9.9E+37", "9.97e36", "1E38", "OVL", "Over", "inf", "1.#INF", "-1.#INF"):

@@ -278,8 +278,8 @@ def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0
 def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     """Return samples at unequal times as samples at `rate` from the first time on, (..., new samples).
 
-    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate`; a linear-phase
-    low-pass filter then takes away what would be aliased. Frequencies above a quarter of the local sampling rate,
+    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate`, if those that
+    are make a hundredth of the time; a linear-phase low-pass filter then takes away what would be aliased. Frequencies above a quarter of the local sampling rate,
     where a cubic spline lacks 3 % of the power of a sine, are not reliable.
 
     **Arguments:** `time` [s], shape (samples,), increasing; `samples`: [unit], shape (..., samples); `rate` [Hz].
@@ -293,7 +293,10 @@ def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     gaps = np.diff(time)
     require(time.size > 1 and (gaps > 0).all(), "time", "be two times or more that increase", time)
     count = math.floor((time[-1] - time[0]) * rate * (1 + _ROUNDING)) + 1
-    multiple = math.ceil(1 / (gaps.min() * rate) * (1 - _ROUNDING))
+    # a few times that are close together, as of a clock that was set, would take any memory
+    ranked = np.sort(gaps)
+    closest = ranked[np.searchsorted(np.cumsum(ranked), 0.01 * ranked.sum())]
+    multiple = math.ceil(1 / (closest * rate) * (1 - _ROUNDING))
     fine = time[0] + np.arange((count - 1) * multiple + 1) / (multiple * rate)
     course = scipy.interpolate.CubicSpline(time, samples, axis=-1)(np.minimum(fine, time[-1]))
     return course if multiple == 1 else scipy.signal.resample_poly(course, 1, multiple, axis=-1, padtype="line")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..model.parameters import PARAMETERS
 from ..model.sensors import Rig, Sensor
-from ..tools.checks import finite, number, numbers, require
+from ..tools.checks import check_no_clock, finite, number, numbers, require, warn
 from ..tools.files import content_of, user_path
 from ..tools.tables import Table, without_marks
 
@@ -125,8 +125,11 @@ def _run(signals: Mapping[str, Sequence[np.ndarray]], rig: Rig, known: dict[str,
 
 
 def _signal(sensor: Sensor, time: np.ndarray, value: np.ndarray) -> Signal:
-    good = np.isfinite(value) & np.isfinite(time)
-    need = f"have {FEWEST} samples or more of {sensor.name}"
+    known = np.isfinite(value) & np.isfinite(time)
+    good = known & (time >= 0)
+    need = f"have {FEWEST} samples or more of {sensor.name} from zero seconds on"
     require(good.sum() >= FEWEST, "measured", need, shown=str(good.sum()))
-    require(time[good][0] >= 0, "measured", f"have times of {sensor.name} from zero on", shown=f"{time[good][0]:g} s")
+    check_no_clock("measured", time[good])
+    if np.any(known & ~good):
+        warn(f"Argument `measured` has samples of {sensor.name} before zero seconds, which are left out.")
     return Signal(time[good], value[good])

@@ -300,9 +300,12 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
     aliases = ALIASES | {"velocity": "speed", "v": "speed", "t": "time"}
     along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases)
     begin = number(finite, "begin", begin, "m")
-    if along == "time":
-        return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)
-    return SpeedProgramme.over_distance(begin + columns["distance"], columns["speed"])
+    try:
+        if along == "time":
+            return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)
+        return SpeedProgramme.over_distance(begin + columns["distance"], columns["speed"])
+    except ValueError as error:
+        raise TableError(f"{file}: {error}") from None
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:

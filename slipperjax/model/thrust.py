@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, not_negative, positive, require
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.files import content_of, readable, user_path
 from ..tools.tables import read_rows
 from ..tools.units import STANDARD_GRAVITY
 from .travel import LEAST_SPEED, SpeedProgramme
@@ -18,6 +19,8 @@ from .travel import LEAST_SPEED, SpeedProgramme
 PLACES = 500
 """Number of places of a programme at equal times, and at equal distances, in each of its phases: thrust, coasting,
 and every brake."""
+NOISE = 0.02
+"""Share of the greatest thrust by which a measured one may be below zero [1]."""
 ACCURACY = 1e-9
 """Relative tolerance of the integration, and absolute one [m], [m/s]."""
 
@@ -81,8 +84,8 @@ class RocketSled(ShapeChecked):
 
     @classmethod
     def from_file(cls, file: str | Path, **more: object) -> "RocketSled":
-        """Read the thrust from a file, a table as for `load_rail` with columns `time` and `thrust`; see `RocketSled`
-        for the other arguments.
+        """Read the thrust from a file, a table as for `load_rail` with columns `time` and `thrust`, or a motor in
+        RASP's format, .eng; see `RocketSled` for the other arguments.
 
         **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
         """
@@ -199,7 +202,28 @@ def _falls(value: Any) -> Any:
     return value
 
 
+def _of_motor(path: Path) -> dict[str, np.ndarray]:
+    """Return the thrust of a motor in RASP's format: remarks behind ;, a line of seven words, and rows of time [s] and
+    thrust [N] up to the first of zero, without that at the beginning."""
+    with readable(path, "RASP file"):
+        lines = [line.split(";")[0].split() for line in content_of(path).decode("cp1252").splitlines()]
+        head, *rows = [words for words in lines if words]
+        ends = [k for k, row in enumerate(rows) if float(row[1]) == 0]
+        require(len(head) >= 7 and ends, "file", "have a line of seven words, and a thrust that ends with zero", path)
+        require(ends[0] == len(rows) - 1, "file", "have one motor", shown="several")
+        time, thrust = np.array(rows, float).T
+    if time[0] > 0:
+        time, thrust = np.append(0.0, time), np.append(0.0, thrust)
+    return {"time": time, "thrust": thrust}
+
+
 def read_thrust(file: str | Path) -> dict[str, np.ndarray]:
     """Return the time [s] and the thrust [N] of a file, see `RocketSled.from_file`."""
+    path = user_path(file, "file")
+    if path.suffix.lower() == ".eng":
+        return _of_motor(path)
     _, columns = read_rows(file, {"time": "s"}, {"thrust": "N"}, {"t": "time"})
-    return columns
+    thrust = columns["thrust"]
+    # what a load cell shows below zero is noise
+    noise = (thrust < 0) & (thrust > -NOISE * thrust.max())
+    return columns | {"thrust": np.where(noise, 0.0, thrust)}

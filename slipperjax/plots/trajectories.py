@@ -138,7 +138,7 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
     """
     most = whole("most", most, 1)
     period = ds["period"].values
-    force = ds["contact_force"].fillna(-np.inf)
+    force = ds["contact_force"].fillna(-np.inf).compute()
     # of the saved states
     peaks = force.max("time")
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)

@@ -22,6 +22,8 @@ from .tracing import is_traced
 from .units import in_unit, unmasked
 
 Value = TypeVar("Value")
+LATEST = 1e6
+"""Time from which one is that of a clock, and none since a run began [s]."""
 
 
 def hint(wrong: object, names: Iterable[str]) -> str:
@@ -172,6 +174,12 @@ def numbers(name: str, value: object, axes: int = 0, unit: str | None = None) ->
     array = np.asarray(plain)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
     return array
+
+
+def check_no_clock(name: str, time: np.ndarray) -> None:
+    """Raise `ValueError` for times of a clock [s], in place of those since a run began."""
+    need = "count from the beginning of the run, and not be times of a clock: subtract the first one"
+    require(np.all(np.abs(time) < LATEST), name, need, shown=f"{np.max(np.abs(time)):.10g} s")
 
 
 def is_real(value: object) -> bool:

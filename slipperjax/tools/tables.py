@@ -32,6 +32,14 @@ STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
 behind."""
 MOST_SHOWN = 10
 """Faults, and other names of columns, that an error shows."""
+WAYS = {
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save its sheet as CSV"),
+    **dict.fromkeys((".gz", ".zip", ".xz", ".7z"), "unpack it first"),
+    **dict.fromkeys((".tdms", ".mf4", ".dat", ".rsp"), "export its channels as CSV, with units"),
+    **dict.fromkeys((".unv", ".uff"), "pyuff reads it, numpy.savez writes its arrays to an npz file"),
+    **dict.fromkeys((".f06", ".op2", ".rst", ".odb"), "export its modes as CSV, with the modal masses"),
+}
+"""What to do with files of other kinds, by their endings."""
 Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
 """SI units of columns by name, or a function that returns them for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
@@ -67,8 +75,8 @@ class Table:
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm]`, or with units in
     the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
     between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
-    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. Capitals do not
-    count in names, nor whether words are joined by spaces or underscores. Columns that are not wanted are left out,
+    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not; a MAT file has
+    them with their units in a struct `units`, as in units.distance = 'ft'. Capitals do not count in names, nor whether words are joined by spaces or underscores. Columns that are not wanted are left out,
     and a warning names them.
     """
 
@@ -104,8 +112,12 @@ class Table:
         self.numbers: list[int] = []
         # line of the units
         self.header = _FILE
-        is_netcdf = content.startswith((_HDF5, b"CDF"))
-        unread = self._read_netcdf(content) if is_netcdf else self._read_text(content)
+        read = self._read_text
+        if content.startswith((_HDF5, b"CDF")):
+            read = self._read_netcdf
+        elif content.startswith(b"MATLAB"):
+            read = self._read_mat
+        unread = read(content)
         if unread:
             warn(f"File {path} has columns that are not read: {listed(unread)}.")
 
@@ -232,7 +244,8 @@ class Table:
                 text = content.decode(encoding)
                 if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
                     return text
-        raise TableError(f"{self.path} is neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF file.")
+        kinds = "neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF or MAT file"
+        raise TableError(f"{self.path} is {kinds}{self._way()}.")
 
     def _heads(self, lines: list[str]) -> tuple[int, str, list["_Head"]]:
         """Return the number of lines above the rows, the mark between columns, and the heads of these.
@@ -255,7 +268,13 @@ class Table:
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
         others = f"; other names are {listed(list(self.aliases)[:MOST_SHOWN])}" if self.aliases else ""
         read = next((line for line in lines if _delimiter(line)), lines[0] if lines else "")
-        raise TableError(f"{self.path} has no line of {need}{others}. It begins with {brief(read.strip())}.")
+        begins = f"It begins with {brief(read.strip())}{self._way()}"
+        raise TableError(f"{self.path} has no line of {need}{others}. {begins}.")
+
+    def _way(self) -> str:
+        """Return what to do with a file that is no table, by its ending; empty where that is unknown."""
+        way = WAYS.get(self.path.suffix.lower())
+        return f": {way}" if way else ""
 
     def _with_units(
         self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
@@ -341,6 +360,31 @@ class Table:
         with readable(self.path, "netCDF file"), opened() as ds:
             arrays = {str(key): ds[key].load() for key in ds.variables if self._name(str(key))}
             unread = [str(key) for key in ds.variables if str(key) not in arrays]
+        self._take(arrays)
+        return unread
+
+    def _read_mat(self, content: bytes) -> list[str]:
+        """Read the variables of a MAT file of MATLAB 5 to 7, and return the names of those that are not wanted."""
+        import scipy.io  # here, because importing them takes time
+        import xarray as xr
+
+        self.row = "sample"
+        with readable(self.path, "MAT file of MATLAB 5 to 7, as save writes it with -v7,"):
+            found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True)
+        own = found.pop("units", np.zeros((), []))
+        units = {self._plain(key): str(own[key].item()) for key in own.dtype.names or ()}
+        named = {key: array for key, array in found.items() if not key.startswith("__")}
+        self.wanted = self._wanted_of({self._plain(key) for key in named})
+        arrays = {
+            key: xr.DataArray(np.atleast_1d(array), attrs={"units": units.get(self._plain(key), "")})
+            for key, array in named.items()
+            if self._name(key)
+        }
+        self._take(arrays)
+        return [key for key in named if key not in arrays]
+
+    def _take(self, arrays: Mapping[str, "xr.DataArray"]) -> None:
+        """Take the columns of a file from arrays with an attribute `units`, by the names that they have there."""
         for key, array in arrays.items():
             fault = self._fault_of(self._name(key), array)
             if fault:
@@ -359,7 +403,6 @@ class Table:
             for k in np.flatnonzero(np.abs(values) >= OVERLOADED):
                 self._overload(key, f"{values[k]:g}", int(k))
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
-        return unread
 
     def _fault_of(self, name: str, array: "xr.DataArray") -> str:
         """Return what a variable of a netCDF file must have or be, empty where it is good."""

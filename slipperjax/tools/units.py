@@ -35,6 +35,8 @@ def parsed(name: str, value: object, unit: str) -> float:
     return value * unit_factor(name, words[3].strip(), unit)
 
 
+MEANT = {("g", "m/s^2"): "g", ("g0", "m/s^2"): "g", ("mil", "m"): "thou", ("lb", "N"): "lbf", ("kg", "N"): "kgf"}
+"""Units that are written for others, in small letters and without a plural, by these and the SI unit."""
 STANDARD_GRAVITY = 9.80665
 """g, in which accelerations are given [m/s^2]."""
 
@@ -79,10 +81,11 @@ def _factor_of_text(unit: str, si: str) -> float:
         if not re.fullmatch(r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}", unit):
             raise ValueError("it is no product of units and small powers")
         return _factor(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))), si)
-    except KeyError:  # of units to the power of zero
-        raise TypeError("it is no product of units and small powers") from None
-    except (pint.PintError, ValueError, AssertionError) as error:
-        raise TypeError(str(error)) from None
+    except (KeyError, pint.PintError, ValueError, AssertionError) as error:
+        # units to the power of zero are a `KeyError`
+        why = "it is no product of units and small powers" if isinstance(error, KeyError) else str(error)
+        meant = MEANT.get((unit.rstrip("s").lower(), si))
+        raise TypeError(f"{why}. Did you mean {meant}?" if meant else why) from None
 
 
 def _factor(one: Any, si: str) -> float:

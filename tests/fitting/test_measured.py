@@ -69,6 +69,14 @@ def test_marks_of_overload_are_missing_with_a_word(tmp_path):
     np.testing.assert_allclose(run.signals[0].time, [0, *range(6, 16)])
 
 
+def test_samples_before_the_run_are_left_out():
+    rig = Rig.of([sj.Sensor("front")])
+    early = dataset().drop_vars("lift").assign_coords(time=("time", TIME - 0.002, {"units": "s"}))
+    with pytest.warns(sj.ImplausibleWarning, match="has samples of front before zero seconds, which are left out"):
+        (run,) = measured_runs(early, rig)
+    np.testing.assert_array_equal(run.signals[0].value, np.arange(2.0, 12.0))
+
+
 def test_several_runs_share_the_sensors():
     one, other = measured_runs([dataset().drop_vars("lift"), dataset().drop_vars("front")], RIG)
     assert one.signals[1] is None
@@ -90,7 +98,8 @@ def test_several_runs_share_the_sensors():
         (dataset(lift=("time", TIME, {"units": "s"})), "`lift` must be in m, but is .* Cannot convert"),
         (dataset().isel(time=slice(5)), "`measured` must have 8 samples or more of front"),
         (dataset().isel(time=slice(None, None, -1)), "`measured` must have increasing times of front"),
-        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "times of front from zero on"),
+        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "front from zero seconds on"),
+        (dataset().assign_coords(time=("time", TIME + 1.7e9, {"units": "s"})), "and not be times of a clock"),
     ],
 )
 def test_bad_records_are_refused_in_one_line(measured, text):

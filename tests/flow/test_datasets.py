@@ -81,7 +81,6 @@ def test_joined_results_of_several_scenes_have_none(tmp_path):
     assert clearance(sj.load_scene(beside.isel(play=0), speed=1000.0)) == 1e-3
     assert case_title(joined) == ""
     runs = [sj.simulate(sj.paper_scene(speed=speed), 1, steps_per_period=50).to_xarray() for speed in (1e3, 2e3)]
-    with pytest.warns(FutureWarning, match="coords"):
-        mixed = xr.concat(runs, "case", join="outer")
+    mixed = xr.concat(runs, "case", join="outer", coords="different", compat="equals")
     with pytest.raises(ValueError, match="joined from several"):
         sj.load_scene(mixed)

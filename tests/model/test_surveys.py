@@ -7,6 +7,7 @@ import h5py
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.io
 import xarray as xr
 
 import slipperjax as sj
@@ -121,7 +122,9 @@ def test_coarse_samples_and_files_of_another_kind_are_named(tmp_path):
         sj.load_rail(written(tmp_path, HEADER, coarse, delimiter=","))
     for content in (b"\x89PNG\r\n\x1a\n", b"\xff\xfe\x00", b"\x00" * 8):
         (tmp_path / "picture.csv").write_bytes(content)
-        with pytest.raises(ValueError, match="neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF file"):
+        with pytest.raises(
+            ValueError, match="neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF or MAT file"
+        ):
             sj.load_rail(tmp_path / "picture.csv")
     with pytest.raises(OSError, match=r"nowhere\.csv"):
         sj.load_rail(tmp_path / "nowhere.csv")
@@ -336,3 +339,32 @@ def test_a_survey_that_repeats_is_closed_from_a_scene_file_and_again(tmp_path):
         assert scene_from_json(scene_to_json(scene)).track == scene.track
     here = scene.track.irregularity(jnp.asarray([0.0, 60.0, 20.0, 80.0])).vertical
     np.testing.assert_allclose(here, [0.0, 0.0, 2e-5, 2e-5], atol=1e-18)
+
+
+def test_mat_files_are_read_with_a_struct_of_units(tmp_path):
+    columns = dict(distance=DISTANCE, Lateral=LATERAL * 1e3, vertical=VERTICAL * 1e3)
+    units = dict(distance="m", Lateral="mm", vertical="mm")
+    scipy.io.savemat(tmp_path / "survey.mat", {**columns, "units": units})
+    found = sj.load_rail(tmp_path / "survey.mat")
+    np.testing.assert_allclose(found.lateral, LATERAL, atol=1e-15)
+    scipy.io.savemat(tmp_path / "survey.mat", columns)
+    with pytest.raises(ValueError, match="`distance` must have an attribute `units`, but has none"):
+        sj.load_rail(tmp_path / "survey.mat")
+    (tmp_path / "survey.mat").write_bytes(b"MATLAB 7.3 MAT-file" + bytes(512))
+    with pytest.raises(ValueError, match="is no MAT file of MATLAB 5 to 7, as save writes it with -v7, that can"):
+        sj.load_rail(tmp_path / "survey.mat")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "way"),
+    [
+        ("survey.xlsx", b"PK\x03\x04\x00", "save its sheet as CSV"),
+        ("survey.csv.gz", b"\x1f\x8b\x08\x00", "unpack it first"),
+        ("run.tdms", b"TDSm\x00\x00", "export its channels as CSV"),
+        ("modes.unv", b"    -1\n    55\n", "pyuff reads it"),
+    ],
+)
+def test_the_way_of_files_of_another_kind_is_told(tmp_path, name, content, way):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=rf"{name} .*: {way}"):
+        sj.load_rail(tmp_path / name)

@@ -168,3 +168,12 @@ def test_results_in_other_units_are_refused():
     ds["speed"].attrs["units"] = "km/h"
     with pytest.raises(ValueError, match="`ds` must have speed in m/s, as slipperjax makes it, but has it in km/h"):
         check_units(ds, "ds")
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "meant"), [("G", "m/s^2", "g"), ("g0", "m/s^2", "g"), ("mils", "m", "thou"), ("lb", "N", "lbf")]
+)
+def test_units_that_are_written_for_others_are_told(unit, si, meant):
+    with pytest.raises(ValueError, match=rf"`x` must be .*Did you mean {meant}\?"):
+        parsed("x", f"3 {unit}", si)
+    assert parsed("x", f"3 {meant}", si) > 0
