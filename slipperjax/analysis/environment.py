@@ -181,7 +181,8 @@ def oscillator_response(
     forward = [1 - ramp, 2 * (ramp - once.real), abs(once) ** 2 - ramp]
     steady = x.mean(axis=-1, keepdims=True) if rest is None else number(finite, "rest", rest, "m/s^2")
     base = x - steady
-    response = steady + scipy.signal.lfilter(forward, [1.0, -2 * once.real, abs(once) ** 2], base, axis=-1)
+    filtered = scipy.signal.lfilter(forward, [1.0, -2 * once.real, abs(once) ** 2], base, axis=-1)
+    response = steady + np.asarray(filtered)
     if rest is not None:
         return response
     vibration = np.exp(pole * np.arange(x.shape[-1]))
@@ -278,8 +279,9 @@ def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0
 def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     """Return samples at unequal times as samples at `rate` from the first time on, (..., new samples).
 
-    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate`, if those that
-    are make a hundredth of the time; a linear-phase low-pass filter then takes away what would be aliased. Frequencies above a quarter of the local sampling rate,
+    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate` for a hundredth
+    of the time or more; a linear-phase low-pass filter then takes away what would be aliased. Frequencies above a
+    quarter of the local sampling rate,
     where a cubic spline lacks 3 % of the power of a sine, are not reliable.
 
     **Arguments:** `time` [s], shape (samples,), increasing; `samples`: [unit], shape (..., samples); `rate` [Hz].

@@ -117,12 +117,15 @@ class Fit:
         for one in self.problem.unknowns:
             q = _quantity(one)
             low, high = (q.shown(end) for end in self.interval[one.name])
-            unit = "" if q.display_unit == "1" else f" {q.display_unit}"
             bound = self.at_bounds.get(one.name)
             where = f", at its {bound} bound" if bound else ""
-            rows.append(f"{one.name} {q.shown(self.estimate[one.name]):.5g} ({low:.5g} to {high:.5g}){unit}{where}")
+            rows.append(
+                f"{one.name} {q.shown(self.estimate[one.name]):.5g} ({low:.5g} to {high:.5g}){_unit(q)}{where}"
+            )
         for other in self.minima:
-            rows.append("another minimum: " + ", ".join(f"{name} {value:.5g}" for name, value in other.items()))
+            values = [(one.name, _quantity(one), other[one.name]) for one in self.problem.unknowns]
+            shown = [f"{name} {q.shown(value):.5g}{_unit(q)}" for name, q, value in values]
+            rows.append(f"another minimum: {', '.join(shown)}")
         inside = ",\n  ".join([*rows, *self.untold, *self.unexplained])
         return f"Fit(status: {self.status}, {100 * self.confidence:g} % intervals,\n  {inside})"
 
@@ -189,6 +192,10 @@ class Fit:
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write `to_xarray()`, whole or not at all; `load_scene` reads the scene with the estimates from it."""
         write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
+
+
+def _unit(q: Quantity) -> str:
+    return "" if q.display_unit == "1" else f" {q.display_unit}"
 
 
 def _quantity(one: Unknown) -> Quantity:

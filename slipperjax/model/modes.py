@@ -16,7 +16,6 @@ from ..tools.tables import Table, TableError
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
 
-
 MASS = "modal_mass"
 """Name of modal masses in files."""
 LARGEST = 30.0

@@ -80,7 +80,7 @@ class Section(ShapeChecked):
         along = end - start
         if np.any(np.all(along == 0, axis=1)):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
-        # the face over the middle of the section; between faces in order lie gaps, which are faces of a list begun late
+        # between faces in order lie gaps, which are the faces of a list that begins late
         gaps = points[np.roll(self._corners.T.ravel(), -1).reshape(-1, 2).T]
         if not _carries(points, start, end) and _carries(points, *gaps):
             warn(

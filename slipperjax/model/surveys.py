@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping, Set
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -309,10 +310,9 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
-    """Return displacements from distances to the middle of a chord, see `load_rail`: by least squares, the least waves
-    that have these, and none that the chord hardly shows."""
-    import scipy.fft  # here, because importing it takes time
-    from scipy.sparse.linalg import LinearOperator, lsqr
+    """Return displacements from distances to the middle of a chord, see `load_rail`: the least waves that have these,
+    by least squares, and none that the chord hardly shows."""
+    from scipy.sparse.linalg import LinearOperator, lsqr  # here, because importing it takes time
 
     distance = columns["distance"]
     steps = np.diff(distance)
@@ -325,7 +325,7 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
     # beyond both ends, where the outer chords end, waves are free
     samples = len(distance)
     room = math.ceil(2 * chord / steps.mean())
-    size = scipy.fft.next_fast_len(samples + 2 * room, real=True)
+    size = 1 << (samples + 2 * room).bit_length()
     # a sine of amplitude one has middles of chords as high as this
     gain = 1 - np.cos(np.pi * np.fft.rfftfreq(size, steps.mean()) * chord)
     gain[gain < 0.1] = 0.0  # waves that the chord hardly shows would be noise
@@ -333,14 +333,15 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
     # a line of the versines is a curve that no such wave makes
     lines, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, samples), 2))
     about_line = lambda versines: versines - lines @ (lines.T @ versines)
-    seen = LinearOperator(
-        (samples, size),
-        matvec=lambda waves: about_line(middles(waves.ravel())[room : room + samples]),
-        rmatvec=lambda versines: middles(np.pad(about_line(versines.ravel()), (room, size - samples - room))),
-    )
+    within = slice(room, room + samples)
+    outside = (room, size - samples - room)
+    both: Any = {
+        "matvec": lambda waves: about_line(middles(waves.ravel())[within]),
+        "rmatvec": lambda versines: middles(np.pad(about_line(versines.ravel()), outside)),
+    }
+    seen = LinearOperator((samples, size), **both)
     out = dict(columns)
     for name in {"lateral", "vertical"} & set(columns):
-        out[name] = lsqr(seen, about_line(columns[name]), damp=DAMPING, atol=1e-9, btol=1e-9)[0][
-            room : room + samples
-        ]
+        waves, *_ = lsqr(seen, about_line(columns[name]), damp=DAMPING, atol=1e-9, btol=1e-9)
+        out[name] = waves[within]
     return out

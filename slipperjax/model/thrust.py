@@ -203,8 +203,8 @@ def _falls(value: Any) -> Any:
 
 
 def _of_motor(path: Path) -> dict[str, np.ndarray]:
-    """Return the thrust of a motor in RASP's format: remarks behind ;, a line of seven words, and rows of time [s] and
-    thrust [N] up to the first of zero, without that at the beginning."""
+    """Return the thrust of a motor in RASP's format: remarks behind ;, a line of seven words, and rows of time [s]
+    and thrust [N] up to one of zero, without that at the beginning."""
     with readable(path, "RASP file"):
         lines = [line.split(";")[0].split() for line in content_of(path).decode("cp1252").splitlines()]
         head, *rows = [words for words in lines if words]

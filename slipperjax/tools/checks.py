@@ -217,8 +217,8 @@ def warn_unless_within(name: str, value: object, low: float, high: float, unit: 
 def warn(text: str) -> None:
     """Give an `ImplausibleWarning` that points at the caller's line outside the package, once in a run (`TOLD`)."""
     told = TOLD.get()
-    # texts that differ in their numbers count as one
-    kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
+    # texts that differ in their numbers count as one, but not those of files whose names have numbers
+    kind = re.sub(r"(?<![\w./])-?\d[\d.]*(e[-+]?\d+)?(?![\w/])", "", text)
     if told is not None:
         if kind in told:
             return

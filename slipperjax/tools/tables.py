@@ -76,8 +76,9 @@ class Table:
     the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
     between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
     129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not; a MAT file has
-    them with their units in a struct `units`, as in units.distance = 'ft'. Capitals do not count in names, nor whether words are joined by spaces or underscores. Columns that are not wanted are left out,
-    and a warning names them.
+    them with their units in a struct `units`, as in units.distance = 'ft'. Capitals do not count in names, nor
+    whether words are joined by spaces or underscores. Columns that are not wanted are left out, and a warning names
+    them.
     """
 
     def __init__(
@@ -181,6 +182,9 @@ class Table:
         lines = [f"{self.path} has {len(texts)} faults:", *(self.path.name + text for text in texts[:MOST_SHOWN])]
         if len(texts) > MOST_SHOWN:
             lines.append(f"and {len(texts) - MOST_SHOWN} more.")
+        if sum(text.endswith("has no number.") for text in texts) > MOST_SHOWN:
+            lines.append("Leave rows without a number out where the rail is smooth; a joint needs one, as a spline")
+            lines.append("would bridge it.")
         return TableError("\n  ".join(lines))
 
     def _plain(self, text: str) -> str:

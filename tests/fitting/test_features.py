@@ -124,7 +124,7 @@ def test_shares_are_fractions_and_a_record_is_longer_than_its_points():
         with pytest.raises(ValueError, match=r"`shares` must be above 0 and at most 1, but is 1\.5"):
             kind(shares=(0.5, 1.5))
     record = np.sin(np.arange(30.0) / 2)
-    with pytest.raises(ValueError, match="`dimension` must be at most 10 for a record of 30 samples, .* but is 20"):
+    with pytest.raises(ValueError, match=r"`dimension` must be at most 10 for a record of 30 samples, .* but is 20"):
         CorrelationIntegral(dimension=20).of(record)
 
 
@@ -136,6 +136,6 @@ def test_lost_ensembles_are_told():
         assert len(known.with_more(np.zeros((5, 2)), values).level) == 3
     with (
         pytest.warns(sj.ImplausibleWarning, match="5 of 5"),
-        pytest.raises(ValueError, match="`unknowns` must have bounds within which runs are not lost, .* such for 0"),
+        pytest.raises(ValueError, match=r"`unknowns` must have bounds within which runs are not lost, .* such for 0"),
     ):
         known.with_more(np.zeros((5, 2)), np.full((5, 4, 3), np.nan))
