@@ -147,7 +147,8 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     names of the mounts, and a line for each mode. An npz file of NumPy has arrays `frequency` [Hz], `damping` and
     `shapes` (modes, mounts, 3), and may have `mounts`, their names, and `places` [m] with `place_shapes`, as `Modes`.
     Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`, or of
-    the modal masses in a column `modal mass [kg]`, an array `modal_mass`, such as shapes of largest value 1. Those
+    the modal masses in a column `modal mass [kg]`, an array `modal_mass`, such as shapes of largest value 1. A
+    universal file, .unv, has normal modes in datasets 55 with masses in kg, and mounts are numbers of nodes. Shapes
     along x may be left out everywhere, which takes less time where modes hardly move the slippers along the rail.
 
     **Arguments:** `file`: its path; `mounts`: names of the sled's mounts in their order, as `sled.names`; None for
@@ -162,6 +163,8 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     named = not isinstance(names, str) and all(isinstance(name, str) for name in names)
     require(named, "mounts", "be a list of names", mounts)
     read = _of_arrays if content.startswith(b"PK\x03\x04") else _of_table
+    if path.suffix.lower() in (".unv", ".uff"):
+        read = _of_universal
     try:
         return Modes(**_of_unit_mass(read(path, content, mounts)))
     except TableError:
@@ -172,13 +175,37 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
         raise TableError(f"{where}{error}") from None
 
 
-def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, np.ndarray]:
+def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
     """Return the arrays of an npz file that modes have, with the shapes at `mounts` in their order."""
     with readable(path, "npz file"), np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         names = ("frequency", "damping", MASS, "shapes", "mounts", "places", "place_shapes")
         found = {name: arrays[name] for name in names if name in arrays}
     absent = [name for name in ("frequency", "damping", "shapes") if name not in found]
     require(not absent, "file", "have arrays frequency, damping and shapes", shown=f"no {listed(absent)}")
+    return _in_order(found, mounts)
+
+
+def _of_universal(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
+    """Return the normal modes of a universal file, its datasets 55, at nodes that `mounts` has the numbers of."""
+    try:
+        import pyuff  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise TableError(f"{path}: universal files need pyuff: pip install slipperjax[modes].") from None
+    with readable(path, "universal file"):
+        sets = pyuff.UFF(str(path)).read_sets()
+        sets = [sets] if isinstance(sets, dict) else sets
+        # of six numbers a node the first three are its displacement
+        modes = [one for one in sets if one["type"] == 55 and one["analysis_type"] == 2]
+        nodes = {tuple(map(int, one["node_nums"])) for one in modes}
+        numbers = {"frequency": "freq", "damping": "modal_damp_vis", MASS: "modal_m"}
+        found = {name: np.array([one[key] for one in modes]) for name, key in numbers.items()}
+        shapes = [np.stack([one[f"r{axis}"] for axis in (1, 2, 3)], axis=-1).real for one in modes]
+    require(len(nodes) == 1, "file", "have normal modes at the same nodes, datasets 55", shown=f"{len(nodes)} kinds")
+    return _in_order(found | {"shapes": np.stack(shapes), "mounts": np.array(nodes.pop())}, mounts)
+
+
+def _in_order(found: dict[str, Any], mounts: Sequence[str] | None) -> dict[str, Any]:
+    """Return the arrays of modes with their shapes at `mounts`, in their order."""
     of_file = found.pop("mounts", None)
     if mounts is None:
         return found

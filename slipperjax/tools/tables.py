@@ -36,7 +36,7 @@ WAYS = {
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "save its sheet as CSV"),
     **dict.fromkeys((".gz", ".zip", ".xz", ".7z"), "unpack it first"),
     **dict.fromkeys((".tdms", ".mf4", ".dat", ".rsp"), "export its channels as CSV, with units"),
-    **dict.fromkeys((".unv", ".uff"), "pyuff reads it, numpy.savez writes its arrays to an npz file"),
+    **dict.fromkeys((".unv", ".uff"), "load_modes reads its modes"),
     **dict.fromkeys((".f06", ".op2", ".rst", ".odb"), "export its modes as CSV, with the modal masses"),
 }
 """What to do with files of other kinds, by their endings."""

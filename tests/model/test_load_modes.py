@@ -1,5 +1,7 @@
 """Modes in files: what finite elements give is read by the names of mounts, and what is wrong is told."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -129,3 +131,41 @@ def test_shapes_of_another_scale_are_divided_by_their_masses_or_warned_of(tmp_pa
     largest = np.abs(beam.shapes).max(axis=(1, 2), keepdims=True)
     with pytest.warns(sj.ImplausibleWarning, match="square times the sled's mass is 500; plausible is up to 30"):
         sled(sj.Modes(frequency=beam.frequency, damping=beam.damping, shapes=beam.shapes / largest))
+
+
+UNIVERSAL = """    -1
+    55
+a beam
+none
+none
+none
+none
+         1         2         3         8         2         6
+         2         4         1         {k}
+  {frequency}  {mass}  1.00000e-02  0.00000e+00
+        12
+  1.00000e-01  2.00000e-01  3.00000e-01  0.00000e+00  0.00000e+00  0.00000e+00
+        15
+  0.00000e+00  4.00000e-01 -1.00000e+00  0.00000e+00  0.00000e+00  0.00000e+00
+    -1
+"""
+
+
+def test_universal_files_have_modes_with_their_masses(tmp_path, monkeypatch):
+    file = tmp_path / "beam.unv"
+    parts = [(1, "2.00000e+01", "4.00000e+00"), (2, "5.00000e+01", "2.50000e+01")]
+    file.write_text("".join(UNIVERSAL.format(k=k, frequency=f, mass=mass) for k, f, mass in parts))
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "pyuff", None)
+        with pytest.raises(ValueError, match=r"beam\.unv: universal files need pyuff"):
+            sj.load_modes(file)
+    pytest.importorskip("pyuff")
+    modes = sj.load_modes(file, ["15", "12"])
+    np.testing.assert_allclose(modes.frequency, [20.0, 50.0])
+    shapes = np.array([[0.0, 0.4, -1.0], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(modes.shapes, shapes / np.array([2.0, 5.0])[:, None, None])
+    with pytest.raises(ValueError, match="`shapes` must have those at 13, but has those at 12 and 15"):
+        sj.load_modes(file, ["13"])
+    file.write_text("no universal file")
+    with pytest.raises(ValueError, match=r"beam\.unv"):
+        sj.load_modes(file)

@@ -361,7 +361,7 @@ def test_mat_files_are_read_with_a_struct_of_units(tmp_path):
         ("survey.xlsx", b"PK\x03\x04\x00", "save its sheet as CSV"),
         ("survey.csv.gz", b"\x1f\x8b\x08\x00", "unpack it first"),
         ("run.tdms", b"TDSm\x00\x00", "export its channels as CSV"),
-        ("modes.unv", b"    -1\n    55\n", "pyuff reads it"),
+        ("modes.unv", b"    -1\n    55\n", "load_modes reads its modes"),
     ],
 )
 def test_the_way_of_files_of_another_kind_is_told(tmp_path, name, content, way):
