@@ -51,12 +51,67 @@ tests/tools/test_files.py -k failure_leaves_the_old_file
 +    except Exception:
 +        part.unlink(missing_ok=True)
 
+cycles and radians are one again
+tests/tools/test_units.py -k cycles
+-        return factor * math.tau ** (cycles - cycles_wanted)
++        return factor
+
+numbers under a mask count
+tests/tools/test_units.py -k mask
+-        return value.astype(float).filled(np.nan)
++        return np.asarray(value)
+
+durations are nanoseconds
+tests/tools/test_units.py -k converted
+-        return np.asarray(value) / np.timedelta64(1, "s"), "s"
++        return np.asarray(value).astype(float), "s"
+
+units of arrays are not read
+tests/tools/test_units.py -k "converted or everywhere"
+-        own = attributes.get("units") or None
++        own = None
+
 hours counted as minutes again
 tests/tools/test_limits.py -k durations
 -        size = next_size
 +        size = size
 
+marks of overload are numbers
+tests/fitting/test_measured.py -k overload
+-    marks = np.abs(values) >= OVERLOADED
++    marks = np.abs(values) > np.inf
+
 # from standstill to report
+shock responses begin at rest
+tests/analysis/test_environment.py -k moved_before
+-    return response + (pole**2 * amplitude[..., None] * vibration).real
++    return response
+
+joined results have the first one's scene
+tests/flow/test_datasets.py -k joined
+-    return bool(np.isin(numbers[~np.isnan(numbers)], _scene_number(ds)).all())
++    return True
+
+shapes of largest value one say nothing
+tests/model/test_load_modes.py -k scale
+-        if ratio > LARGEST:
++        if ratio > np.inf:
+
+the line between the first and the last versine is the rail's
+tests/model/test_surveys.py -k chords
+-    about_line = lambda versines: versines - lines @ (lines.T @ versines)
++    about_line = lambda versines: versines - np.linspace(versines[0], versines[-1], samples)
+
+gaps between faces are faces without a word
+tests/model/test_inputs.py -k late
+-        if not _carries(points, start, end) and _carries(points, *gaps):
++        if False:
+
+a thrust ends at its first pause
+tests/model/test_thrust.py -k pause
+-                    _falls(lambda t, y: y[1] - LEAST_SPEED if t >= last_push else 1.0),
++                    _falls(lambda t, y: y[1] - LEAST_SPEED),
+
 contacts of a slipper at rest begin as if they approached
 tests/model/test_starts.py -k carry_the_weight
 -            approach = rate - contacts(frame, rest).rate
@@ -253,8 +308,8 @@ tests/analysis/test_psd.py -k lines_of_two_frequencies
 
 shock responses that take accelerations as steps
 tests/analysis/test_environment.py -k half_sine
--    forward = [1 - ramp, 2 * (ramp - cosine), decay**2 - ramp]
-+    forward = [0.0, 1 - cosine, decay**2 - cosine]
+-    forward = [1 - ramp, 2 * (ramp - once.real), abs(once) ** 2 - ramp]
++    forward = [0.0, 1 - once.real, abs(once) ** 2 - once.real]
 
 bands from whole lines only
 tests/analysis/test_environment.py -k white_noise_has

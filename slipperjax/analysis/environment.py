@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import number, numbers, positive, require
+from ..tools.checks import finite, number, numbers, positive, require
 from ..tools.types import Numbers
 from .spectra import power_spectral_density
 
@@ -67,7 +67,7 @@ class VibrationEnvironment(NamedTuple):
 
 def _histories(acceleration: Numbers, rate: float, axes: int = 1) -> tuple[np.ndarray, float]:
     """Return histories, in double precision for running sums and slow oscillators, and their rate [Hz]."""
-    x = numbers("acceleration", acceleration, axes).astype(float)
+    x = numbers("acceleration", acceleration, axes, "m/s^2").astype(float)
     require(x.shape[-1] >= 8, "acceleration", "have 8 or more samples along its last axis", shown=str(x.shape[-1]))
     return x, number(positive, "rate", rate, "Hz")
 
@@ -113,7 +113,7 @@ def window_densities(
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
     x, rate = _histories(acceleration, rate)
-    edges = numbers("edges", edges, 1)
+    edges = numbers("edges", edges, 1, "Hz")
     widths = np.diff(edges)
     require(edges.size > 1 and (widths > 0).all(), "edges", "be two frequencies or more that increase", edges)
     duration = 1 / widths.min() if window is None else number(positive, "window", window, "s")
@@ -156,33 +156,54 @@ def check_quality(quality: float) -> float:
 
 
 def oscillator_response(
-    acceleration: Numbers, rate: float, natural_frequency: float, *, quality: float = 10.0
+    acceleration: Numbers, rate: float, natural_frequency: float, *, quality: float = 10.0, rest: float | None = None
 ) -> np.ndarray:
     """Return the absolute acceleration of an oscillator on a base that has an acceleration, (..., samples).
 
     The ramp-invariant recursive filter is exact for accelerations that are linear between samples: D. O. Smallwood,
     *An improved recursive formula for calculating shock response spectra*, Shock and Vibration Bulletin 51(2), 1981,
-    and ISO 18431-4:2007. The oscillator begins in equilibrium with the first sample.
+    and ISO 18431-4:2007.
+
+    A record may begin in the midst of a motion, of which the oscillator has a part that the record does not tell.
+    It begins as an oscillator that has come through the record backwards, from its mean: what is slow moves both
+    together then, and what is fast leaves the mass at rest.
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz]; `quality`:
-    1 / (2 damping ratio), above 1/2.
+    1 / (2 damping ratio), above 1/2; `rest`: steady acceleration before the first sample, in which base and
+    oscillator rest against each other [m/s^2]: zero for a pulse; None for a record that begins in a motion.
     """
     import scipy.signal  # here, because importing it takes longer than a small simulation
 
     x, rate = _histories(acceleration, rate)
     quality = check_quality(quality)
     angle = 2 * np.pi * number(positive, "natural_frequency", natural_frequency, "Hz") / rate
-    decay = np.exp(-angle / (2 * quality))
-    turn = angle * np.sqrt(1 - 1 / (4 * quality**2))
-    cosine = decay * np.cos(turn)
-    ramp = decay * np.sin(turn) / turn
-    forward = [1 - ramp, 2 * (ramp - cosine), decay**2 - ramp]
-    first = x[..., :1]
-    return first + scipy.signal.lfilter(forward, [1.0, -2 * cosine, decay**2], x - first, axis=-1)
+    # free vibrations are exp(pole * sample)
+    pole = angle * complex(-1 / (2 * quality), math.sqrt(1 - 1 / (4 * quality**2)))
+    once = np.exp(pole)
+    ramp = once.imag / pole.imag
+    forward = [1 - ramp, 2 * (ramp - once.real), abs(once) ** 2 - ramp]
+    steady = x.mean(axis=-1, keepdims=True) if rest is None else number(finite, "rest", rest, "m/s^2")
+    base = x - steady
+    filtered = scipy.signal.lfilter(forward, [1.0, -2 * once.real, abs(once) ** 2], base, axis=-1)
+    response = steady + np.asarray(filtered)
+    if rest is not None:
+        return response
+    vibration = np.exp(pole * np.arange(x.shape[-1]))
+    # convolution integrals backwards, up to the first sample
+    arrived = base @ vibration
+    distance = -arrived.imag / pole.imag
+    velocity = (pole * arrived).imag / pole.imag
+    amplitude = distance + 1j * (pole.real * distance - velocity) / pole.imag
+    return response + (pole**2 * amplitude[..., None] * vibration).real
 
 
 def shock_response_spectrum(
-    acceleration: Numbers, rate: float, natural_frequency: Numbers, *, quality: float = 10.0
+    acceleration: Numbers,
+    rate: float,
+    natural_frequency: Numbers,
+    *,
+    quality: float = 10.0,
+    rest: float | None = None,
 ) -> np.ndarray:
     """Return the greatest absolute acceleration of oscillators on a base, of both signs, (..., natural frequencies).
 
@@ -191,14 +212,15 @@ def shock_response_spectrum(
     above a tenth of the sampling rate are NaN. Slow oscillators have their peak after a pulse: let zeros follow it.
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz], shape
-    (frequencies,); `quality`: 1 / (2 damping ratio), above 1/2.
+    (frequencies,); `quality`: 1 / (2 damping ratio), above 1/2; `rest`: as for `oscillator_response`, zero for a
+    pulse from rest.
     """
     x, rate = _histories(acceleration, rate)
-    frequencies = numbers("natural_frequency", natural_frequency, 1)
+    frequencies = numbers("natural_frequency", natural_frequency, 1, "Hz")
     peaks = np.full((*x.shape[:-1], frequencies.size), np.nan)
     for k, frequency in enumerate(frequencies):
         if frequency <= rate / 10 * (1 + _ROUNDING):
-            peaks[..., k] = abs(oscillator_response(x, rate, frequency, quality=quality)).max(axis=-1)
+            peaks[..., k] = abs(oscillator_response(x, rate, frequency, quality=quality, rest=rest)).max(axis=-1)
     return peaks
 
 
@@ -260,8 +282,9 @@ def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0
 def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     """Return samples at unequal times as samples at `rate` from the first time on, (..., new samples).
 
-    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate`; a linear-phase
-    low-pass filter then takes away what would be aliased. Frequencies above a quarter of the local sampling rate,
+    A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate` for a hundredth
+    of the time or more; a linear-phase low-pass filter then takes away what would be aliased. Frequencies above a
+    quarter of the local sampling rate,
     where a cubic spline lacks 3 % of the power of a sine, are not reliable.
 
     **Arguments:** `time` [s], shape (samples,), increasing; `samples`: [unit], shape (..., samples); `rate` [Hz].
@@ -269,13 +292,16 @@ def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     import scipy.interpolate
     import scipy.signal
 
-    time, samples = numbers("time", time, 1), numbers("samples", samples, 1)
+    time, samples = numbers("time", time, 1, "s"), numbers("samples", samples, 1)
     rate = number(positive, "rate", rate, "Hz")
     require(time.shape == samples.shape[-1:], "time", f"have shape {samples.shape[-1:]}", shown=str(time.shape))
     gaps = np.diff(time)
     require(time.size > 1 and (gaps > 0).all(), "time", "be two times or more that increase", time)
     count = math.floor((time[-1] - time[0]) * rate * (1 + _ROUNDING)) + 1
-    multiple = math.ceil(1 / (gaps.min() * rate) * (1 - _ROUNDING))
+    # a few times that are close together, as of a clock that was set, would take any memory
+    ranked = np.sort(gaps)
+    closest = ranked[np.searchsorted(np.cumsum(ranked), 0.01 * ranked.sum())]
+    multiple = math.ceil(1 / (closest * rate) * (1 - _ROUNDING))
     fine = time[0] + np.arange((count - 1) * multiple + 1) / (multiple * rate)
     course = scipy.interpolate.CubicSpline(time, samples, axis=-1)(np.minimum(fine, time[-1]))
     return course if multiple == 1 else scipy.signal.resample_poly(course, 1, multiple, axis=-1, padtype="line")
@@ -307,11 +333,11 @@ def vibration_environment(
 
     x, rate = _histories(acceleration, rate, 2)
     require(np.isfinite(x).all(), "acceleration", "be finite", shown="infinite or not a number")
-    edges = band_edges() if edges is None else np.asarray(edges, float)
-    highest = None if highest is None else np.asarray(highest, float)
+    edges = band_edges() if edges is None else numbers("edges", edges, 1, "Hz").astype(float)
+    highest = None if highest is None else numbers("highest", highest, 1, "Hz").astype(float)
     if time is not None:
+        time = numbers("time", time, 1, "s").astype(float)
         x = resample(time, x, rate)
-        time = np.asarray(time, float)
         reliable = 0.25 / np.diff(time)
         if highest is not None:
             reliable = np.minimum(reliable, highest[:-1])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import instance, number, positive, require
+from ..tools.checks import instance, number, numbers, positive, require
 from ..tools.types import Numbers
 
 
@@ -48,11 +48,11 @@ def power_spectral_density(signal: Numbers, sampling_rate: float) -> Spectrum:
     """
     import scipy.signal  # here, because importing it takes longer than a small simulation
 
-    x = np.asarray(signal, dtype=float)
+    x = numbers("signal", signal).astype(float)
     enough = x.ndim > 0 and x.shape[-1] >= 8
     require(enough, "signal", "be 8 or more samples along its last axis", shown=f"of shape {x.shape}")
     require(np.isfinite(x).all(), "signal", "be finite", shown="infinite or not a number")
-    rate = number(positive, "sampling_rate", sampling_rate)
+    rate = number(positive, "sampling_rate", sampling_rate, "Hz")
     return Spectrum(*scipy.signal.periodogram(x, rate, window="hann"))
 
 
@@ -83,11 +83,11 @@ def find_line(
     frequencies, density = (np.asarray(x, dtype=float) for x in spectrum)
     size = density.size
     require(density.ndim == 1 and size >= 5, "spectrum", "be of one signal", shown=f"of shape {density.shape}")
-    frequency = number(positive, "frequency", frequency)
+    frequency = number(positive, "frequency", frequency, "Hz")
     last = frequencies[-1]
     require(frequency <= last, "frequency", f"be at most {last:g} Hz", shown=f"{frequency:g} Hz")
     width = float(frequencies[1])
-    tolerance = width if tolerance is None else number(positive, "tolerance", tolerance)
+    tolerance = width if tolerance is None else number(positive, "tolerance", tolerance, "Hz")
     # density [dB], and its height above the local floor [dB]; a spectrum of zeros is all floor
     top = density.max()
     level = 10 * np.log10(np.fmax(density, 1e-12 * top if top > 0 else 1.0))

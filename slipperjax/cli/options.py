@@ -74,7 +74,7 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
         ctx.exit()
 
 
-@click.group(cls=Group, context_settings={"show_default": True})
+@click.group(cls=Group, context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
 @option(
     "--cache/--no-cache",
     None,
@@ -107,6 +107,9 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
             importlib.import_module(name)
         except ImportError as error:
             raise ValueError(f"Option --import must be a Python module, but is {name}: {error}.") from None
+        except SystemExit as error:
+            need = f"Option --import must be a Python module, but is {name}, a program that exits"
+            raise ValueError(f"{need} with {error}.") from None
 
 
 class FilePath(click.Path):

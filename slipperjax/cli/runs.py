@@ -41,8 +41,9 @@ class _Comparing(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if "--over" in args:
             first = args.index("--over") + 1
-            # the name, and all that begin as numbers do
-            values = itertools.takewhile(lambda word: re.match(r"[-+]?\.?\d", word), args[first + 1 :])
+            # the name, and all that begin as numbers do, such as 2024_sled.toml, which is the file
+            is_value = lambda word: re.match(r"[-+]?\.?\d", word) and not word.lower().endswith(".toml")
+            values = itertools.takewhile(is_value, args[first + 1 :])
             joined = [*args[first : first + 1], *values]
             args = [*args[:first], SEPARATOR.join(joined), *args[first + len(joined) :]]
         return super().parse_args(ctx, args)

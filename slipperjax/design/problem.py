@@ -15,8 +15,9 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import in_unit, known, one_of, require, whole
+from ..tools.checks import known, one_of, require, whole
 from ..tools.types import Numbers
+from ..tools.units import in_unit
 from .ensembles import RailEnsemble, ensemble_for
 from .judge import judge
 from .methods import CaseValues

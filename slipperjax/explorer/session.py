@@ -189,12 +189,10 @@ class Session:
             # 400 cases over speed and clearance
             if grid is None:
                 grid = {"clearance": np.linspace(2e-4, 4e-3, 16), "speed": np.linspace(200.0, 2500.0, 25)}
-            grid = {name: np.asarray(values, float) for name, values in grid.items()}
+            grid = {name: np.asarray(parameter(name, scene).check(values)) for name, values in grid.items()}
             require(len(grid) in COMPUTED, "grid", "have one or two parameters", list(grid))
             view = View(scene, start, grid=grid)
             _cases(view)  # for its checks
-            for name in grid:
-                parameter(name, scene)
         session = cls([view], Case(scene, start))
         # the window with the highest force, where forces are known
         if view.is_run:

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..tools.checks import numbers, whole
+from ..tools.checks import fraction, numbers, require, whole
 
 Signals = Float[np.ndarray, "records samples"]
 Values = Float[np.ndarray, "records features"]
 FEWEST = 0.5
 """Counted in place of none [1]."""
+_SHARES = fraction("shares")
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Peaks(AbstractFeature):
     shares: tuple[float, ...] = (0.5, 0.9, 0.99)
 
     def __post_init__(self):
-        numbers("shares", self.shares, 1)
+        _SHARES(self.shares)
 
     def of(self, record):
         def values(signals: Signals) -> Values:
@@ -125,7 +126,7 @@ class CorrelationIntegral(AbstractFeature):
     """Points of each record, at equal intervals."""
 
     def __post_init__(self):
-        numbers("shares", self.shares, 1)
+        _SHARES(self.shares)
         whole("dimension", self.dimension, 1, 20)
         whole("instants", self.instants, 10, 2000)
 
@@ -138,6 +139,9 @@ class CorrelationIntegral(AbstractFeature):
 
         def distances(signals: Signals) -> Float[np.ndarray, "records pairs"]:
             last = signals.shape[1] - (self.dimension - 1) * delay
+            most = (signals.shape[1] - 2) // delay + 1
+            need = f"be at most {most} for a record of {signals.shape[1]} samples, whose values are {delay} apart"
+            require(last > 1, "dimension", need, self.dimension)
             at = np.linspace(0, last - 1, min(self.instants, last)).astype(int)
             points = np.stack([signals[:, at + k * delay] for k in range(self.dimension)], axis=-1)
             first, second = np.triu_indices(len(at), 1)

@@ -25,7 +25,7 @@ from ..orbits.motions import recurs
 from ..sweeps.grid import Cases
 from ..sweeps.plan import PERIODS_PER_CALL
 from ..sweeps.run import heed_interrupts
-from ..tools.checks import instance, require, whole
+from ..tools.checks import instance, require, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
 from .channels import begin
@@ -146,6 +146,11 @@ class _Known(NamedTuple):
     def with_more(self, levels: np.ndarray, values: Float[np.ndarray, "ensembles members features"]) -> "_Known":
         """Return these and further ensembles, but none with lost runs."""
         good = np.isfinite(values).all(axis=(1, 2))
+        if not good.all():
+            warn(f"{np.sum(~good)} of {len(good)} ensembles have lost runs, and are left out.")
+        least = 1 + self.level.shape[1]
+        need = f"have bounds within which runs are not lost, for {least} ensembles or more"
+        require(len(self.level) + good.sum() >= least, "unknowns", need, shown=f"such for {good.sum()}")
         return _Known(np.concatenate([self.level, levels[good]]), np.concatenate([self.values, values[good]]))
 
 

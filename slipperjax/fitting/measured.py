@@ -10,10 +10,9 @@ from jaxtyping import Float
 
 from ..model.parameters import PARAMETERS
 from ..model.sensors import Rig, Sensor
-from ..tools.checks import require
+from ..tools.checks import check_no_clock, finite, number, numbers, require, warn
 from ..tools.files import content_of, user_path
-from ..tools.tables import Table
-from ..tools.units import unit_factor
+from ..tools.tables import Table, without_marks
 
 FEWEST = 8
 """Samples that a signal needs."""
@@ -99,17 +98,17 @@ def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
     for name, value in ds.coords.items():
         if name in PARAMETERS and value.ndim == 0:
             unit = PARAMETERS[str(name)].unit
-            known[str(name)] = float(value) * (
-                1.0 if unit == "1" else unit_factor(str(name), value.attrs.get("units", unit), unit)
-            )
+            known[str(name)] = number(finite, str(name), value, unit)
     return _run(signals, rig, known)
 
 
 def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
-    """Return the values of a variable that has an attribute `units`, in an SI unit."""
-    given = array.attrs.get("units")
+    """Return the values of a variable that has an attribute `units`, or of durations, in an SI unit; NaN for marks of
+    overload."""
+    given = array.attrs.get("units") or array.dtype.kind in "mM" or hasattr(array.data, "magnitude")
     require(given, "measured", f"have an attribute `units` of {array.name}, such as {unit}", shown="without it")
-    return np.asarray(array.values, float) * unit_factor(str(array.name), str(given), unit)
+    values = numbers(str(array.name), array, unit=unit).astype(float)
+    return without_marks(values, f"Argument `measured`: {array.name}")
 
 
 def _constant(name: str, values: np.ndarray) -> float:
@@ -126,8 +125,11 @@ def _run(signals: Mapping[str, Sequence[np.ndarray]], rig: Rig, known: dict[str,
 
 
 def _signal(sensor: Sensor, time: np.ndarray, value: np.ndarray) -> Signal:
-    good = np.isfinite(value) & np.isfinite(time)
-    need = f"have {FEWEST} samples or more of {sensor.name}"
+    known = np.isfinite(value) & np.isfinite(time)
+    good = known & (time >= 0)
+    need = f"have {FEWEST} samples or more of {sensor.name} from zero seconds on"
     require(good.sum() >= FEWEST, "measured", need, shown=str(good.sum()))
-    require(time[good][0] >= 0, "measured", f"have times of {sensor.name} from zero on", shown=f"{time[good][0]:g} s")
+    check_no_clock("measured", time[good])
+    if np.any(known & ~good):
+        warn(f"Argument `measured` has samples of {sensor.name} before zero seconds, which are left out.")
     return Signal(time[good], value[good])

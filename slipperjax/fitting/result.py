@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..model.kinematics import Motion
 from ..model.quantities import Quantity
 from ..model.scene import Scene
@@ -117,12 +117,15 @@ class Fit:
         for one in self.problem.unknowns:
             q = _quantity(one)
             low, high = (q.shown(end) for end in self.interval[one.name])
-            unit = "" if q.display_unit == "1" else f" {q.display_unit}"
             bound = self.at_bounds.get(one.name)
             where = f", at its {bound} bound" if bound else ""
-            rows.append(f"{one.name} {q.shown(self.estimate[one.name]):.5g} ({low:.5g} to {high:.5g}){unit}{where}")
+            rows.append(
+                f"{one.name} {q.shown(self.estimate[one.name]):.5g} ({low:.5g} to {high:.5g}){_unit(q)}{where}"
+            )
         for other in self.minima:
-            rows.append("another minimum: " + ", ".join(f"{name} {value:.5g}" for name, value in other.items()))
+            values = [(one.name, _quantity(one), other[one.name]) for one in self.problem.unknowns]
+            shown = [f"{name} {q.shown(value):.5g}{_unit(q)}" for name, q, value in values]
+            rows.append(f"another minimum: {', '.join(shown)}")
         inside = ",\n  ".join([*rows, *self.untold, *self.unexplained])
         return f"Fit(status: {self.status}, {100 * self.confidence:g} % intervals,\n  {inside})"
 
@@ -170,7 +173,7 @@ class Fit:
         attrs |= run_attributes(self.scene, self.start, self._call())
         attrs |= dict(status=self.status, confidence=self.confidence)
         attrs |= {"untold": "; ".join(self.untold), "unexplained": "; ".join(self.unexplained)}
-        return xr.Dataset(data | of_method, coords | along, attrs)
+        return result_dataset(data | of_method, coords | along, attrs)
 
     def _call(self) -> dict[str, object]:
         """Return the arguments of `fit` that state its problem, as `load_call` gives them."""
@@ -189,6 +192,10 @@ class Fit:
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write `to_xarray()`, whole or not at all; `load_scene` reads the scene with the estimates from it."""
         write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
+
+
+def _unit(q: Quantity) -> str:
+    return "" if q.display_unit == "1" else f" {q.display_unit}"
 
 
 def _quantity(one: Unknown) -> Quantity:

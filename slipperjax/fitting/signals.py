@@ -65,11 +65,13 @@ class SignalPosterior(Posterior):
             "fitted_low": signal(low, "5 % quantile of likely signals"),
             "fitted_high": signal(high, "95 % quantile of likely signals"),
         }
-        # of the first window, with noise
+        # of the window with the most samples, with noise
+        known = windows.known > 0
+        most = np.argmax(known.sum(axis=(1, 2)))
         rng = np.random.default_rng(0)
-        likely = self.draws[:, 0] + self.noise[:, None] * rng.normal(size=self.draws[:, 0].shape)
-        signals = [windows.value[0], *likely]
-        rows, coords = densities(windows.time[0], windows.known[0] > 0, np.array(signals))
+        likely = self.draws[:, most] + self.noise[:, None] * rng.normal(size=self.draws[:, most].shape)
+        signals = [windows.value[most], *likely]
+        rows, coords = densities(windows.time[most], known[most], np.array(signals))
         return data | rows, coords | {"run": ("window", windows.run)}
 
 
@@ -81,20 +83,23 @@ def densities(
     """Return power spectral densities of a measured signal and of likely ones, in third octaves.
 
     **Arguments:** `known`: which samples there are; `signals`: the measured one first, then likely ones.
+
+    **Returns:** no frequencies where no sensor has eight samples, the fewest of a density.
     """
     used = [k for k in range(len(time)) if known[k].sum() >= 8]
     spans = {k: np.ptp(time[k][known[k]]) for k in used}
     rates = {k: (known[k].sum() - 1) / spans[k] for k in used}
-    longest = max(spans.values())
-    top = max(rates.values()) / 2
-    edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
+    edges = np.ones(1)
+    if used:
+        top = max(rates.values()) / 2
+        edges = band_edges(min(4.0 / max(spans.values()), top / 4), top, per_octave=3)
     found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
     for k in used:
         at = time[k][known[k]]
         # unequal samples become equal ones, of all signals alike
         grid = np.linspace(at[0], at[-1], len(at))
         equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
-        found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
+        found[:, k] = window_densities(equal, rates[k], edges, window=max(spans.values()))[1].mean(axis=-2)
     along = ("sensor", "frequency")
     text = "power spectral density, the square of the sensor's unit per Hz"
     data = {"measured_density": column(along, found[0], "", f"{text}, measured")}

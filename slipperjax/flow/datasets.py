@@ -5,6 +5,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -21,7 +22,7 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, SledMotion
 from ..model.layout import coordinates
-from ..model.parameters import PARAMETERS, STARTS, of_motion, parameter
+from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
@@ -40,6 +41,9 @@ from .status import MEANINGS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+SCENE_NUMBER = "scene_number"
+"""Coordinate of a checksum of the scene in a result's attributes."""
 
 
 @functools.cache
@@ -75,6 +79,33 @@ def run_attributes(
         "call": json.dumps(describe(dict(call))),
         "versions": json.dumps(versions()),
     }
+
+
+def result_dataset(data: Mapping[str, Any], coords: Mapping[str, Any], attrs: Mapping[str, Any]) -> "xr.Dataset":
+    """Return a dataset with the attributes of `run_attributes`, and a number of their scene at each case.
+
+    Where datasets are joined, attributes are those of the first, but numbers stay with their cases.
+    """
+    import xarray as xr  # here, because importing it takes longer than a small simulation
+
+    ds = xr.Dataset(data, coords, attrs)
+    sizes = ds[json.loads(attrs["varied"])].sizes
+    number = np.full(tuple(sizes.values()), _scene_number(ds))
+    return ds.assign_coords({SCENE_NUMBER: column(tuple(sizes), number, "", "checksum of the scene")})
+
+
+def has_one_scene(ds: "xr.Dataset") -> bool:
+    """Tell whether the attributes of a result are those of all its cases, which none joined from others is."""
+    if SCENE_NUMBER not in ds.coords:
+        return True
+    numbers = ds[SCENE_NUMBER].values
+    # cases that a join or a store has left empty have none
+    return bool(np.isin(numbers[~np.isnan(numbers)], _scene_number(ds)).all())
+
+
+def _scene_number(ds: "xr.Dataset") -> float:
+    """Return a number of the scene in a result's attributes; as a float, which may be missing."""
+    return float(zlib.crc32(str(ds.attrs.get("scene")).encode()))
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, object]:
@@ -122,8 +153,6 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     - Variables of the whole run, at each end and point: peak_force, peak_period, impulse, contact_fraction and
         penetration.
     """
-    import xarray as xr  # here, because importing it takes longer than a small simulation
-
     known("trajectory", trajectory)
     # as the record of a sweep's history, which has the same variables
     now = trajectory.reactions
@@ -149,7 +178,7 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     if trajectory.probe is not None:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
         attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))
-    return xr.Dataset(data, coords, attrs)
+    return result_dataset(data, coords, attrs)
 
 
 def load_scene(source: object, **chosen: object) -> Scene:
@@ -242,6 +271,8 @@ def load_base(source: object) -> tuple[Scene, Motion | State]:
     ds = _labels_of(source)
     # a clear error where the attribute is missing or no JSON
     _described(ds, "scene")
+    need = "be of one scene: these are joined from several, and only the first's is known"
+    require(has_one_scene(ds), "source", need, shown="of several")
     scene = scene_from_json(ds.attrs["scene"])
     description = _described(ds, "start")
     # the description of a motion, or of a state with its memory
@@ -346,8 +377,10 @@ def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
 
 
 def varied_names(ds: "xr.Dataset") -> list[str]:
-    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them."""
+    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them, or has
+    it in another unit."""
     names = _described(ds, "varied", list)
+    check_units(ds, "source")
     for name in names:
         need = f"have the coordinate `{name}`, which was varied"
         # in a list, because names from other files may be of a kind that no mapping can look up

@@ -34,6 +34,12 @@ def _coordinate(name: str, unit: str) -> Any:
     return eqx.field(default=0.0, converter=converted(name, unit))
 
 
+def _modal(name: str, unit: str) -> Any:
+    """Make a field of one number for each mode, which converts quantities of pint."""
+    convert = converted(name, unit)
+    return eqx.field(converter=lambda values: jnp.asarray(convert(values)))
+
+
 class SledMotion(eqx.Module):
     """Motion of a mass on the slipper, see `slipperjax.SledMass`."""
 
@@ -50,9 +56,9 @@ class SledMotion(eqx.Module):
 class ModalMotion(eqx.Module):
     """Motion of a sled's elastic modes, see `slipperjax.Modes`."""
 
-    coordinate: Float[Array, " modes"] = eqx.field(converter=jnp.asarray)
+    coordinate: Float[Array, " modes"] = _modal("coordinate", "m kg^0.5")
     """Coordinate of each mode [m kg^0.5]."""
-    rate: Float[Array, " modes"] = eqx.field(converter=jnp.asarray)
+    rate: Float[Array, " modes"] = _modal("rate", "m kg^0.5/s")
     """Its rate [m kg^0.5/s]."""
 
 

@@ -3,17 +3,23 @@
 import io
 from collections.abc import Sequence, Set
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, not_negative, number, positive, require, whole
+from ..tools.checks import finite, not_negative, number, positive, require, warn, whole
 from ..tools.fields import ShapeChecked, field
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.tables import Table, TableError
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
+
+MASS = "modal_mass"
+"""Name of modal masses in files."""
+LARGEST = 30.0
+"""Square of a shape of unit modal mass, times the mass of the body, from which it is implausible [1]."""
 
 
 class Modes(ShapeChecked):
@@ -78,7 +84,7 @@ class Modes(ShapeChecked):
         shapes = np.stack([shape for _, shape in found])
         return cls(
             frequency=np.array([frequency for frequency, _ in found]),
-            damping=np.broadcast_to(np.asarray(damping, float), (count,)),
+            damping=np.broadcast_to(np.asarray(not_negative("damping")(damping)), (count,)),
             shapes=shapes[:, : len(along), 1:],
             places=None if places is None else others,
             place_shapes=None if places is None else shapes[:, len(along) :],
@@ -88,6 +94,19 @@ class Modes(ShapeChecked):
     def count(self) -> int:
         """Number of modes."""
         return self.frequency.shape[-1]
+
+    def warn_of_scale(self, mass: float) -> None:
+        """Warn of shapes that are too large for a unit modal mass of a body of a mass [kg]."""
+        if is_traced(self.shapes):
+            return
+        # of a uniform free beam 4, at its ends
+        ratio = float(np.max(np.asarray(self.shapes) ** 2, initial=0.0)) * mass
+        if ratio > LARGEST:
+            warn(
+                f"Argument `modes` has shapes whose square times the sled's mass is {ratio:.3g}; plausible is up to "
+                f"{LARGEST:g}. Are they of unit modal mass, and not of largest value 1? Divide them by the root of "
+                "the modal mass, or give load_modes a column `modal mass [kg]`."
+            )
 
     def check_place(self, place: AnyArray) -> None:
         """Raise `ValueError` unless a place is one of the modes' `places` [m]."""
@@ -127,7 +146,9 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     A CSV file has a line of names, `frequency [Hz], damping, left1 x, left1 y, left1 z, right1 x, ...`, with the
     names of the mounts, and a line for each mode. An npz file of NumPy has arrays `frequency` [Hz], `damping` and
     `shapes` (modes, mounts, 3), and may have `mounts`, their names, and `places` [m] with `place_shapes`, as `Modes`.
-    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`. Those
+    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`, or of
+    the modal masses in a column `modal mass [kg]`, an array `modal_mass`, such as shapes of largest value 1. A
+    universal file, .unv, has normal modes in datasets 55 with masses in kg, and mounts are numbers of nodes. Shapes
     along x may be left out everywhere, which takes less time where modes hardly move the slippers along the rail.
 
     **Arguments:** `file`: its path; `mounts`: names of the sled's mounts in their order, as `sled.names`; None for
@@ -142,8 +163,10 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     named = not isinstance(names, str) and all(isinstance(name, str) for name in names)
     require(named, "mounts", "be a list of names", mounts)
     read = _of_arrays if content.startswith(b"PK\x03\x04") else _of_table
+    if path.suffix.lower() in (".unv", ".uff"):
+        read = _of_universal
     try:
-        return Modes(**read(path, content, mounts))
+        return Modes(**_of_unit_mass(read(path, content, mounts)))
     except TableError:
         raise
     except ValueError as error:
@@ -152,13 +175,37 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
         raise TableError(f"{where}{error}") from None
 
 
-def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, np.ndarray]:
+def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
     """Return the arrays of an npz file that modes have, with the shapes at `mounts` in their order."""
     with readable(path, "npz file"), np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        names = ("frequency", "damping", "shapes", "mounts", "places", "place_shapes")
+        names = ("frequency", "damping", MASS, "shapes", "mounts", "places", "place_shapes")
         found = {name: arrays[name] for name in names if name in arrays}
     absent = [name for name in ("frequency", "damping", "shapes") if name not in found]
     require(not absent, "file", "have arrays frequency, damping and shapes", shown=f"no {listed(absent)}")
+    return _in_order(found, mounts)
+
+
+def _of_universal(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
+    """Return the normal modes of a universal file, its datasets 55, at nodes that `mounts` has the numbers of."""
+    try:
+        import pyuff  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise TableError(f"{path}: universal files need pyuff: pip install slipperjax[modes].") from None
+    with readable(path, "universal file"):
+        sets = pyuff.UFF(str(path)).read_sets()
+        sets = [sets] if isinstance(sets, dict) else sets
+        # of six numbers a node the first three are its displacement
+        modes = [one for one in sets if one["type"] == 55 and one["analysis_type"] == 2]
+        nodes = {tuple(map(int, one["node_nums"])) for one in modes}
+        numbers = {"frequency": "freq", "damping": "modal_damp_vis", MASS: "modal_m"}
+        found = {name: np.array([one[key] for one in modes]) for name, key in numbers.items()}
+        shapes = [np.stack([one[f"r{axis}"] for axis in (1, 2, 3)], axis=-1).real for one in modes]
+    require(len(nodes) == 1, "file", "have normal modes at the same nodes, datasets 55", shown=f"{len(nodes)} kinds")
+    return _in_order(found | {"shapes": np.stack(shapes), "mounts": np.array(nodes.pop())}, mounts)
+
+
+def _in_order(found: dict[str, Any], mounts: Sequence[str] | None) -> dict[str, Any]:
+    """Return the arrays of modes with their shapes at `mounts`, in their order."""
     of_file = found.pop("mounts", None)
     if mounts is None:
         return found
@@ -173,7 +220,7 @@ def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict
 
 def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, np.ndarray]:
     """Return the columns of a table of modes as the fields of `Modes`."""
-    own = {"frequency": "Hz", "damping": ""}
+    own = {"frequency": "Hz", "damping": "", MASS: "kg"}
 
     def wanted(names: Set[str]) -> dict[str, str]:
         found = [name[:-2] for name in names if name[-2:] in ("_x", "_y", "_z")]
@@ -188,7 +235,7 @@ def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[
     # without any x, shapes are along y and z
     axes = "xyz" if any(name.endswith("_x") for name in table.columns) else "yz"
     columns = {name: [f"{name}_{axis}".lower() for axis in axes] for name in mounts}
-    for name in own:
+    for name in ("frequency", "damping"):
         if name not in table.columns:
             table.fault(f"must have a column {name}")
     absent = [name for name, of_mount in columns.items() if not table.columns.keys() >= set(of_mount)]
@@ -200,7 +247,19 @@ def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[
             table.fault(f"frequency {values[k + 1]:g} is below that of the mode before", table.numbers[k + 1])
     found = table.si()
     of_mounts = [np.stack([found[column] for column in of_mount], axis=-1) for of_mount in columns.values()]
-    return {"frequency": found["frequency"], "damping": found["damping"], "shapes": np.stack(of_mounts, axis=1)}
+    return {"shapes": np.stack(of_mounts, axis=1)} | {name: found[name] for name in own if name in found}
+
+
+def _of_unit_mass(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the arrays of modes with shapes of a modal mass of one."""
+    mass = found.pop(MASS, None)
+    if mass is None:
+        return found
+    root = np.sqrt(np.asarray(positive(MASS, "kg")(mass)))
+    need = f"have one value per mode, {len(found['frequency'])}"
+    require(root.shape == np.shape(found["frequency"]), MASS, need, shown=f"shape {root.shape}")
+    shapes = {name: found[name] / root[:, None, None] for name in ("shapes", "place_shapes") if name in found}
+    return found | shapes
 
 
 def _free_root(k: int) -> float:

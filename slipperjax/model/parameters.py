@@ -209,13 +209,35 @@ def of_motion(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name.removeprefix(START): value for name, value in values.items() if name in STARTS}
 
 
+QUANTITIES: dict[str, Quantity] = {
+    **PARAMETERS,
+    **STARTS,
+    **COORDINATES,
+    **ACCELERATIONS,
+    **REACTIONS,
+    **LOADS,
+    **SLIPPER_LOADS,
+}
+"""Quantities by their names in datasets."""
+
+
 def quantity(name: str) -> Quantity:
     """Return a quantity by its name in datasets.
 
     **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
     """
     instance("name", name, str, "the name of a quantity")
-    return (PARAMETERS | STARTS | COORDINATES | ACCELERATIONS | REACTIONS | LOADS | SLIPPER_LOADS)[name]
+    return QUANTITIES[name]
+
+
+def check_units(ds: Any, argument: str) -> None:
+    """Raise `ValueError` where variables of a result, an `xarray.Dataset`, have been given other units than SI's."""
+    for name, variable in ds.variables.items():
+        known = QUANTITIES.get(str(name))
+        if known is not None:
+            given = variable.attrs.get("units", known.unit)
+            need = f"have {name} in {known.unit}, as slipperjax makes it"
+            require(given == known.unit, argument, need, shown=f"it in {given}")
 
 
 def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:

@@ -14,7 +14,6 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     finite,
-    in_unit,
     instance,
     known,
     not_negative,
@@ -29,6 +28,7 @@ from ..tools.fields import field
 from ..tools.files import listed
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
+from ..tools.units import in_unit
 from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")

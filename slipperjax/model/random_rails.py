@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     converted,
-    in_unit,
     instance,
     known,
     not_negative,
@@ -32,6 +31,7 @@ from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
+from ..tools.units import in_unit
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SampledTrack, SplineTrack, mean_wave, ramps
 from .survey_spectra import RailStatistics, statistics_of
 from .tracks import PLAUSIBLE_GAUGES, AbstractTwoRails, FourierTrack, Irregularity, chosen

@@ -144,7 +144,8 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
             # some editors begin a file with a byte order mark
             tables = tomllib.loads(text.removeprefix("\ufeff"))
         except ValueError as error:  # also of whole numbers with thousands of digits
-            raise ValueError(f"{file}: {error}.") from None
+            hint = " Paths on Windows go with / or between single quotes." if "\\" in str(error) else ""
+            raise ValueError(f"{file}: {error}.{hint}") from None
         return _Reader(text, file, tables).read()
     except RecursionError:
         raise ValueError(f"{file}: has tables in tables too deeply.") from None

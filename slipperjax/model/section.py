@@ -80,6 +80,13 @@ class Section(ShapeChecked):
         along = end - start
         if np.any(np.all(along == 0, axis=1)):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
+        # between faces in order lie gaps, which are the faces of a list that begins late
+        gaps = points[np.roll(self._corners.T.ravel(), -1).reshape(-1, 2).T]
+        if not _carries(points, start, end) and _carries(points, *gaps):
+            warn(
+                "Argument `points` has no face over its middle that can carry the weight, but a gap between faces "
+                "could. Does the list of corners begin one corner late?"
+            )
         # the area around the centre that the faces span, positive where their normals point away from it
         out = (start + end) / 2 - points.mean(axis=0)
         area = float(np.sum(along[:, 0] * out[:, 1] - along[:, 1] * out[:, 0]))
@@ -120,3 +127,12 @@ class Section(ShapeChecked):
         """The matching points on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
         # centred, slipper and rail are the play apart along the normal
         return self.points - self.play[self.face_of_point][:, None] * self.normals
+
+
+def _carries(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Tell whether one of some faces, given by their corners, faces up over the middle of the section."""
+    middle = (points[:, 0].min() + points[:, 0].max()) / 2
+    along = end - start
+    over = (np.minimum(start, end)[:, 0] <= middle) & (middle <= np.maximum(start, end)[:, 0])
+    # clockwise, a face that faces up leads to the right: within 60 degrees
+    return bool(np.any(over & (along[:, 0] > 0.5 * np.hypot(*along.T))))

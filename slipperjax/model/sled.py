@@ -92,6 +92,8 @@ class Sled(AbstractBody):
             require(count == len(names), "modes", need, shown=f"shapes at {count}")
         if is_traced(self):
             return
+        if self.modes is not None:
+            self.modes.warn_of_scale(float(self.mass))
         # the distance between the outermost ends of its slippers
         ends = np.array([(x - length / 2, x + length / 2) for x, length in map(self._along, self.mounts)])
         check_inertia(self, max(float(np.ptp(ends)), self._width()), "sled lengths")

@@ -3,15 +3,17 @@
 import contextlib
 import functools
 import hashlib
+import math
 from collections.abc import Mapping, Set
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
 from ..tools.checks import finite, number, positive, require, shown_number, warn
 from ..tools.fields import unit_of
-from ..tools.files import content_of, user_path
+from ..tools.files import content_of, listed, user_path
 from ..tools.tables import Table, TableError, read_rows
 from ..tools.types import Real
 from .rails import EQUAL_SPACING, SampledTrack
@@ -20,7 +22,11 @@ from .travel import SpeedProgramme
 
 COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
 """Columns of a survey, and their SI units."""
-ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
+ALIASES = {
+    **dict.fromkeys(("chainage", "station", "sta", "x"), "distance"),
+    **dict.fromkeys(("offset", "lat", "y"), "lateral"),
+    **dict.fromkeys(("elevation", "elev", "vert", "z"), "vertical"),
+}
 """Other names of columns."""
 SIDES = ("left", "right")
 """First words of the columns of two rails."""
@@ -28,8 +34,13 @@ OF_SIDES = {f"{side}_{name}": unit for side in SIDES for name, unit in COLUMNS.i
 """Columns of two rails, and their SI units."""
 COLUMNS_OF_TWO = {"distance": "m", **OF_SIDES, "gauge": "m"}
 """Columns of a survey of two rails, and their SI units."""
-ALIASES_OF_TWO = ALIASES | {f"{side}_{y}": f"{side}_{ALIASES[y]}" for side in SIDES for y in ("y", "z")}
+ALIASES_OF_TWO = ALIASES | {
+    f"{side}_{other}": f"{side}_{name}" for side in SIDES for other, name in ALIASES.items() if name != "distance"
+}
 """Other names of columns of two rails."""
+
+DAMPING = 0.03
+"""Of waves that follow from versines, over what a chord shows of them, at most 2 [1]."""
 
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
 
@@ -162,7 +173,7 @@ def load_rail(
     - `file`: its path. Scenes and results hold the path and a digest, by which they find the samples again.
     - `chord`: length of a chord [m] where lateral and vertical are the distances of the rail from the middle of that
         chord (versines), and not displacements from a line. Waves that the chord shows by less than a tenth, such as
-        those of half its length, are left out. A column of the gauge is none of them.
+        those of half its length, are left out, and so is a line of the versines. A column of the gauge is none.
     - `gauge`: nominal distance between the axes of two rails [m], which a column of the gauge needs; None: each rail
         is where its mounts are.
     - `options`: `ends` and `ramp` of `SampledTrack`, of both rails.
@@ -221,6 +232,7 @@ def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
         signs = ", and change the signs of lateral and roll if left was left along the falling distance"
         table.check_rising("distance", gaps=True, also=signs)
     columns = table.si()
+    _warn_of_offsets(table)
     zero = np.zeros_like(columns["distance"])
     return {"lateral": zero, "vertical": zero} | columns, found["distance"].unit or "m"
 
@@ -249,6 +261,7 @@ def _read_two(
     if "gauge" in found and gauge is None:
         table.fault(f'`{found["gauge"].name}` needs the nominal gauge, such as gauge=1.435, or gauge = "1.435 m"')
     columns = table.si()
+    _warn_of_offsets(table)
     of_gauge = columns.pop("gauge", None)
     if of_gauge is not None and gauge is not None and abs(np.mean(of_gauge) / gauge - 1) > 0.1:
         shown = f"{np.mean(of_gauge):g} m on average, far from the nominal {gauge:g} m"
@@ -259,6 +272,13 @@ def _read_two(
         for side in SIDES
     }
     return rails, of_gauge, found["distance"].unit or "m"
+
+
+def _warn_of_offsets(table: Table) -> None:
+    """Warn of columns that are called offsets, which road surveys count positive to the right."""
+    offsets = [column.name for column in table.columns.values() if "offset" in column.name.lower()]
+    if offsets:
+        warn(f"File {table.path}: {listed(offsets)} counts as lateral, positive to the left along the distance.")
 
 
 def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.ndarray]:
@@ -281,13 +301,19 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
     aliases = ALIASES | {"velocity": "speed", "v": "speed", "t": "time"}
     along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases)
     begin = number(finite, "begin", begin, "m")
-    if along == "time":
-        return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)
-    return SpeedProgramme.over_distance(begin + columns["distance"], columns["speed"])
+    try:
+        if along == "time":
+            return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)
+        return SpeedProgramme.over_distance(begin + columns["distance"], columns["speed"])
+    except ValueError as error:
+        raise TableError(f"{file}: {error}") from None
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
-    """Return displacements from distances to the middle of a chord, see `load_rail`."""
+    """Return displacements from distances to the middle of a chord, see `load_rail`: the least waves that have these,
+    by least squares, and none that the chord hardly shows."""
+    from scipy.sparse.linalg import LinearOperator, lsqr  # here, because importing it takes time
+
     distance = columns["distance"]
     steps = np.diff(distance)
     require(
@@ -296,17 +322,26 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
         "be None where samples are not equally spaced",
         chord,
     )
-    count = 2 * len(steps)
-    k = np.fft.rfftfreq(count, steps.mean())
+    # beyond both ends, where the outer chords end, waves are free
+    samples = len(distance)
+    room = math.ceil(2 * chord / steps.mean())
+    size = 1 << (samples + 2 * room).bit_length()
     # a sine of amplitude one has middles of chords as high as this
-    gain = 1 - np.cos(np.pi * k * chord)
-    seen = gain > 0.1  # waves that the chord hardly shows would be noise
-    inverse = np.where(seen, 1 / np.where(seen, gain, 1.0), 0.0)
+    gain = 1 - np.cos(np.pi * np.fft.rfftfreq(size, steps.mean()) * chord)
+    gain[gain < 0.1] = 0.0  # waves that the chord hardly shows would be noise
+    middles = lambda waves: np.fft.irfft(np.fft.rfft(waves) * gain, size)
+    # a line of the versines is a curve that no such wave makes
+    lines, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, samples), 2))
+    about_line = lambda versines: versines - lines @ (lines.T @ versines)
+    within = slice(room, room + samples)
+    outside = (room, size - samples - room)
+    both: Any = {
+        "matvec": lambda waves: about_line(middles(waves.ravel())[within]),
+        "rmatvec": lambda versines: middles(np.pad(about_line(versines.ravel()), outside)),
+    }
+    seen = LinearOperator((samples, size), **both)
     out = dict(columns)
     for name in {"lateral", "vertical"} & set(columns):
-        # less the line through both ends, which no chord shows, and continued oddly, so that both ends meet
-        odd = columns[name] - np.linspace(columns[name][0], columns[name][-1], len(distance))
-        waves = np.fft.rfft(np.append(odd[:-1], -odd[:0:-1]))
-        found = np.fft.irfft(waves * inverse, n=count)
-        out[name] = np.append(found, found[:1])[: len(distance)]
+        waves, *_ = lsqr(seen, about_line(columns[name]), damp=DAMPING, atol=1e-9, btol=1e-9)
+        out[name] = waves[within]
     return out

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, not_negative, positive, require
 from ..tools.fields import ShapeChecked, check_table, field
+from ..tools.files import content_of, readable, user_path
 from ..tools.tables import read_rows
 from ..tools.units import STANDARD_GRAVITY
 from .travel import LEAST_SPEED, SpeedProgramme
@@ -18,6 +19,8 @@ from .travel import LEAST_SPEED, SpeedProgramme
 PLACES = 500
 """Number of places of a programme at equal times, and at equal distances, in each of its phases: thrust, coasting,
 and every brake."""
+NOISE = 0.02
+"""Share of the greatest thrust by which a measured one may be below zero [1]."""
 ACCURACY = 1e-9
 """Relative tolerance of the integration, and absolute one [m], [m/s]."""
 
@@ -81,8 +84,8 @@ class RocketSled(ShapeChecked):
 
     @classmethod
     def from_file(cls, file: str | Path, **more: object) -> "RocketSled":
-        """Read the thrust from a file, a table as for `load_rail` with columns `time` and `thrust`; see `RocketSled`
-        for the other arguments.
+        """Read the thrust from a file, a table as for `load_rail` with columns `time` and `thrust`, or a motor in
+        RASP's format, .eng; see `RocketSled` for the other arguments.
 
         **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
         """
@@ -95,7 +98,8 @@ class RocketSled(ShapeChecked):
             instance("brakes", brake, WaterBrake, "slipperjax.WaterBrake(...)")
 
     def programme(self) -> SpeedProgramme:
-        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` or has travelled `length`.
+        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` and no thrust is left, or
+        has travelled `length`.
 
         **Raises:** `ValueError` where the thrust does not move the sled.
         """
@@ -105,6 +109,9 @@ class RocketSled(ShapeChecked):
         far = begin + float(self.length)
         start = float(self.time[0])
         burnout = float(self.time[-1])
+        # behind the last time with thrust, also after a pause, a sled that is slow stays so
+        pushed = np.asarray(self.time)[1:][np.asarray(self.thrust[1:] + self.thrust[:-1]) > 0]
+        last_push = float(pushed[-1]) if len(pushed) else start
         # between these the forces have no jumps
         edges = sorted(x for b in self.brakes for x in (float(b.begin), float(b.end)) if begin < x < far)
         edges.append(far)
@@ -121,7 +128,10 @@ class RocketSled(ShapeChecked):
                 (t, burnout if burns else t + (edge - x) / LEAST_SPEED),
                 (x, v),
                 method="DOP853",
-                events=(_falls(lambda _, y: y[1] - LEAST_SPEED), _falls(lambda _, y, edge=edge: edge - y[0])),
+                events=(
+                    _falls(lambda t, y: y[1] - LEAST_SPEED if t >= last_push else 1.0),
+                    _falls(lambda _, y, edge=edge: edge - y[0]),
+                ),
                 dense_output=True,
                 rtol=ACCURACY,
                 atol=ACCURACY,
@@ -192,7 +202,28 @@ def _falls(value: Any) -> Any:
     return value
 
 
+def _of_motor(path: Path) -> dict[str, np.ndarray]:
+    """Return the thrust of a motor in RASP's format: remarks behind ;, a line of seven words, and rows of time [s]
+    and thrust [N] up to one of zero, without that at the beginning."""
+    with readable(path, "RASP file"):
+        lines = [line.split(";")[0].split() for line in content_of(path).decode("cp1252").splitlines()]
+        head, *rows = [words for words in lines if words]
+        ends = [k for k, row in enumerate(rows) if float(row[1]) == 0]
+        require(len(head) >= 7 and ends, "file", "have a line of seven words, and a thrust that ends with zero", path)
+        require(ends[0] == len(rows) - 1, "file", "have one motor", shown="several")
+        time, thrust = np.array(rows, float).T
+    if time[0] > 0:
+        time, thrust = np.append(0.0, time), np.append(0.0, thrust)
+    return {"time": time, "thrust": thrust}
+
+
 def read_thrust(file: str | Path) -> dict[str, np.ndarray]:
     """Return the time [s] and the thrust [N] of a file, see `RocketSled.from_file`."""
+    path = user_path(file, "file")
+    if path.suffix.lower() == ".eng":
+        return _of_motor(path)
     _, columns = read_rows(file, {"time": "s"}, {"thrust": "N"}, {"t": "time"})
-    return columns
+    thrust = columns["thrust"]
+    # what a load cell shows below zero is noise
+    noise = (thrust < 0) & (thrust > -NOISE * thrust.max())
+    return columns | {"thrust": np.where(noise, 0.0, thrust)}

@@ -8,11 +8,12 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import finite, in_unit, instance, not_negative, number, positive, require
+from ..tools.checks import check_no_clock, finite, instance, not_negative, number, positive, require
 from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
+from ..tools.units import in_unit
 
 LEAST_SPEED = 1.0
 """Least speed of histories and stages [m/s], at which runs pass where the sled is slower or stands: over a distance
@@ -284,5 +285,9 @@ def _history(name: str, unit: str, values: Numbers, speed: Numbers) -> tuple[np.
     need = f"have one value for each of two or more {name}s"
     require(alike, "speed", need, shown=f"shape {speed.shape} for {values.shape}")
     require(np.all(np.diff(values) > 0), name, "increase", values)
-    require(np.all(speed > -LEAST_SPEED), "speed", "not be negative", speed)
+    if name == "time":
+        check_no_clock(name, values)
+    least = int(np.argmin(speed))
+    shown = f"{speed[least]:g} m/s at {name} {values[least]:.10g} {unit}"
+    require(speed[least] > -LEAST_SPEED, "speed", f"not be below -{LEAST_SPEED:g} m/s, which is noise", shown=shown)
     return values, np.maximum(speed, 0.0)

@@ -16,7 +16,15 @@ from ..analysis.arclength import Node, Observation, Pace, check_within, checked_
 from ..analysis.continuation import Branch, End, continue_motion, extend, switch
 from ..analysis.events import MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
-from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
+from ..flow.datasets import (
+    dataset_of,
+    load_base,
+    load_call,
+    result_dataset,
+    run_attributes,
+    scene_attributes,
+    varied_names,
+)
 from ..flow.period_map import PeriodMap
 from ..flow.record import PoincareSections, RecordedSpan, RecordSet, SectionPoints, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
@@ -438,8 +446,6 @@ def orbits_dataset(
 
     `load_base` and `load_call` read scene and call from the dataset.
     """
-    import xarray as xr
-
     z = np.array([node.z for node in nodes])
     multipliers = np.array([node.multipliers for node in nodes])
     size = motions.size
@@ -463,7 +469,7 @@ def orbits_dataset(
     # the first orbit stands for the start of a run
     start = jax.tree.map(lambda a: np.asarray(a)[0], states)
     attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
-    return xr.Dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
+    return result_dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
 
 
 def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple]:

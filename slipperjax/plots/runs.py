@@ -334,7 +334,7 @@ def highest_forces(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
 
 def _at_highest(ds: xr.Dataset, name: str, dim: str) -> xr.Dataset:
     # NaN is lower than any force
-    return ds.isel({dim: abs(ds[name]).fillna(-np.inf).argmax(dim)})
+    return ds.isel({dim: abs(ds[name]).fillna(-np.inf).argmax(dim).compute()})
 
 
 def _draw_impacts(ax: Axes, view: RunView) -> None:

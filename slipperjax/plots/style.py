@@ -21,8 +21,9 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from ..flow.datasets import has_one_scene
 from ..flow.status import Status, is_lost
-from ..model.parameters import PARAMETERS, quantity
+from ..model.parameters import PARAMETERS, check_units, quantity
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
@@ -270,11 +271,12 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
 
     **Arguments:** `source`: what makes such datasets, for the error; `names`: variables that it must have.
 
-    **Raises:** `ValueError` for anything else.
+    **Raises:** `ValueError` for anything else, and for variables that are not in SI units.
     """
     ds = as_dataset(ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
+    check_units(ds, argument)
     # each variable that the picture needs
     for name in names:
         instance("name", name, str, "the name of a variable")
@@ -513,6 +515,8 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
         rows[0] += ["mass", "gravity"]
         rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
     lines = []
+    if not has_one_scene(ds):
+        ds = ds.drop_attrs(deep=False)
     # lines of the title, without what varies
     for row in rows:
         lines.append([])

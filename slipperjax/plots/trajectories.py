@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ..flow.simulate import Trajectory
 from ..flow.status import Status
-from ..tools.checks import number, positive, real, require, whole
+from ..tools.checks import number, numbers, positive, require, whole
 from ..tools.types import Numbers
 from .style import (
     axis_label,
@@ -138,7 +138,7 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
     """
     most = whole("most", most, 1)
     period = ds["period"].values
-    force = ds["contact_force"].fillna(-np.inf)
+    force = ds["contact_force"].fillna(-np.inf).compute()
     # of the saved states
     peaks = force.max("time")
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
@@ -234,8 +234,8 @@ def spectrum(
 
     **Returns:** the Axes.
     """
-    frequency = np.asarray(real("frequency", frequency), float)
-    density = np.asarray(real("density", density), float)
+    frequency = numbers("frequency", frequency, unit="Hz").astype(float)
+    density = numbers("density", density).astype(float)
     good = frequency.ndim == 1 and frequency.shape == density.shape
     require(
         good,
@@ -243,7 +243,7 @@ def spectrum(
         "be of the shape of `frequency`, along one axis",
         shown=f"of shape {density.shape}",
     )
-    end = np.inf if highest is None else number(positive, "highest", highest)
+    end = np.inf if highest is None else number(positive, "highest", highest, "Hz")
     drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:
         ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=line_color(0))

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Int, PyTree
 
-from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
@@ -510,7 +510,7 @@ def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.nda
     asked = vars(replace(call, solver=plan.solver))
     attrs |= run_attributes(cases.scene, cases.start, asked, varied)
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
-    ds = _with_rates(xr.Dataset(data, {**coords, **cases.coordinates()}, attrs))
+    ds = _with_rates(result_dataset(data, {**coords, **cases.coordinates()}, attrs))
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 

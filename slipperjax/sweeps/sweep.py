@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
@@ -327,4 +327,4 @@ def sweep_dataset(
         measured = max(one.measured for one in plan.stages)
         attrs |= {"settled": plan.recorded.periods, "measured": measured}
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
-    return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
+    return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)

@@ -17,18 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .texts import brief
 from .tracing import is_traced
+from .units import in_unit, unmasked
 
 Value = TypeVar("Value")
-
-
-def brief(value: object) -> str:
-    """Return `repr` of a value on one line, cut where it is long; its class where `repr` fails."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:  # of any class: lists in too many lists, numbers of too many digits, a user's own `repr`
-        text = f"<{type(value).__name__}>"
-    return text if len(text) <= 80 else f"{text[:77]}..."
+LATEST = 1e6
+"""Time from which one is that of a clock, and none since a run began [s]."""
 
 
 def hint(wrong: object, names: Iterable[str]) -> str:
@@ -61,28 +56,8 @@ def require(
     raise ValueError(f"{of} must {need}, but {verb} {shown}.{hint(value, names)}")
 
 
-def pint_unit(unit: str) -> str:
-    """Return a unit as pint reads it: "m^2 per cycle/m" is "(m^2)/(cycle/m)", and "1" is empty."""
-    whole, per, part = unit.partition(" per ")
-    if per:
-        return f"({whole})/({part})"
-    return "" if whole == "1" else whole
-
-
-def in_unit(value: Any, unit: str) -> Any:
-    """Return a quantity of pint, or lists of such, as numbers in a unit, and other values as they are.
-
-    **Raises:** `TypeError` for a quantity of another dimension.
-    """
-    if type(value) in (list, tuple):
-        return type(value)(in_unit(part, unit) for part in value)
-    # told by what it can do, because pint takes long to import
-    is_quantity = hasattr(value, "magnitude") and hasattr(value, "to")
-    return value.to(pint_unit(unit)).magnitude if is_quantity else value
-
-
 def converted(name: str, unit: str) -> Callable[[object], Any]:
-    """Return a field converter of quantities of pint to numbers in a unit, which checks nothing else."""
+    """Return a field converter of what `in_unit` takes to numbers in a unit, which checks nothing else."""
 
     def convert(value: object):
         try:
@@ -97,7 +72,7 @@ def converted(name: str, unit: str) -> Callable[[object], Any]:
 class Check:
     """Field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass.
 
-    Quantities of pint are converted to `unit`.
+    What has a unit of its own is converted to `unit`, see `in_unit`; masked numbers are missing.
     """
 
     name: str
@@ -119,14 +94,18 @@ class Check:
             value = jnp.asarray(value, float)
             return jnp.where(self.is_good(value), value, jnp.nan)
         unit = "" if self.unit == "1" else self.unit
+        kind = f"a number in {unit}" if unit else "a number"
         try:
-            array = np.asarray(in_unit(value, self.unit))
+            value = in_unit(value, self.unit)
+        except (TypeError, RecursionError) as error:
+            raise self._error(f"{brief(value)}, not {kind}: {error}") from None
+        try:
+            array = np.asarray(value)
             # only integers and floats: NumPy would also make numbers of bools and of texts such as "1.5"
             if array.size and array.dtype.kind not in "fiu":
                 raise TypeError
             array = array.astype(float)
         except (TypeError, ValueError, RecursionError):
-            kind = f"a number in {unit}" if unit else "a number"
             raise self._error(f"{brief(value)}, not {kind}") from None
         bad = array[~self.is_good(array)]
         if bad.size:
@@ -174,21 +153,33 @@ def instance(name: str, value: Any, kind: type[Value], text: str) -> Value:
 
 def _kind(value: object) -> str:
     """Return NumPy's letter for the type of numbers, such as "f", and "O" for what makes no array of numbers."""
+    if hasattr(value, "magnitude"):  # a quantity, which NumPy would strip of its unit
+        return "O"
     try:
         return np.asarray(value).dtype.kind
     except (TypeError, ValueError):  # such as datasets, and rows of different lengths
         return "O"
 
 
-def numbers(name: str, value: object, axes: int = 0) -> np.ndarray:
-    """Return an array of numbers with at least so many axes; raises `ValueError` otherwise."""
+def numbers(name: str, value: object, axes: int = 0, unit: str | None = None) -> np.ndarray:
+    """Return an array of numbers with at least so many axes, NaN for masked ones; raises `ValueError` otherwise.
+
+    **Arguments:** `unit`: to which what has a unit of its own is converted; None for numbers of any unit.
+    """
     need = "be numbers"
     if axes:
         need += " along one axis or more" if axes == 1 else f" with {axes} axes or more"
-    require(_kind(value) in "biufc", name, need, value)
-    array = np.asarray(value)
+    plain = unmasked(value) if unit is None else converted(name, unit)(value)
+    require(_kind(plain) in "biufc", name, need, value)
+    array = np.asarray(plain)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
     return array
+
+
+def check_no_clock(name: str, time: np.ndarray) -> None:
+    """Raise `ValueError` for times of a clock [s], in place of those since a run began."""
+    need = "count from the beginning of the run, and not be times of a clock: subtract the first one"
+    require(np.all(np.abs(time) < LATEST), name, need, shown=f"{np.max(np.abs(time)):.10g} s")
 
 
 def is_real(value: object) -> bool:
@@ -226,8 +217,8 @@ def warn_unless_within(name: str, value: object, low: float, high: float, unit: 
 def warn(text: str) -> None:
     """Give an `ImplausibleWarning` that points at the caller's line outside the package, once in a run (`TOLD`)."""
     told = TOLD.get()
-    # texts that differ in their numbers count as one
-    kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
+    # texts that differ in their numbers count as one, but not those of files whose names have numbers
+    kind = re.sub(r"(?<![\w./])-?\d[\d.]*(e[-+]?\d+)?(?![\w/])", "", text)
     if told is not None:
         if kind in told:
             return

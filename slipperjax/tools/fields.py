@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import AbstractArray, PyTree
 
-from .checks import Check, require, shown_number
+from .checks import Check, check_no_clock, require, shown_number
 from .tracing import is_traced
 
 
@@ -145,6 +145,8 @@ def check_table(table: ShapeChecked, rows: str, *columns: str, least: int = 1) -
     # the order of traced numbers is not known
     if not is_traced(places):
         require(np.all(np.diff(np.asarray(places, float)) > 0), rows, "increase", np.asarray(places))
+        if rows == "time":
+            check_no_clock(rows, np.asarray(places))
 
 
 def _metadata(kind: type, name: str) -> Mapping[str, Any]:

@@ -18,17 +18,41 @@ from .units import unit_factor
 if TYPE_CHECKING:
     import xarray as xr
 
-MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
-"""Cells that stand for no number."""
+MISSING = ("", "-", "nan", "na", "n/a", "#n/a", "null", "none", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind")
+"""Cells that stand for no number, in small letters."""
+MISSING_NUMBERS = (-9999.0, -99999.0)
+"""Numbers that stand for none."""
+OVERLOAD = ("ol", "ovl", "ovld", "over", "overload", "overrange", "inf", "+inf", "-inf", "1.#inf", "-1.#inf")
+"""Cells that stand for a number which the instrument could not measure, in small letters."""
+OVERLOADED = 1e30
+"""Magnitude from which numbers stand for one that could not be measured: instruments write 9.9E37, netCDF files
+9.97e36 for none."""
 STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
 """What one counts before the plus of a station such as 129+773, in its unit, by that unit [m] and the digits
 behind."""
 MOST_SHOWN = 10
-"""Faults that an error shows."""
+"""Faults, and other names of columns, that an error shows."""
+WAYS = {
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save its sheet as CSV"),
+    **dict.fromkeys((".gz", ".zip", ".xz", ".7z"), "unpack it first"),
+    **dict.fromkeys((".tdms", ".mf4", ".dat", ".rsp"), "export its channels as CSV, with units"),
+    **dict.fromkeys((".unv", ".uff"), "load_modes reads its modes"),
+    **dict.fromkeys((".f06", ".op2", ".rst", ".odb"), "export its modes as CSV, with the modal masses"),
+}
+"""What to do with files of other kinds, by their endings."""
 Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
 """SI units of columns by name, or a function that returns them for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
 _FILE = -1  # in place of a row: the file as a whole
+
+
+def without_marks(values: np.ndarray, name: str) -> np.ndarray:
+    """Return numbers with NaN in place of marks of overload, of which a warning tells; `name` is their name there."""
+    marks = np.abs(values) >= OVERLOADED
+    if not marks.any():
+        return values
+    warn(f"{name} has marks of overload, such as {values[marks][0]:g}: {marks.sum()} samples count as missing.")
+    return np.where(marks, np.nan, values)
 
 
 class TableError(ValueError):
@@ -51,9 +75,10 @@ class Table:
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm]`, or with units in
     the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
     between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
-    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. Capitals do not
-    count in names, nor whether words are joined by spaces or underscores. Columns that are not wanted are left out,
-    and a warning names them.
+    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not; a MAT file has
+    them with their units in a struct `units`, as in units.distance = 'ft'. Capitals do not count in names, nor
+    whether words are joined by spaces or underscores. Columns that are not wanted are left out, and a warning names
+    them.
     """
 
     def __init__(
@@ -88,8 +113,12 @@ class Table:
         self.numbers: list[int] = []
         # line of the units
         self.header = _FILE
-        is_netcdf = content.startswith((_HDF5, b"CDF"))
-        unread = self._read_netcdf(content) if is_netcdf else self._read_text(content)
+        read = self._read_text
+        if content.startswith((_HDF5, b"CDF")):
+            read = self._read_netcdf
+        elif content.startswith(b"MATLAB"):
+            read = self._read_mat
+        unread = read(content)
         if unread:
             warn(f"File {path} has columns that are not read: {listed(unread)}.")
 
@@ -134,7 +163,10 @@ class Table:
             # a column without a unit is a fault of its own, or a pure number
             try:
                 factor = 1.0 if column.unit is None else unit_factor(column.name, column.unit, self.wanted[name])
-                found[name] = column.values * factor
+                values = column.values
+                if self.holes:
+                    values = without_marks(values, f"File {self.path}: `{column.name}`")
+                found[name] = values * factor
             except ValueError as error:
                 self.fault(str(error), self.header)
         if self.faults:
@@ -150,6 +182,9 @@ class Table:
         lines = [f"{self.path} has {len(texts)} faults:", *(self.path.name + text for text in texts[:MOST_SHOWN])]
         if len(texts) > MOST_SHOWN:
             lines.append(f"and {len(texts) - MOST_SHOWN} more.")
+        if sum(text.endswith("has no number.") for text in texts) > MOST_SHOWN:
+            lines.append("Leave rows without a number out where the rail is smooth; a joint needs one, as a spline")
+            lines.append("would bridge it.")
         return TableError("\n  ".join(lines))
 
     def _plain(self, text: str) -> str:
@@ -177,7 +212,7 @@ class Table:
         at = {i: Column(head.written, head.unit, np.empty(0)) for i, head in enumerate(heads) if head.name}
         rows = []
         for k, line in enumerate(lines[above:], above + 1):
-            sample = line.partition("#")[0]
+            sample = _REMARK.split(line, maxsplit=1)[0]
             # spreadsheets end with rows of empty cells
             if not sample.strip(f"{delimiter} \t"):
                 continue
@@ -205,45 +240,62 @@ class Table:
         return self._of_labels != "" and self._plain(head.written) == self._of_labels
 
     def _decoded(self, content: bytes) -> str:
-        """Return a text in UTF-8 or Latin-1, or in UTF-16 that says so."""
+        """Return a text in UTF-8 or Windows-1252, or in UTF-16 that says so."""
         wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        # Latin-1 takes any bytes: control characters show what is no text
-        for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
+        # Windows-1252, with Latin-1 in it, takes nearly any bytes: control characters show what is no text
+        for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
             with contextlib.suppress(UnicodeDecodeError):
                 text = content.decode(encoding)
                 if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
                     return text
-        raise TableError(f"{self.path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
+        kinds = "neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF or MAT file"
+        raise TableError(f"{self.path} is {kinds}{self._way()}.")
 
     def _heads(self, lines: list[str]) -> tuple[int, str, list["_Head"]]:
         """Return the number of lines above the rows, the mark between columns, and the heads of these.
 
-        The line of names may come after lines of other words, and has the units, or the line below it.
+        The line of names may come after lines of other words, and has the units, or the line below it. It may stand
+        behind #, where no other line has names.
         """
-        for k, line in enumerate(lines[:200], 1):
-            delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
-            if delimiter is None or line.lstrip().startswith("#"):
-                continue
-            written = [_written(cell) for cell in _cells(line, delimiter)]
-            self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
-            heads = [_Head(self._name(name), name, unit) for name, unit in written]
-            # other words above the table may name one column by chance
-            if sum(head.name != "" for head in heads) < 2:
-                continue
-            measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
-            below = _cells(lines[k], delimiter) if k < len(lines) else []
-            below += [""] * (len(heads) - len(below))
-            is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
-            in_line_below = bool(measured) and all(is_unit)
-            if in_line_below:
-                heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
-            self.header = k
-            for i in measured:
-                if heads[i].unit is None:
-                    self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
-            return k + in_line_below, delimiter, heads
+        for behind_mark in (False, True):
+            for k, line in enumerate(lines[:200], 1):
+                words = line.lstrip(" \t#") if behind_mark else line
+                delimiter = _delimiter(words)
+                if delimiter is None or words.lstrip().startswith("#"):
+                    continue
+                written = [_written(cell) for cell in _cells(words, delimiter)]
+                self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
+                heads = [_Head(self._name(name), name, unit) for name, unit in written]
+                # other words above the table may name one column by chance
+                if sum(head.name != "" for head in heads) > 1:
+                    return self._with_units(heads, lines, k, delimiter)
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
-        raise TableError(f"{self.path} has no line of {need}.")
+        others = f"; other names are {listed(list(self.aliases)[:MOST_SHOWN])}" if self.aliases else ""
+        read = next((line for line in lines if _delimiter(line)), lines[0] if lines else "")
+        begins = f"It begins with {brief(read.strip())}{self._way()}"
+        raise TableError(f"{self.path} has no line of {need}{others}. {begins}.")
+
+    def _way(self) -> str:
+        """Return what to do with a file that is no table, by its ending; empty where that is unknown."""
+        way = WAYS.get(self.path.suffix.lower())
+        return f": {way}" if way else ""
+
+    def _with_units(
+        self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
+    ) -> tuple[int, str, list["_Head"]]:
+        """Return what `_heads` does, with the units of the line below the names, the k-th, where that has them."""
+        measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
+        below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
+        below += [""] * (len(heads) - len(below))
+        is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
+        in_line_below = bool(measured) and all(is_unit)
+        if in_line_below:
+            heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
+        self.header = k
+        for i in measured:
+            if heads[i].unit is None:
+                self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
+        return k + in_line_below, delimiter, heads
 
     def _names(self) -> str:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
@@ -253,10 +305,10 @@ class Table:
         unless there is no cell."""
         if words is None:
             return np.nan
-        if words in MISSING:
-            if not self.holes:
-                self.fault(f"`{column.name}` has no number", line)
-            return np.nan
+        if words.lower() in MISSING:
+            return self._none(column.name, line)
+        if words.lower() in OVERLOAD:
+            return self._overload(column.name, words, line)
         before = 0.0
         after = words
         hint = ""
@@ -271,10 +323,26 @@ class Table:
         with contextlib.suppress(ValueError):
             # Python reads an underscore as a mark of thousands
             value = before + float(after.replace(other, "?").replace(decimal, ".").replace("_", "?"))
+            if value in MISSING_NUMBERS:
+                return self._none(column.name, line)
+            if abs(value) >= OVERLOADED:
+                return self._overload(column.name, words, line)
             if np.isfinite(value):
                 return value
         self.fault(f"`{column.name}` must be a number{hint}, but is {brief(words)}", line)
         return np.nan
+
+    def _none(self, name: str, number: int) -> float:
+        """Return NaN for a number that is missing in a row, which is a fault unless `holes`."""
+        if not self.holes:
+            self.fault(f"`{name}` has no number", number)
+        return np.nan
+
+    def _overload(self, name: str, shown: object, number: int) -> float:
+        """Return infinity for a mark of overload in a row, which is a fault unless `holes`."""
+        if not self.holes:
+            self.fault(f"`{name}` has a mark of overload, {shown}, and no number", number)
+        return np.inf
 
     def _before_plus(self, column: Column, digits: int) -> float:
         """Return what one before the plus of a station counts in the column's unit; NaN where it is unknown."""
@@ -296,6 +364,31 @@ class Table:
         with readable(self.path, "netCDF file"), opened() as ds:
             arrays = {str(key): ds[key].load() for key in ds.variables if self._name(str(key))}
             unread = [str(key) for key in ds.variables if str(key) not in arrays]
+        self._take(arrays)
+        return unread
+
+    def _read_mat(self, content: bytes) -> list[str]:
+        """Read the variables of a MAT file of MATLAB 5 to 7, and return the names of those that are not wanted."""
+        import scipy.io  # here, because importing them takes time
+        import xarray as xr
+
+        self.row = "sample"
+        with readable(self.path, "MAT file of MATLAB 5 to 7, as save writes it with -v7,"):
+            found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True)
+        own = found.pop("units", np.zeros((), []))
+        units = {self._plain(key): str(own[key].item()) for key in own.dtype.names or ()}
+        named = {key: array for key, array in found.items() if not key.startswith("__")}
+        self.wanted = self._wanted_of({self._plain(key) for key in named})
+        arrays = {
+            key: xr.DataArray(np.atleast_1d(array), attrs={"units": units.get(self._plain(key), "")})
+            for key, array in named.items()
+            if self._name(key)
+        }
+        self._take(arrays)
+        return [key for key in named if key not in arrays]
+
+    def _take(self, arrays: Mapping[str, "xr.DataArray"]) -> None:
+        """Take the columns of a file from arrays with an attribute `units`, by the names that they have there."""
         for key, array in arrays.items():
             fault = self._fault_of(self._name(key), array)
             if fault:
@@ -308,10 +401,12 @@ class Table:
         for key, array in arrays.items():
             values = np.asarray(array.values, float)
             self.numbers = list(range(len(values)))
-            for k in np.flatnonzero(~np.isfinite(values)) if not self.holes else ():
-                self.fault(f"`{key}` has no number", int(k))
+            values = np.where(np.isin(values, MISSING_NUMBERS), np.nan, values)
+            for k in np.flatnonzero(np.isnan(values)):
+                self._none(key, int(k))
+            for k in np.flatnonzero(np.abs(values) >= OVERLOADED):
+                self._overload(key, f"{values[k]:g}", int(k))
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
-        return unread
 
     def _fault_of(self, name: str, array: "xr.DataArray") -> str:
         """Return what a variable of a netCDF file must have or be, empty where it is good."""
@@ -362,8 +457,15 @@ def _written(cell: str) -> tuple[str, str | None]:
     return (cell.strip(), None) if match is None else (match[1], match[2])
 
 
+_REMARK = re.compile(r"(?<!1\.)#(?!N/A)")
+"""The mark of remarks, which is none in 1.#INF and #N/A."""
 _UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")
 """A cell of the line of units."""
+
+
+def _delimiter(line: str) -> str | None:
+    """Return the mark between the columns of a line; None where it has one column."""
+    return next((mark for mark in ("\t", ";", ",") if mark in line), None)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

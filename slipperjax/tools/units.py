@@ -1,9 +1,20 @@
-"""Numbers with units in texts, as pint knows them."""
+"""Units: of numbers in texts, as pint knows them, and of whatever brings a unit of its own.
 
+A frequency counts cycles and an angular rate radians, which pint takes for the same: 1 Hz is 1 rad/s there. Here
+1 Hz is 2 pi rad/s, and so are all units that differ by cycles and radians.
+"""
+
+import datetime
 import functools
+import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
-from .checks import brief, pint_unit
+import jax
+import numpy as np
+
+from .texts import brief
 
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"  # a number,
@@ -24,6 +35,8 @@ def parsed(name: str, value: object, unit: str) -> float:
     return value * unit_factor(name, words[3].strip(), unit)
 
 
+MEANT = {("g", "m/s^2"): "g", ("g0", "m/s^2"): "g", ("mil", "m"): "thou", ("lb", "N"): "lbf", ("kg", "N"): "kgf"}
+"""Units that are written for others, in small letters and without a plural, by these and the SI unit."""
 STANDARD_GRAVITY = 9.80665
 """g, in which accelerations are given [m/s^2]."""
 
@@ -33,13 +46,31 @@ def _as_pint_reads(unit: str) -> str:
     # a number behind a letter is a power
     unit = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
     unit = re.sub(r"\blbm\b", "lb", unit)
+    unit = re.sub(r"\brev\b", "revolution", unit)
     return re.sub(r"\b([uU][sS]_survey_foot|ftUS)\b", "survey_foot", unit)
+
+
+def pint_unit(unit: str) -> str:
+    """Return a unit as pint reads it: "m^2 per cycle/m" is "(m^2)/(cycle/m)", and "1" is empty."""
+    whole, per, part = unit.partition(" per ")
+    if per:
+        return f"({whole})/({part})"
+    return "" if whole == "1" else whole
 
 
 @functools.cache
 def unit_factor(name: str, unit: str, si: str) -> float:
     """Return SI units in one `unit`; raises `ValueError` for a unit of another kind."""
-    if unit == si:
+    try:
+        return _factor_of_text(unit, si)
+    except TypeError as error:
+        raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None
+
+
+@functools.cache
+def _factor_of_text(unit: str, si: str) -> float:
+    """Return SI units in one `unit`; raises `TypeError` for a unit of another kind."""
+    if unit == si or pint_unit(unit) == pint_unit(si):
         return 1.0
     if unit == "g" and si == "m/s^2":  # which pint takes for grams
         return STANDARD_GRAVITY
@@ -49,6 +80,91 @@ def unit_factor(name: str, unit: str, si: str) -> float:
         # no numbers to a power, which could be of any size
         if not re.fullmatch(r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}", unit):
             raise ValueError("it is no product of units and small powers")
-        return float(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))).to(pint_unit(si)).magnitude)
-    except (pint.PintError, ValueError, TypeError, AssertionError) as error:
-        raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None
+        return _factor(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))), si)
+    except (KeyError, pint.PintError, ValueError, AssertionError) as error:
+        # units to the power of zero are a `KeyError`
+        why = "it is no product of units and small powers" if isinstance(error, KeyError) else str(error)
+        meant = MEANT.get((unit.rstrip("s").lower(), si))
+        raise TypeError(f"{why}. Did you mean {meant}?" if meant else why) from None
+
+
+def _factor(one: Any, si: str) -> float:
+    """Return SI units in the unit of a quantity of pint whose magnitude is one.
+
+    **Raises:** `TypeError` for a unit of another kind.
+    """
+    wanted = type(one)(1.0, pint_unit(si))
+    factor = float(one.to(wanted.units).magnitude)
+    angles, cycles = _angles(one)
+    angles_wanted, cycles_wanted = _angles(wanted)
+    if not angles_wanted:
+        return factor  # such as an arc, or a speed from wavelength and frequency
+    if angles == angles_wanted:
+        return factor * math.tau ** (cycles - cycles_wanted)
+    # 1/s counts cycles in place of Hz, and radians in place of rad/s, but 1/m may count either
+    if angles or "turn" in dict(wanted.unit_items()):
+        raise TypeError("it must say whether it counts cycles or radians")
+    return factor
+
+
+def _angles(one: Any) -> tuple[float, float]:
+    """Return the power of angles in the unit of a quantity of pint, and that of those that pint does not count: of
+    the cycles in Hz, which it takes for 1/s."""
+    cycles = float(sum(power for name, power in one.unit_items() if name.endswith("hertz")))
+    return cycles + dict(one.to_root_units().unit_items()).get("radian", 0), cycles
+
+
+def in_unit(value: Any, unit: str) -> Any:
+    """Return what has a unit of its own as numbers in `unit`, also in lists; other values as they are.
+
+    Quantities of pint, and of libraries like it, have units; `xarray.DataArray` and series of pandas in their
+    attribute `units`; durations of Python, NumPy and pandas count in seconds. Numbers under the mask of a masked
+    array are NaN.
+
+    **Raises:** `TypeError` for a quantity of another kind, and for dates.
+    """
+    if type(value) in (list, tuple):
+        return type(value)(in_unit(part, unit) for part in value)
+    plain, own = _parted(value)
+    if own is None:
+        return unmasked(plain)
+    is_pint = hasattr(own, "dimensionality")
+    factor = _factor(1.0 * own, unit) if is_pint else _factor_of_text(str(own), unit)
+    plain = unmasked(plain)
+    return plain if factor == 1 else plain * factor
+
+
+def unmasked(value: Any) -> Any:
+    """Return a masked array of numbers with NaN under its mask, also in lists; other values as they are."""
+    if type(value) in (list, tuple):
+        return type(value)(map(unmasked, value))
+    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "iuf":
+        return value.astype(float).filled(np.nan)
+    return value
+
+
+def _parted(value: Any) -> tuple[Any, Any]:
+    """Return the numbers of a value, and their unit, as a text or as pint has it; None where it has none.
+
+    **Raises:** `TypeError` for dates.
+    """
+    # told by what values can do, because the libraries take long to import
+    if isinstance(value, datetime.timedelta):  # those of pandas are, too
+        return value.total_seconds(), "s"
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if kind == "m":
+        return np.asarray(value) / np.timedelta64(1, "s"), "s"
+    if kind == "M" or isinstance(value, datetime.date):
+        raise TypeError("dates have no beginning: subtract the first one")
+    if isinstance(value, jax.Array):
+        return value, None
+    if isinstance(attributes := getattr(value, "attrs", None), Mapping):
+        inner = getattr(value, "data", None)  # which may be a quantity of pint
+        if hasattr(inner, "magnitude"):
+            return _parted(inner)
+        own = attributes.get("units") or None
+        return value if own is None else np.asarray(value), own
+    for number, unit in (("magnitude", "units"), ("value", "unit"), ("value", "units")):
+        if hasattr(value, number) and hasattr(value, unit):
+            return getattr(value, number), getattr(value, unit)
+    return value, None

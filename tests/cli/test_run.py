@@ -285,6 +285,21 @@ def test_the_worst_stretch_is_named():
     assert "friction" not in text
 
 
+def test_a_file_whose_name_begins_with_a_number_is_no_value(file, capsys):
+    named = file.with_name("2024_sled.toml")
+    file.rename(named)
+    words = error_of(["run", "--over", "clearance", "0.8", named], capsys)
+    assert "have a parameter and two or more values, but has 'clearance 0.8'" in words
+
+
+def test_a_module_that_exits_is_an_error(file, tmp_path, monkeypatch, capsys):
+    (tmp_path / "quits_at_once.py").write_text("import sys\nsys.exit(3)\n")
+    monkeypatch.chdir(tmp_path)
+    words = error_of(["--import", "quits_at_once", "run", file], capsys)
+    assert "must be a Python module, but is quits_at_once, a program that exits with 3" in words
+    assert call(["run", "-h"], capsys) == call(["run", "--help"], capsys)
+
+
 def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     file.write_text(FILE.replace("80 m", "16 m") + 'units = ["lbf"]\n')
     out = tmp_path / "designs"

@@ -117,3 +117,25 @@ def test_a_chaotic_record_tells_of_its_parameters():
     # no trajectory stays near this record
     lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
     assert lost.unexplained
+
+
+def test_shares_are_fractions_and_a_record_is_longer_than_its_points():
+    for kind in (Peaks, CorrelationIntegral):
+        with pytest.raises(ValueError, match=r"`shares` must be above 0 and at most 1, but is 1\.5"):
+            kind(shares=(0.5, 1.5))
+    record = np.sin(np.arange(30.0) / 2)
+    with pytest.raises(ValueError, match=r"`dimension` must be at most 10 for a record of 30 samples, .* but is 20"):
+        CorrelationIntegral(dimension=20).of(record)
+
+
+def test_lost_ensembles_are_told():
+    known = _Known(np.empty((0, 2)), np.empty((0, 4, 3)))
+    values = np.ones((5, 4, 3))
+    values[:2, 1] = np.nan
+    with pytest.warns(sj.ImplausibleWarning, match="2 of 5 ensembles have lost runs, and are left out"):
+        assert len(known.with_more(np.zeros((5, 2)), values).level) == 3
+    with (
+        pytest.warns(sj.ImplausibleWarning, match="5 of 5"),
+        pytest.raises(ValueError, match=r"`unknowns` must have bounds within which runs are not lost, .* such for 0"),
+    ):
+        known.with_more(np.zeros((5, 2)), np.full((5, 4, 3), np.nan))

@@ -46,6 +46,37 @@ def test_signals_may_have_times_of_their_own():
     np.testing.assert_allclose(run.settings["speed"], 152.4)
 
 
+def test_times_may_be_durations_and_no_dates():
+    ds = dataset()
+    for unit in ({}, {"units": "s"}):
+        (run,) = measured_runs(ds.assign_coords(time=("time", np.arange(12).astype("timedelta64[ms]"), unit)), RIG)
+        np.testing.assert_allclose(run.signals[0].time, TIME, rtol=1e-14)
+    dates = np.datetime64("2026-01-01") + np.arange(12).astype("timedelta64[ms]")
+    with pytest.raises(ValueError, match=r"`time` must be in s, but is .* dates have no beginning"):
+        measured_runs(ds.assign_coords(time=("time", dates)), RIG)
+
+
+def test_marks_of_overload_are_missing_with_a_word(tmp_path):
+    values = np.append(9.9e37, np.arange(11.0))
+    with pytest.warns(sj.ImplausibleWarning, match=r"front has marks of overload, such as 9\.9e\+37: 1 samples"):
+        (run,) = measured_runs(dataset(front=("time", values, {"units": "m/s^2"})), RIG)
+    np.testing.assert_array_equal(run.signals[0].value, np.arange(11.0))
+    cells = ["1", "NaN", "OVL", "-9.97e36", "N/A", "-9999.00", *map(str, range(10))]
+    path = tmp_path / "run.csv"
+    path.write_text("# time [s], front [g], lift [mm]\n" + "\n".join(f"{k},{cell},1" for k, cell in enumerate(cells)))
+    with pytest.warns(sj.ImplausibleWarning, match="`front` has marks of overload, such as inf: 2 samples"):
+        (run,) = measured_runs(path, RIG)
+    np.testing.assert_allclose(run.signals[0].time, [0, *range(6, 16)])
+
+
+def test_samples_before_the_run_are_left_out():
+    rig = Rig.of([sj.Sensor("front")])
+    early = dataset().drop_vars("lift").assign_coords(time=("time", TIME - 0.002, {"units": "s"}))
+    with pytest.warns(sj.ImplausibleWarning, match="has samples of front before zero seconds, which are left out"):
+        (run,) = measured_runs(early, rig)
+    np.testing.assert_array_equal(run.signals[0].value, np.arange(2.0, 12.0))
+
+
 def test_several_runs_share_the_sensors():
     one, other = measured_runs([dataset().drop_vars("lift"), dataset().drop_vars("front")], RIG)
     assert one.signals[1] is None
@@ -64,10 +95,11 @@ def test_several_runs_share_the_sensors():
         (dataset().drop_vars("lift"), "`measured` must have the signal of each sensor, such as lift"),
         (dataset().drop_vars("time"), "with a coordinate of times"),
         (dataset(lift=("time", TIME)), "`measured` must have an attribute `units` of lift, such as m"),
-        (dataset(lift=("time", TIME, {"units": "s"})), "`lift` must be in a unit like m"),
+        (dataset(lift=("time", TIME, {"units": "s"})), "`lift` must be in m, but is .* Cannot convert"),
         (dataset().isel(time=slice(5)), "`measured` must have 8 samples or more of front"),
         (dataset().isel(time=slice(None, None, -1)), "`measured` must have increasing times of front"),
-        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "times of front from zero on"),
+        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "front from zero seconds on"),
+        (dataset().assign_coords(time=("time", TIME + 1.7e9, {"units": "s"})), "and not be times of a clock"),
     ],
 )
 def test_bad_records_are_refused_in_one_line(measured, text):

@@ -11,6 +11,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.fitting import Trajectories
 from slipperjax.fitting.judged import untold, whiteness
+from slipperjax.fitting.signals import densities
 from slipperjax.fitting.trajectories import _triangular
 from slipperjax.flow.datasets import load_call
 
@@ -229,3 +230,9 @@ def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
 def test_settings_are_whole_numbers(name):
     with pytest.raises(ValueError, match=f"`{name}` must be"):
         Trajectories(**{name: -1})
+
+
+def test_short_windows_have_no_densities():
+    data, coords = densities(np.arange(12.0)[None] * 1e-3, np.arange(12)[None] < 7, np.ones((4, 1, 12)))
+    assert len(coords["frequency"][1]) == 0
+    assert data["density"][1].shape == (1, 0)

@@ -10,6 +10,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.datasets import run_attributes, scene_attributes
+from slipperjax.model.parameters import PARAMETERS
+from slipperjax.plots.style import case_title
 
 
 @pytest.mark.parametrize(
@@ -56,3 +58,29 @@ def test_attributes_of_other_kinds_are_one_line(name, wrong):
     with pytest.raises(ValueError, match=r"^Argument `(source|scene)` must") as told:
         sj.load_scene(ds)
     assert "\n" not in str(told.value)
+
+
+def test_joined_results_of_several_scenes_have_none(tmp_path):
+    one, other = (
+        sj.sweep(sj.paper_scene(clearance=c), {"speed": speeds}, transient=0, periods=1, steps_per_period=50)
+        for c, speeds in ((1e-3, [1000.0, 1100.0]), (2e-3, [1300.0, 1400.0]))
+    )
+    clearance = lambda scene: float(PARAMETERS["clearance"].of(scene))
+    same = xr.concat([one, one.assign_coords(speed=one.speed.values + 200.0)], "speed")
+    assert clearance(sj.load_scene(same, speed=1300.0)) == 1e-3
+    assert "C" in case_title(same)
+    joined = xr.concat([one, other], "speed")
+    beside = xr.concat([one, other.assign_coords(speed=one.speed.values)], "play")
+    joined.to_netcdf(tmp_path / "joined.nc")
+    for mixed in (joined, joined.isel(speed=[3]), beside, beside.isel(play=1), tmp_path / "joined.nc"):
+        with pytest.raises(ValueError, match="`source` must be of one scene: these are joined from several"):
+            sj.load_scene(mixed, speed=1400.0)
+        with pytest.raises(ValueError, match="joined from several"):
+            sj.load_start(mixed)
+    assert clearance(sj.load_scene(joined.isel(speed=slice(2)), speed=1100.0)) == 1e-3
+    assert clearance(sj.load_scene(beside.isel(play=0), speed=1000.0)) == 1e-3
+    assert case_title(joined) == ""
+    runs = [sj.simulate(sj.paper_scene(speed=speed), 1, steps_per_period=50).to_xarray() for speed in (1e3, 2e3)]
+    mixed = xr.concat(runs, "case", join="outer", coords="different", compat="equals")
+    with pytest.raises(ValueError, match="joined from several"):
+        sj.load_scene(mixed)

@@ -11,9 +11,10 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.grid import Grid
-from slipperjax.tools.checks import Check, number, pint_unit, positive
+from slipperjax.tools.checks import Check, number, positive
 from slipperjax.tools.description import subclasses
 from slipperjax.tools.fields import ShapeChecked
+from slipperjax.tools.units import pint_unit
 
 SCENE = sj.paper_scene()
 slipper = lambda **changed: sj.Slipper(**dict(mass=1.0, inertia=(1, 1, 1), length=1.0) | changed)
@@ -148,3 +149,13 @@ def test_every_field_with_a_unit_takes_quantities_of_its_dimension():
             assert float(check(Q(1.0, pint_unit(check.unit)))) == 1.0
         with pytest.raises(ValueError, match=f"Argument `{check.name}` must be"):
             check(Q(1.0, "kelvin"))
+
+
+def test_a_list_of_corners_that_begins_late_is_warned_of():
+    section = SCENE.section
+    late = tuple(zip("ACEGI", "BDFHJ", strict=True))
+    with pytest.warns(sj.ImplausibleWarning, match="Does the list of corners begin one corner late?"):
+        sj.Section(points=section.points, play=section.play, faces=late)
+    # two slopes that meet over the middle carry the weight, and a box below its faces has no gap that could
+    sj.Section(points=np.array([[-0.03, 0], [0, 0.02], [0, 0.02], [0.03, 0]]), play=np.zeros(2), names=tuple("ABCD"),
+               faces=(("A", "B"), ("C", "D")))  # fmt: skip

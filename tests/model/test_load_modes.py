@@ -1,5 +1,7 @@
 """Modes in files: what finite elements give is read by the names of mounts, and what is wrong is told."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -107,3 +109,63 @@ def test_what_is_no_file_of_modes_is_told(tmp_path):
         sj.load_modes(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="`mounts` must be a list of names"):
         sj.load_modes(tmp_path / "fe.npz", "left1")
+
+
+def test_shapes_of_another_scale_are_divided_by_their_masses_or_warned_of(tmp_path):
+    masses = [4.0, 25.0]
+    scale = np.sqrt(masses)[:, None, None]
+    file = arrays(tmp_path, mounts=NAMES, modal_mass=masses)
+    np.testing.assert_allclose(sj.load_modes(file).shapes, SHAPES / scale, rtol=1e-15)
+    text = table(tmp_path, ("damping,", "damping, modal mass [kg],"), (" 0.01, 0.0, ", " 0.01, 4, 0.0, "))
+    text.write_text(text.read_text().replace(" 0.02, 0.09", " 0.02, 25, 0.09"))
+    np.testing.assert_allclose(sj.load_modes(text).shapes, SHAPES / scale, rtol=1e-15)
+    with pytest.raises(ValueError, match=r"fe\.npz: Argument `modal_mass` must be positive, but is -1 kg"):
+        sj.load_modes(arrays(tmp_path, modal_mass=[4.0, -1.0]))
+    with pytest.raises(ValueError, match="`modal_mass` must have one value per mode, 2, but has shape"):
+        sj.load_modes(arrays(tmp_path, modal_mass=[4.0]))
+    # a beam of 500 kg, as finite elements write it: with a largest value of 1
+    mounts = [sj.Mount(x=x, name=name) for x, name in ((2.0, "a"), (-2.0, "b"))]
+    beam = sj.Modes.beam([2.0, -2.0], mass=500.0, length=4.0, stiffness=1e7)
+    sled = lambda modes: sj.Sled(mass=500.0, inertia=(50, 700, 700), mounts=mounts, length=0.2, modes=modes)
+    sled(beam)
+    largest = np.abs(beam.shapes).max(axis=(1, 2), keepdims=True)
+    with pytest.warns(sj.ImplausibleWarning, match="square times the sled's mass is 500; plausible is up to 30"):
+        sled(sj.Modes(frequency=beam.frequency, damping=beam.damping, shapes=beam.shapes / largest))
+
+
+UNIVERSAL = """    -1
+    55
+a beam
+none
+none
+none
+none
+         1         2         3         8         2         6
+         2         4         1         {k}
+  {frequency}  {mass}  1.00000e-02  0.00000e+00
+        12
+  1.00000e-01  2.00000e-01  3.00000e-01  0.00000e+00  0.00000e+00  0.00000e+00
+        15
+  0.00000e+00  4.00000e-01 -1.00000e+00  0.00000e+00  0.00000e+00  0.00000e+00
+    -1
+"""
+
+
+def test_universal_files_have_modes_with_their_masses(tmp_path, monkeypatch):
+    file = tmp_path / "beam.unv"
+    parts = [(1, "2.00000e+01", "4.00000e+00"), (2, "5.00000e+01", "2.50000e+01")]
+    file.write_text("".join(UNIVERSAL.format(k=k, frequency=f, mass=mass) for k, f, mass in parts))
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "pyuff", None)
+        with pytest.raises(ValueError, match=r"beam\.unv: universal files need pyuff"):
+            sj.load_modes(file)
+    pytest.importorskip("pyuff")
+    modes = sj.load_modes(file, ["15", "12"])
+    np.testing.assert_allclose(modes.frequency, [20.0, 50.0])
+    shapes = np.array([[0.0, 0.4, -1.0], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(modes.shapes, shapes / np.array([2.0, 5.0])[:, None, None])
+    with pytest.raises(ValueError, match="`shapes` must have those at 13, but has those at 12 and 15"):
+        sj.load_modes(file, ["13"])
+    file.write_text("no universal file")
+    with pytest.raises(ValueError, match=r"beam\.unv"):
+        sj.load_modes(file)

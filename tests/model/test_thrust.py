@@ -108,6 +108,20 @@ brakes = [{ begin = "2 km", end = "2.5 km", area = "10 cm^2" }]
 """
 
 
+def test_a_thrust_with_a_pause_moves_the_sled_twice():
+    times, thrust = np.array([0.0, 0.001, 1.0, 1.001]), [0.0, 1e4, 1e4, 0.0]
+    more = dict(mass=500.0, friction=0.5)
+    once = sj.RocketSled(times, thrust, **more).programme()
+    twice = sj.RocketSled(np.append(times, times + 6.0), thrust * 2, **more).programme()
+    # behind 1 m/s the sled slides on once, v^2 / (2 g friction)
+    way = 2 * float(once.distance[-1]) + 1 / G
+    # found: 2.4e-7 m
+    assert float(twice.distance[-1]) == pytest.approx(way, abs=1e-4)
+    ((begin, _, duration),) = [stop for stop in twice.stops if stop[0] > 1.0]
+    assert begin == pytest.approx(float(once.distance[-1]), abs=1e-3)
+    assert duration == pytest.approx(6.0 - float(once.time[-1]), abs=0.1)
+
+
 def test_a_thrust_in_a_file_makes_the_programme(tmp_path):
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, 60\n2.1, 0\n")
     (tmp_path / "sled.toml").write_text(f'base = "paper"\n{TABLE}')
@@ -154,3 +168,35 @@ def test_faults_of_the_table_are_one_line(old, new, words, tmp_path):
 def test_bad_sleds_name_what_is_wrong(make, words):
     with pytest.raises(ValueError, match=words):
         make()
+
+
+def test_times_of_a_clock_are_refused_and_a_load_cells_noise_is_none(tmp_path):
+    for make in (
+        lambda: sj.RocketSled([1.7e9, 1.7e9 + 1], [9e4, 0.0], mass=300.0),
+        lambda: sj.TabulatedLoad(np.zeros((2, 3)), time=[1.7e9, 1.7e9 + 1]),
+        lambda: sj.SpeedProgramme.over_time([1.7e9, 1.7e9 + 1], [100.0, 110.0]),
+    ):
+        with pytest.raises(
+            ValueError, match=r"`time` must .*not be times of a clock: subtract .*, but is 1700000001 s"
+        ):
+            make()
+    (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n-0.5, -0.3\n0, 60\n2, 60\n2.1, -0.1\n")
+    sled = sj.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
+    np.testing.assert_allclose(sled.thrust, [0.0, 6e4, 6e4, 0.0])
+    (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, -60\n2.1, 0\n")
+    with pytest.raises(ValueError, match="`thrust` must be zero or positive, but is -60000 N"):
+        sj.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
+
+
+def test_motors_in_the_format_of_rasp_are_read(tmp_path):
+    file = tmp_path / "motor.eng"
+    head = "; Estes D12\nD12 24 70 0-3-5-7 0.0211 0.0426 Estes\n"
+    file.write_text(head + "   0.049 2.569\n   0.116 9.369\n 0.20 29.73 ; peak\n   1.7 0.0\n;\n")
+    sled = sj.RocketSled.from_file(file, mass=0.5)
+    # the thrust rises from zero
+    np.testing.assert_array_equal(sled.time, [0.0, 0.049, 0.116, 0.2, 1.7])
+    np.testing.assert_array_equal(sled.thrust, [0.0, 2.569, 9.369, 29.73, 0.0])
+    for text in (head, "0.1 5\n0.2 0\n", head + "0.1 5\n0.2 x\n", head + "0.1 5\n0.2 0\n" + head + "0.1 5\n0.2 0\n"):
+        file.write_text(text)
+        with pytest.raises(ValueError, match=r"motor\.eng is no RASP file that can be read"):
+            sj.RocketSled.from_file(file, mass=0.5)

@@ -152,7 +152,10 @@ def stages(*rows, start=50.0):
             "`speed` must not be zero at two",
         ),
         (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [0.0, 0.5]), "`speed` must reach 1 m/s"),
-        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [-3.0, 6.0]), "`speed` must not be negative"),
+        (
+            lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [-3.0, 6.0]),
+            "`speed` must not be below -1 m/s, which is noise, but is -3 m/s at time 0 s",
+        ),
         (
             lambda: sj.SpeedProgramme.over_time([0.0, 1.0], [6.0]),
             "`speed` must have one value for each of two or more",

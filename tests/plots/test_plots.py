@@ -13,6 +13,7 @@ from slipperjax import plots
 from slipperjax.analysis.kinds import REGIMES
 from slipperjax.model.quantities import COORDINATES, SECTIONS
 from slipperjax.plots.style import COLORS, MOTION_COLORS, POINT_COLORS, axis_label, case_title, png, quantity_of
+from slipperjax.plots.trajectories import most_loaded
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -222,6 +223,13 @@ def test_contact_forces_are_those_of_the_highest_peaks():
     ax = plots.contact_forces(ds, most=1)
     assert legend(ax) == ["C2, peak 5.5 kN at 1.001"]
     assert drawn(ax.lines[1]) == pytest.approx(np.array([[1.001, 5.5]]))
+
+
+def test_datasets_in_chunks_are_drawn():
+    ds = trajectory()
+    whole = most_loaded(ds, 2)
+    parts = most_loaded(ds.chunk(time=2), 2)
+    assert [line.name for line in parts] == [line.name for line in whole]
 
 
 def test_rails_without_waves_are_drawn_over_distance_and_lost_motions_without_numbers():
