@@ -43,7 +43,7 @@ def least_rails(quantile: float | None) -> int:
 
 def whole_rails(numbers: Float[np.ndarray, "rails ..."]) -> Bool[np.ndarray, " rails"]:
     """Return whether a rail has the numbers of all its runs, in all cases: the others are left out in all cases."""
-    return np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
+    return np.asarray(np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim))))
 
 
 def quantile_plane(

@@ -284,7 +284,7 @@ def _columns(
     found: Estimates, quantile: float | None, unit: str, base: str = "the first case"
 ) -> dict[str, tuple[np.ndarray, str, str]]:
     """Return the variables of `over_rails`, each with its unit and description; `base`: what differences are from."""
-    words = Estimates(
+    words = dict(
         value="mean" if quantile is None else f"quantile {quantile:g}",
         stderr="standard error",
         low="lower end of the 95 % interval",
@@ -294,7 +294,7 @@ def _columns(
         difference_low="lower end of the 95 % interval of all differences at once",
         difference_high="upper end of the 95 % interval of all differences at once",
     )
-    return {name: (values, unit, word) for name, values, word in zip(found._fields, found, words, strict=True)}
+    return {name: (getattr(found, name), unit, word) for name, word in words.items()}
 
 
 def _step_change(

@@ -334,7 +334,7 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
 
 def _play(scene: Scene, more: Array) -> Array:
     """Return the play of each face with what wear has added [m]."""
-    return scene.play + more
+    return jnp.asarray(scene.play) + more
 
 
 @jit
