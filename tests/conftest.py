@@ -1,6 +1,7 @@
 """Shapes and types of annotations are enforced; programs that are not kept already are compiled with little effort.
 
-`-m slow` and `-m benchmark` compile as users do, and so does the default tier with `XLA_FLAGS` of one's own, as in
+`pytest` alone leaves out tests marked `full`; named files, `-k`, `-m` and `--full` take them in. `-m slow` and
+`-m benchmark` compile as users do, and so do the others with `XLA_FLAGS` of one's own, as in
 `XLA_FLAGS=--xla_backend_optimization_level=3 pytest`.
 """
 
@@ -20,6 +21,8 @@ import pytest
 
 # tests leave the user's cache alone
 os.environ["SLIPPERJAX_CACHE"] = "off"
+EVERY_DAY = "not benchmark and not slow"
+"""The marker expression of pyproject.toml."""
 CACHE = "JAX_COMPILATION_CACHE_DIR"
 """JAX's own variable: a folder for compiled programs, by default one below the user's cache folder. They are found by
 their content, so that a second run compiles what has changed."""
@@ -30,11 +33,15 @@ MOST_MAPPINGS = 25_000
 
 
 def pytest_addoption(parser):
+    parser.addoption("--full", action="store_true", help="take in the tests marked full, where no file is named")
     words = "count traced, lowered and compiled programs and processor seconds by test, and write FILE"
     parser.addoption("--programs", nargs="?", const="", default=None, metavar="FILE", help=words)
 
 
 def pytest_configure(config):
+    whole_tree = config.args_source is config.ArgsSource.TESTPATHS
+    if whole_tree and config.option.markexpr == EVERY_DAY and not (config.option.full or config.option.keyword):
+        config.option.markexpr = f"{EVERY_DAY} and not full"
     if config.getoption("programs") is not None:
         from .programs import Programs
 

@@ -75,7 +75,8 @@ class Probe(NamedTuple):
     @property
     def worst(self) -> Float[np.ndarray, ""]:
         """The greatest of all errors, of motions and of forces; not for use under a transformation."""
-        return np.maximum(np.max(np.asarray(self.error)), np.max(np.nan_to_num(np.asarray(self.peak_error))))
+        errors = np.asarray(self.error), np.nan_to_num(np.asarray(self.peak_error))
+        return np.asarray(max(np.max(error) for error in errors))
 
 
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
