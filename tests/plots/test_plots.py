@@ -390,7 +390,7 @@ WRONG = [
     (lambda ds: plots.history(ds, ["y"]), "`name` must be the name of a variable"),
     (lambda ds: plots.contact_forces(ds, most="all"), "`most` must be a whole number"),
     (lambda ds: plots.instant(ds, at="end"), "`at` must be finite"),
-    (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be real numbers"),
+    (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be numbers"),
     (lambda ds: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
     (lambda ds: axis_label(ds), "`name` must be the name of a quantity"),
     (lambda ds: case_title(3), "`ds` must be a dataset of a run"),
