@@ -96,7 +96,7 @@ def test_sources_that_are_no_maps_are_named(tmp_path):
         with pytest.raises((ValueError, OSError), match=r"source|No such file|none.nc"):
             Session.of(source)
     with pytest.raises(ValueError, match="one or two parameters"):
-        Session.of(None, {"speed": [1.0, 2.0], "clearance": [1e-3], "length": [0.2]})
+        Session.of(None, {"speed": [1000.0, 2000.0], "clearance": [1e-3], "length": [0.2]})
     deep = a_map().expand_dims(length=[0.2]).assign_attrs(varied='["length", "clearance", "speed"]')
     with pytest.raises(ValueError, match="one or two parameters"):
         Session.of(deep)
