@@ -28,6 +28,7 @@ def having(language, *but):
     return pytest.mark.parametrize("page", found, ids=lambda page: page.stem)
 
 
+@pytest.mark.full
 @having("python", "engineer")  # whose commands and tables tests/cli/test_engineer.py runs
 def test_python_of_the_pages_runs(page):
     """Each page in a process of its own, in which no warning is given."""

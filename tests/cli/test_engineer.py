@@ -36,6 +36,7 @@ def test_the_examples_are_those_of_their_script(tmp_path):
         assert (tmp_path / file.name).read_text() == file.read_text()
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("default")
 def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
     """Over 24 m instead of 2800, on eight rails, which are enough for a median."""

@@ -169,6 +169,7 @@ def test_points_keep_their_names(tables, tmp_path, capsys):
     assert "must have another name for each point, but has Q, A, B" in error
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
 def test_her_own_files_run(tables, tmp_path, capsys):
     files = [f"--{name}={tables / name}.csv" for name in ("rail", "speed", "section")]

@@ -337,6 +337,7 @@ def test_a_wrong_comparison_is_one_line(options, words, file, capsys):
     assert words in error
 
 
+@pytest.mark.full
 def test_a_table_of_places_is_an_environment_beside_the_run(file, tmp_path, capsys, replaced):
     table = '\n[environment]\nplaces = { unit = "mm", values = [[100, 0, 40]] }\nhigh = "200 Hz"\nlow = "40 Hz"\n'
     file.write_text(FILE.replace("steps_per_period = 60", "steps_per_period = 200") + table)

@@ -313,6 +313,7 @@ def test_a_window_is_the_period_of_a_scene():
     assert float(dataclasses.replace(scene, window=12.0).recurrence) == 2.0
 
 
+@pytest.mark.full
 def test_where_a_run_begins_may_be_traced():
     scene = sj.paper_scene()
     start = sj.initial_state(scene, sj.table_2_start())

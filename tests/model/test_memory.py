@@ -95,6 +95,7 @@ def test_the_fastest_rate_of_a_step_is_kept():
     np.testing.assert_array_equal(ratio, [0.5, 1.0, -0.5, 1.0])
 
 
+@pytest.mark.full
 def test_a_latched_memory_of_ones_own():
     np.testing.assert_allclose(end(KeptRate()), end(sj.EventLatch()), rtol=1e-10)
     slopes = [jax.jacfwd(lambda c, m=m: height(c, m, 100))(1e-3) for m in (KeptRate(), sj.EventLatch())]

@@ -271,6 +271,7 @@ def test_shapes_without_those_along_the_rail_are_those_of_zero():
     np.testing.assert_allclose(one, other, atol=1e-9 * largest)  # measured equal
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", ["ImpulseRK4", "RK4", "Tsit5"])
 def test_elastic_sleds_keep_their_energy(solver):
     scene = dataclasses.replace(SPRINGS, slipper=ELASTIC)
@@ -313,6 +314,7 @@ def test_states_with_modes_are_rows_and_come_back():
         sj.simulate(scene, 1, solver="Rodas4", steps_per_period=10)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["slipper.mounts.0.x", "slipper.mounts.1.z", "slipper.modes.damping.0", "clearance"])
 def test_derivatives_in_both_modes(name):
     damped = dataclasses.replace(ELASTIC, modes=dataclasses.replace(BEAM, damping=[0.01] * 4))

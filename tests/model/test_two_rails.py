@@ -198,6 +198,7 @@ def test_seeds_choose_pairs_in_programs_and_others_are_lost():
     assert np.all(np.isnan(at(other)))
 
 
+@pytest.mark.full
 def test_seeds_are_swept_and_a_set_of_pairs_gives_the_same_forces():
     options = dict(periods=1, transient=1, record="peak_force")
     forces = sj.sweep(on(PAIR), {"track.seed": range(1, 3)}, **options)["peak_force"]

@@ -172,6 +172,7 @@ def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
     assert [bool(step(error)[0]) for error in (small, large)] == [True, False]
 
 
+@pytest.mark.full
 def test_records_of_adaptive_steps_are_those_of_many_constant_ones():
     """With contacts that are damped until they open: interpolated states need the memory of a contact that acts."""
     scene = sj.paper_scene(restitution=0.4)

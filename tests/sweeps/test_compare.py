@@ -72,6 +72,7 @@ def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     assert np.all(np.abs(ds["runs"][:, 1, 0] - highest) > 1.0)
 
 
+@pytest.mark.full
 def test_lost_runs_are_repeated_with_more_steps():
     stiff = SCENE.replace(stiffness=1e10)
     options = dict(length=24.0, window=8.0, record="peak_force")

@@ -92,6 +92,7 @@ def test_a_place_moves_as_its_acceleration_says():
     assert (apart < 0.03 * rms(second)).all(), apart / rms(second)
 
 
+@pytest.mark.full
 def test_a_mode_rings_at_a_place():
     """One mode in the air: -(2 pi f)^2 q times its shape at the place, at a constant and at a changing speed."""
     frequency, amplitude = 300.0, 1e-3

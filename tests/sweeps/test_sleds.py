@@ -24,6 +24,7 @@ STEPS = dict(steps_per_period=100, start="rest")
 SPEEDS = {"speed": [290.0, 300.0]}
 
 
+@pytest.mark.full
 def test_exponents_of_a_sweep_are_those_of_its_orbits():
     ds = sj.lyapunov_sweep(RIGID, SPEEDS, transient=20, periods=20, **STEPS)
     end = sj.simulate(RIGID, 200, **STEPS)
@@ -35,6 +36,7 @@ def test_exponents_of_a_sweep_are_those_of_its_orbits():
     assert orbit.signature.points[0].startswith(("left", "right"))
 
 
+@pytest.mark.full
 def test_stores_hold_sleds(tmp_path):
     options = dict(transient=2, periods=2, record=["peak_force", "sections"], **STEPS)
     for scene in (RIGID, ELASTIC):
