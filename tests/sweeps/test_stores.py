@@ -1,5 +1,6 @@
 """Stores: the same bytes however a sweep was cut short, and clear words where they cannot be written."""
 
+import dataclasses
 import errno
 import itertools
 import json
@@ -373,7 +374,7 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
 
 
 def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
-    old = module._open_archive(stored)._replace(call={"function": "another"})
+    old = dataclasses.replace(module._open_archive(stored), call={"function": "another"})
     ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
     with pytest.raises(ValueError, match="must be of the same call"):
         old.write(2, ds)
