@@ -36,16 +36,22 @@ def pytest_addoption(parser):
     parser.addoption("--full", action="store_true", help="take in the tests marked full, where no file is named")
     words = "count traced, lowered and compiled programs and processor seconds by test, and write FILE"
     parser.addoption("--programs", nargs="?", const="", default=None, metavar="FILE", help=words)
+    words = "list the tolerances that are used up by more than a third, see tests/tolerances.py"
+    parser.addoption("--tolerances", action="store_true", help=words)
 
 
 def pytest_configure(config):
     whole_tree = config.args_source is config.ArgsSource.TESTPATHS
     if whole_tree and config.option.markexpr == EVERY_DAY and not (config.option.full or config.option.keyword):
         config.option.markexpr = f"{EVERY_DAY} and not full"
+    if config.getoption("tolerances"):
+        from .tolerances import Tolerances
+
+        config.pluginmanager.register(Tolerances())
     if config.getoption("programs") is not None:
         from .programs import Programs
 
-        config.pluginmanager.register(Programs(config.getoption("programs")), "programs")
+        config.pluginmanager.register(Programs(config.getoption("programs")))
         if not hasattr(config, "workerinput"):
             os.environ[CACHE] = tempfile.mkdtemp(prefix="slipperjax_tests_")
     if os.environ.get("SLIPPERJAX_PLAIN") == "1":

@@ -3,19 +3,20 @@
 Counts are the same on every machine where nothing is kept; `--programs` therefore gives the run an empty cache.
 """
 
-import contextlib
 import csv
 import os
 from pathlib import Path
 
 import pytest
 
+from .workers import Gathered
+
 EVENTS = {
     "/jax/core/compile/jaxpr_trace_duration": "traces",
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowerings",
     "/jax/core/compile/backend_compile_duration": "compilings",
 }
-COLUMNS = ("traces", "lowerings", "compilings", "seconds")
+COLUMNS = (*EVENTS.values(), "seconds")
 DEAREST = 20
 """Tests that are printed."""
 
@@ -25,24 +26,22 @@ def processor_time() -> float:
     return sum(os.times()[:4])
 
 
-class Programs:
+class Programs(Gathered):
     """A plugin that adds up what each test costs, with what was set up for it."""
 
     def __init__(self, file: str):
+        super().__init__()
         self.file = Path(file) if file else None
-        self.book: dict[str, dict[str, float]] = {}
         self.row: dict[str, float] = dict.fromkeys(COLUMNS, 0)
 
     def listen(self, event, duration, **_):
         if event in EVENTS:
             self.row[EVENTS[event]] += 1
 
-    @pytest.hookimpl
-    def pytest_sessionstart(self, session):
-        with contextlib.suppress(ImportError):
-            import jax
+    def pytest_sessionstart(self):
+        import jax  # not before the cache is chosen
 
-            jax.monitoring.register_event_duration_secs_listener(self.listen)
+        jax.monitoring.register_event_duration_secs_listener(self.listen)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
@@ -52,20 +51,10 @@ class Programs:
         row["seconds"] = round(processor_time() - begun, 3)
         return result
 
-    @pytest.hookimpl(optionalhook=True)
-    def pytest_testnodedown(self, node):
-        self.book.update(getattr(node, "workeroutput", {}).get("programs", {}))
-
-    @pytest.hookimpl
-    def pytest_sessionfinish(self, session):
-        if hasattr(session.config, "workeroutput"):
-            session.config.workeroutput["programs"] = self.book
-
-    @pytest.hookimpl
     def pytest_terminal_summary(self, terminalreporter):
         ordered = sorted(self.book.items(), key=lambda pair: -pair[1]["seconds"])
         for test, row in ordered[:DEAREST]:
-            counted = ", ".join(f"{row[column]} {column}" for column in COLUMNS[:-1])
+            counted = ", ".join(f"{row[column]} {column}" for column in EVENTS.values())
             terminalreporter.write_line(f"{row['seconds']:7.1f} s, {counted}: {test}")
         total = {column: sum(row[column] for row in self.book.values()) for column in COLUMNS}
         terminalreporter.write_line("all: " + ", ".join(f"{value:.0f} {column}" for column, value in total.items()))

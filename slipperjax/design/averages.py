@@ -15,9 +15,8 @@ import numpy as np
 from ..flow.period_map import states_and_penetrations
 from ..flow.record import RecordSet
 from ..flow.status import Status
-from ..model.kinematics import MOTION_SCALES, accuracy_scales
+from ..model.kinematics import MOTION_SCALES, disturbances
 from ..model.quantities import MOTION_NUMBERS
-from ..model.scene import Scene
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
 from ..sweeps.plan import Part, make_plan
@@ -63,7 +62,8 @@ def ensemble_averages(
         runs[path] = np.tile(numbers, cases * len(signs))
     # the same disturbances at all corners, too
     motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
-    motions += np.tile(_disturbances(plan.scene, settings.seed, repeats), (cases * len(signs), 1))
+    disturbed = disturbances(plan.scene, 0.1, repeats, np.random.default_rng(settings.seed))
+    motions += np.tile(disturbed, (cases * len(signs), 1))
     values, status = _run_members(plan, runs, motions)
     values = values.reshape(cases, len(signs), repeats, -1)
     stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
@@ -85,16 +85,6 @@ def ensemble_averages(
         lost=lost,
         simulated=evaluation.simulated + members * (settings.transient + settings.periods),
     )
-
-
-def _disturbances(scene: Scene, seed: int, repeats: int) -> np.ndarray:
-    """Return changes of the starts' velocities (repeats, numbers), of a tenth of their scales.
-
-    Displacements are left as they are: they could lie outside the play.
-    """
-    changes = 0.1 * np.random.default_rng(seed).normal(size=(repeats, len(MOTION_NUMBERS)))
-    changes[:, :5] = 0.0  # the displacements; velocities follow them
-    return changes * np.array(jax.tree.leaves(accuracy_scales(scene))[: len(MOTION_NUMBERS)])
 
 
 class _RunValues(NamedTuple):

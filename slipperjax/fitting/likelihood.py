@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..flow.period_map import advance
 from ..flow.record import Labelled
 from ..model.dynamics import State
-from ..model.kinematics import accuracy_scales
+from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
@@ -380,9 +379,7 @@ class _Ensemble:
         values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
-        scales = jax.tree.leaves(accuracy_scales(problem.scene))[: len(SIZES)]
-        change = 0.3 * rng.normal(size=(members, len(SIZES))) * np.array(scales)
-        change[:, :5] = 0.0
+        change = disturbances(problem.scene, 0.3, members, rng)
         own = problem.start.motion if isinstance(problem.start, State) else problem.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]

@@ -199,6 +199,16 @@ def accuracy_scales(scene: Scene) -> Motion:
     return with_parts(body, scene)
 
 
+def disturbances(
+    scene: Scene, share: float, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, "count numbers"]:
+    """Return random changes of the numbers of slippers' motions: velocities change by a share of their accuracy
+    scales [1], displacements, which could come to lie outside the play, not at all."""
+    changes = share * rng.normal(size=(count, len(MOTION_NUMBERS)))
+    changes[:, :5] = 0.0
+    return changes * np.array(_of_slipper(accuracy_scales(scene)))
+
+
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
     """Return the largest magnitude in a difference of two motions, in multiples of `scales` [1]; of parts for which
     these have none, of the usual ones."""

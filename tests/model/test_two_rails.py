@@ -396,8 +396,8 @@ def test_chords_are_of_both_rails_and_not_of_the_gauge(tmp_path):
     exact = 1e-3 * np.sin(2 * np.pi * np.asarray(middle) / 8)
     left, right = (rail.irregularity(middle) for rail in track.rails.values())
     for found, share in ((left.lateral, 1), (left.vertical, 2), (right.lateral, -2), (right.vertical, 0)):
-        # measured 8e-9, that of the spline
-        np.testing.assert_allclose(found, share * exact, atol=2e-5)
+        # measured 4e-6, of the damping that keeps phantom waves and noise small
+        np.testing.assert_allclose(found, share * exact, atol=1.2e-5)
     assert eqx.tree_equal(scene_from_toml(on(track).to_toml()).scene, on(track))
 
 
