@@ -152,8 +152,8 @@ def test_a_sweep_tells_where_its_highest_forces_were():
 
 
 def with_faces(count):
-    """A scene whose section is a regular polygon, of which every other side is a face."""
-    angles = -2 * np.pi * np.arange(2 * count) / (2 * count)  # clockwise
+    """A scene whose section is a regular polygon, of which every other side is a face, the first over the middle."""
+    angles = np.pi / 2 + np.pi / count * (0.5 - np.arange(2 * count))  # clockwise
     names = tuple(f"P{k}" for k in range(2 * count))
     points = 0.05 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     scene, faces = sj.paper_scene(), tuple(zip(names[::2], names[1::2], strict=True))
