@@ -1,4 +1,4 @@
-"""Runs the blocks of a page as its reader would: `python tests/pages.py docs/how_to/orbits.md`.
+"""Runs the blocks of pages as their reader would: `python tests/pages.py docs/how_to/orbits.md ...`.
 
 Python blocks share one namespace, in a folder with the files of docs/examples. Commands are run where `<!-- run -->`
 is written before their block, lines that begin with slipperjax only. A block of text below is what was printed: words
@@ -13,8 +13,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 from typing import NamedTuple
+
+import matplotlib
+import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -90,13 +94,24 @@ def execute(path: Path) -> None:
     print(f"{path}: {sum(block.language == 'python' for block in listed)} blocks of Python")
 
 
-if __name__ == "__main__":
-    os.environ.setdefault("MPLBACKEND", "agg")
-    os.environ["TQDM_DISABLE"] = "1"
-    for name in sys.argv[1:]:
-        page = Path(name).resolve()
-        with tempfile.TemporaryDirectory() as folder:
-            for file in EXAMPLES.glob("*.*"):
-                shutil.copy(file, folder)
-            with contextlib.chdir(folder):
+def succeeds(page: Path) -> bool:
+    """Execute a page in a folder of its own; prints what went wrong."""
+    with tempfile.TemporaryDirectory() as folder:
+        for file in EXAMPLES.glob("*.*"):
+            shutil.copy(file, folder)
+        with contextlib.chdir(folder):
+            try:
                 execute(page)
+            except Exception:
+                print(f"{page} fails:\n{traceback.format_exc()}", file=sys.stderr)
+                return False
+            finally:
+                plt.close("all")  # the reader of the next page has none open
+    return True
+
+
+if __name__ == "__main__":
+    os.environ["TQDM_DISABLE"] = "1"
+    matplotlib.use("agg")
+    # all of them, though one fails
+    sys.exit(not all([succeeds(Path(name).resolve()) for name in sys.argv[1:]]))

@@ -21,21 +21,26 @@ README_WORDS = 500
 """Most words of the README, outside of code."""
 
 
+def with_blocks(language, *but):
+    """Pages with blocks of a language."""
+    found = [page for page in PAGES if any(block.language == language for block in blocks(page))]
+    return [page for page in found if page.stem not in but]
+
+
 def having(language, *but):
     """One test for each page with blocks of a language."""
-    found = [page for page in PAGES if any(block.language == language for block in blocks(page))]
-    found = [page for page in found if page.stem not in but]
-    return pytest.mark.parametrize("page", found, ids=lambda page: page.stem)
+    return pytest.mark.parametrize("page", with_blocks(language, *but), ids=lambda page: page.stem)
 
 
 @pytest.mark.full
-@having("python", "engineer")  # whose commands and tables tests/cli/test_engineer.py runs
-def test_python_of_the_pages_runs(page):
-    """Each page in a process of its own, in which no warning is given."""
+@pytest.mark.parametrize("part", range(2))
+def test_python_of_the_pages_runs(part):
+    """In two processes, which compile what several pages use once, and in which no warning is given."""
     quiet = ["-W", "error", "-W", "default:File", "-W", "default:slipperjax computes in its plain form"]
-    program = [sys.executable, *quiet, ROOT / "tests" / "pages.py", page]
+    pages = with_blocks("python", "engineer")[part::2]  # tests/cli/test_engineer.py runs the engineer's
+    program = [sys.executable, *quiet, ROOT / "tests" / "pages.py", *pages]
     run = subprocess.run(program, capture_output=True, text=True, cwd=ROOT)
-    assert run.returncode == 0, run.stderr[-3000:]
+    assert run.returncode == 0, run.stderr[-9000:]
 
 
 def parsed(words):
