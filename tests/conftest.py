@@ -7,6 +7,7 @@
 
 import contextlib
 import importlib
+import math
 import os
 import pkgutil
 import platform
@@ -49,9 +50,10 @@ def pytest_configure(config):
 
         config.pluginmanager.register(Tolerances())
     if config.getoption("programs") is not None:
-        from .programs import Programs
+        from .programs import BUDGET, Programs
 
-        config.pluginmanager.register(Programs(config.getoption("programs")))
+        of_all = whole_tree and config.option.markexpr == f"{EVERY_DAY} and not full"
+        config.pluginmanager.register(Programs(config.getoption("programs"), BUDGET if of_all else math.inf))
         if not hasattr(config, "workerinput"):
             os.environ[CACHE] = tempfile.mkdtemp(prefix="slipperjax_tests_")
     if os.environ.get("SLIPPERJAX_PLAIN") == "1":
