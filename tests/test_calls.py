@@ -106,6 +106,7 @@ def unknown(text: str, package: str = "", module: object = None) -> list[str]:
     return sorted(set(found))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", PARTS)
 def test_arguments_of_calls_exist(part):
     wrong = {}

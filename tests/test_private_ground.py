@@ -116,6 +116,7 @@ def test_xla_takes_the_options_of_cpus():
         jax.jit(lambda x: x + 1, compiler_options={"xla_cpu_no_such": True}).lower(1.0).compile()
 
 
+@pytest.mark.full
 def test_texts_of_cache_warnings(tmp_path, own_cache):
     keep_programs(tmp_path)
     reset_cache()  # the folder of the session's first program would stay

@@ -28,7 +28,8 @@ class Tolerances(Gathered):
 
         def allclose(actual, desired, rtol=1e-7, atol=0.0, *args, **options):
             assert_allclose(actual, desired, rtol, atol, *args, **options)
-            apart = np.abs(np.asarray(actual) - np.asarray(desired))
+            actual, desired = np.asarray(actual), np.asarray(desired)
+            apart = np.abs(actual - desired)
             allowed = atol + rtol * np.abs(desired)
             used = np.divide(apart, allowed, out=np.zeros(np.shape(apart)), where=np.isfinite(apart) & (allowed > 0))
             self.keep(np.max(used, initial=0.0), f"assert_allclose rtol {rtol:.0e} atol {atol:.0e}")

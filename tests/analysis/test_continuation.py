@@ -176,6 +176,7 @@ def test_duffings_response_curve_and_folds():
     assert abs(max(sizes) * DAMPING * where(branch.events[1]) - 1) < 0.05  # measured: 0.02
 
 
+@pytest.mark.full
 def test_duffings_flip_and_its_doubled_branch():
     well = Well(jnp.asarray(0.3))
     branch = follow(well, settled(well(0.25), [1.0, 0.0], 60), 0.25, (0.2, 0.32))
@@ -258,6 +259,7 @@ def test_ends_by_count_on_bounds_and_at_the_start():
     assert labels(continue_motion(branch.equations, branch.nodes[3], (2.0, 2.9))) == ["EP", "EP"]
 
 
+@pytest.mark.full
 def test_an_end_without_convergence_says_why():
     """A square-root map whose motion grazes at a = 0, and a start where two branches cross."""
     root = lambda a: lambda s, k: a - jnp.sqrt(jnp.where(s > 0, s, jnp.nan))

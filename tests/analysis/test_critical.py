@@ -35,6 +35,7 @@ def point(found):
     return jnp.append(found.state, found.value)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("label", ["LP", "PD"])
 def test_fold_and_flip_of_henons_map_and_their_derivatives(label):
     value, slope, found = with_derivative(lambda b: henon_motion(b, label), point, jnp.asarray(0.3))
@@ -58,6 +59,7 @@ def test_derivatives_in_forward_mode_under_jit_and_vmap():
     np.testing.assert_allclose(several, -1.5 * (1 - at), rtol=0, atol=1e-9)  # measured: 2e-12
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("c", "mode"), [(0.0, jax.jacrev), (0.2, jax.jacfwd)])
 def test_a_neimark_sacker_and_its_derivatives(c, mode):
     """With x = (1 - 1/r) / (1 + c) the determinant r x is 1 at r = 2 + c, and the trace 1 - r c x is 2 cos(angle)."""
@@ -77,6 +79,7 @@ def shifted(shift):
     return Polynomial(Polynomial.of({(1, 1): 1.0, (2, 1): -1.0}).coefficients.at[0, 0].set(shift))
 
 
+@pytest.mark.full
 def test_a_flip_of_a_longer_period():
     """The second flip of the logistic map is at 1 + 6^(1/2), from the motion of period two."""
     at = lambda shift: critical_motion(motions(shifted(shift), intervals=2), "PD", jnp.array([0.85]), 3.44)
@@ -105,6 +108,7 @@ def curve(label, state, values, bounds, family=henon, **options):
     return continue_critical(CriticalMotions.of(plane(family), label), jnp.full(2, state), values, bounds, **options)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("label", ["LP", "PD"])
 def test_curves_of_henons_map(label):
     found = curve(label, START[label], (HENON_AT[label](0.3) + 0.02, 0.3), ((-1.0, 2.0), (-0.9, 0.9)))

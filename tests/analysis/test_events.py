@@ -194,6 +194,7 @@ def sides(node):
     return Observation((int(node.z[0] > 0),), (abs(float(node.z[0])),))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("above", [-0.8, -1.5])
 def test_a_corner_is_passed_and_located(above):
     family, over = kinked(-0.5, above), above < -1
@@ -267,6 +268,7 @@ def heun(force, s, t, h):
     return s + h / 2 * (one + jnp.stack([end[1], force(end[0], t + h)]))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("method", "steps", "least", "most"), [(leapfrog, 60, 0.0, 1e-14), (heun, 400, 1e-8, 2e-7)])
 @pytest.mark.parametrize("swing", [jnp.sin, lambda x: x + x**3])
 def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing, method, steps, least, most):
@@ -294,6 +296,7 @@ def test_errors_by_rounding_follow_the_condition_of_multipliers():
     assert np.all(rounding_errors(np.ones(2), turn * np.nan) < 1e-13)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("angle", "name"), [(0.03, "1:1"), (2.088, "1:3"), (1.58, "1:4"), (3.13, "1:2"), (0.4, ""), (1.0, ""), (2.5, "")]
 )

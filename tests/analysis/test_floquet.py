@@ -116,6 +116,7 @@ def stopped(damping, frequency, gap, stop=np.inf, restitution=0.0):
     return Stopped(*map(jnp.asarray, (damping, frequency, 1.0, gap, stop, restitution)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("gap", "guess"), [(0.0, (-0.90, 1.07, 1.2, -1.2)), (0.3, (-0.80, 1.02, 1.4, -1.3))])
 def test_a_bilinear_oscillators_orbit_and_multipliers(gap, guess):
     """x'' + 0.1 x' + x + 3 max(x - gap, 0) = cos(0.9 t): the orbit from the instants and speeds at the kink."""

@@ -33,6 +33,7 @@ def stopped(restitution=RESTITUTION, steps=400):
 EXACT = Stopped(*map(jnp.asarray, (DAMPING, FREQUENCY, 1.0, GAP, np.inf, RESTITUTION)))
 
 
+@pytest.mark.full
 def test_impacts_and_their_jacobians_are_those_of_the_closed_form():
     state = jnp.array([0.1, 0.3])
     slopes, (end, touches, _) = jax.jit(jax.jacfwd(lambda s: 2 * (EXACT.followed(s),), has_aux=True))(state)
@@ -44,6 +45,7 @@ def test_impacts_and_their_jacobians_are_those_of_the_closed_form():
     np.testing.assert_allclose(reverse, jacobians(stopped(steps=40), state, 1)[0], atol=1e-13)  # measured 1e-15
 
 
+@pytest.mark.full
 def test_derivatives_by_what_a_step_closes_over_are_those_of_its_loop():
     state = jnp.array([0.1, 0.3])
     # the second without the rule for both modes, in the forward mode that loops have
@@ -56,6 +58,7 @@ def test_derivatives_by_what_a_step_closes_over_are_those_of_its_loop():
         np.testing.assert_allclose(jax.jit(mode(through))(e), expected, rtol=1e-12)  # measured 2e-16
 
 
+@pytest.mark.full
 def test_an_orbit_with_an_impact_contracts_areas_by_damping_and_restitution():
     orbit = shoot(stopped(), jnp.array([0.1, 0.3]), tolerance=1e-12)
     assert orbit.residual < 1e-12
@@ -138,6 +141,7 @@ def test_a_gap_that_nearly_touches_before_it_crosses_and_one_that_does_not_cross
     assert (share, slope) == (1.0, 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("modes", BOTH_MODES)
 @pytest.mark.parametrize("numbers", [(1e-4, 0.1, 0.15), (0.0, 0.05, 0.15), (0.1, -0.05, 0.2), (0.1, -0.3, -0.1)])
 def test_derivatives_of_an_instant_to_second_order(modes, numbers):
@@ -152,6 +156,7 @@ def test_derivatives_of_an_instant_to_second_order(modes, numbers):
     np.testing.assert_allclose(*twice, rtol=1e-12, atol=1e-10)  # measured: 5e-13 where it is 1e3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("modes", BOTH_MODES)
 def test_second_derivatives_of_a_motion_through_an_impact(modes):
     state, (one, other) = jnp.array([0.1, -1.0]), modes
@@ -166,6 +171,7 @@ def followed(step, state, count):
     return eqx.filter_jit(lambda s: jax.lax.scan(ahead, s, jnp.arange(float(count)))[1])(state)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("dt", "restitution"), [(1e-3, 0.5), (0.01, 0.9), (0.07, 0.5), (0.01, 0.0)])
 def test_a_ball_comes_to_rest_on_the_floor_and_never_passes_it(dt, restitution):
     fall = np.sqrt(2 / GRAVITY)
@@ -193,6 +199,7 @@ def shaken(dt, steps, restitution=0.3):
     return impact_step(field, lambda t, s: s[0] - table(t)[0], rebound, dt=dt, steps=steps), table, frequency
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("steps", [40, 67, 400])
 def test_a_ball_on_a_shaking_table_is_thrown_off_where_its_weight_no_longer_holds_it(steps):
     step, table, frequency = shaken(0.2 / steps, 1)
@@ -208,6 +215,7 @@ def test_a_ball_on_a_shaking_table_is_thrown_off_where_its_weight_no_longer_hold
     assert np.all(states[:, 0] - table(times)[0] > -1e-15)
 
 
+@pytest.mark.full
 def test_a_bead_stays_on_the_inside_of_a_ring():
     """Pressed into a curved surface it slides along that as a pendulum does."""
     field = lambda t, s: jnp.stack([s[2], s[3], 0 * s[0], 0 * s[0] - GRAVITY])
@@ -276,6 +284,7 @@ def rubbed(frequency, friction, x, v):
     return np.array([x, v])
 
 
+@pytest.mark.full
 def test_dry_friction_slides_where_both_fields_point_to_the_surface():
     """The motion sticks: its velocity is zero, and so is every derivative of it."""
     start = np.array([0.5, 0.3])
@@ -293,6 +302,7 @@ def test_dry_friction_slides_where_both_fields_point_to_the_surface():
     np.testing.assert_allclose(jacobians(rubbing(0.4, 0.6, 400), jnp.asarray(start), 1)[0], slopes, atol=3e-6)
 
 
+@pytest.mark.full
 def test_a_motion_slides_along_an_oblique_surface_and_leaves_it():
     """From (0, 1) down to s = y - x / 4 = 0 along (1, -1), along it, and off where the field below turns away."""
     height = lambda t, s: s[1] - s[0] / 4

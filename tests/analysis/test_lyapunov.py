@@ -134,6 +134,7 @@ def touching(t, y):
     return free(t, y) + jnp.stack([0 * t, jnp.maximum(-100 * y[0] - 4 * y[1], 0.0)])
 
 
+@pytest.mark.full
 def test_impact_oscillator_whose_force_jumps():
     """A step that is split at the touchdown has the correct tangent; one that only tests the side has not."""
     period = 2 * np.pi / 2.6
@@ -152,6 +153,7 @@ def decay(t, y, rates):
     return jnp.cos(t) - rates * y
 
 
+@pytest.mark.full
 def test_linear_ode_by_diffrax():
     rates, t0 = jnp.array([1.0, 2.0, 5.0]), 0.3
     options = dict(dt=0.01, steps=100, args=rates, solver=diffrax.Dopri5(), t0=t0, align=30)

@@ -75,6 +75,7 @@ def test_intervals_hold_a_quantile_where_runs_share_their_rails(rails, starts, q
     assert held(rails, starts, quantile, 300) > 0.92
 
 
+@pytest.mark.full
 def test_standard_errors_are_the_scatter_of_quantiles():
     draws = np.random.default_rng(0)
     found = [estimate(runs(80, 1, 1, draws), 0.95, resamples=40) for _ in range(300)]
@@ -116,6 +117,7 @@ def sample(rails, seed, shift=0.3):
     return xr.DataArray(values, dims=("clearance", "track.seed"), attrs={"units": "kN"})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("quantile", [0.9, None])
 def test_two_errors_hold_the_truth_as_they_should(quantile):
     # of a hundred times as many rails: each design's own, and of the differences

@@ -41,6 +41,7 @@ def test_a_linear_oscillator_has_its_closed_form(segments):
     assert int(found.iterations) == 1  # Newton's method is exact for a linear map
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_the_exact_motion():
     first = lambda d: shoot(Forced(d, jnp.asarray(1.3)), jnp.zeros(2)).state[0]
     exact = lambda d: (1 / ((1 - 1.3**2) + 2j * d * 1.3)).real

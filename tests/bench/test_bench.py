@@ -152,6 +152,7 @@ def test_slow_points_are_repeated_less_often(runs):
     assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (20, 40)])
 
 
+@pytest.mark.full
 def test_a_run_is_the_sweep_of_the_same_speeds():
     case = Case("short", paper_scene(), 2, table_2_start())
     speeds = np.linspace(1200.0, 1300.0, 9)

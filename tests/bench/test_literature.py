@@ -33,6 +33,7 @@ def test_published_digits_say_what_agrees():
     assert "| a system | 3 | 1 |" in table
 
 
+@pytest.mark.full
 def test_impacts_are_those_of_an_event_driven_code(capsys):
     main(["stop"])
     lines = capsys.readouterr().out

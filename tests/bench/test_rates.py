@@ -15,6 +15,7 @@ from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
 from ..cli.commands import call
 
 
+@pytest.mark.full
 def test_rates_are_measured_and_tabled():
     """Two calls of one small program, the only one that is compiled here."""
     rate = timed("RK4", 8, least=0.0)

@@ -140,6 +140,7 @@ def file(tmp_path):
     return ["--scene", path, "--mass", 21]
 
 
+@pytest.mark.full
 def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     out = tmp_path / "run"
     words = ["simulate", *file, "--periods", 3, "--steps-per-period", 50, "--probe", 1, "--out", out]
@@ -179,6 +180,7 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     assert re.search(r"half the step changes the motion by \S+ per 8 m \(unit", text)
 
 
+@pytest.mark.full
 def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     out = tmp_path / "deep" / "fig"
     text, _ = call(["bifurcation", "--over", "speed", 900, 1000, 2, *file, *TEN, "--out", out], capsys)
@@ -193,6 +195,7 @@ def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     assert share(picture(out, 7.2, 4.6), COLORS["blue"]) > 0
 
 
+@pytest.mark.full
 def test_an_orbit_is_written(tmp_path, capsys):
     out = tmp_path / "orbit"
     text, _ = call(["orbit", "--steps-per-period", STEPS, "--out", out], capsys)  # by the programs of tests/orbits
@@ -349,6 +352,7 @@ def test_commands_that_travel_begin_where_they_are_told(words, function, replace
         assert called.call_args[1]["begin"] == place
 
 
+@pytest.mark.full
 def test_laws_of_ones_own_are_imported(tmp_path, monkeypatch, capsys):
     (tmp_path / "own_laws.py").write_text(
         "import slipperjax as sj\n"

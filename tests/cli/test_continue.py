@@ -65,6 +65,7 @@ def test_files_of_another_kind_are_refused(tmp_path, capsys):
 # following
 
 
+@pytest.mark.full
 def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     """The one real run: a point more, beyond the bound of the file's branch, where the case need not be."""
     out = tmp_path / "run"

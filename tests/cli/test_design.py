@@ -102,6 +102,7 @@ def test_options_reach_the_search(bowl, replaced, tmp_path, capsys):
 # results
 
 
+@pytest.mark.full
 def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     out = tmp_path / "run"
     text, error = call([*GIVEN, "--speeds", 1000, 1600, 3, "--out", out], capsys)

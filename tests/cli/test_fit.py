@@ -34,6 +34,7 @@ def files(tmp_path):
     return ["fit", scene, measured]
 
 
+@pytest.mark.full
 def test_a_record_tells_the_parameters_of_a_scene(files, tmp_path, capsys):
     bounds = ["--fit", "stiffness", 3e7, 3e8, "--fit", "restitution", 0.5, 0.99, "--fit", "clearance", 0.5, 2]
     out = tmp_path / "found"
@@ -47,6 +48,7 @@ def test_a_record_tells_the_parameters_of_a_scene(files, tmp_path, capsys):
     assert np.all(np.abs(ds["estimate"].values - [1e8, 0.9, 1e-3]) < 3 * error)
 
 
+@pytest.mark.full
 def test_wrong_input_is_one_line(files, tmp_path, capsys):
     bounds = ["--fit", "stiffness", 3e7, 3e8]
     for more, text in (

@@ -52,6 +52,7 @@ def ended(process, number, seconds=10.0):
     return error
 
 
+@pytest.mark.full
 def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
     old = tmp_path / "out" / "run.nc"
     old.write_bytes(b"old")
@@ -131,6 +132,7 @@ def test_finished_cases_get_a_name_of_their_own(partial, replaced, tmp_path, cap
     assert dataset(f"{fig}_partial")["status"].values.tolist() == [0, 0, 0, 7]
 
 
+@pytest.mark.full
 def test_files_are_replaced_which_is_said_even_where_they_are_open(partial, replaced, tmp_path, capsys):
     replaced("sweeps.sweep.sweep", return_value=partial)
     fig = tmp_path / "fig"

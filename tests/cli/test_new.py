@@ -98,6 +98,7 @@ def test_places_of_slippers_on_one_rail_or_at_no_gauge(tmp_path, capsys):
     assert rails == ["PowerLawSpectrum", "CornerSpectrum"]
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
 def test_surveys_of_two_rails(tables, tmp_path, capsys):
     file = tmp_path / "sled.toml"
@@ -236,6 +237,7 @@ def test_what_is_wrong_is_one_line_and_writes_nothing(options, words, tmp_path, 
     assert names(tmp_path) == []
 
 
+@pytest.mark.full
 def test_a_file_that_is_there_stays(tmp_path, capsys):
     file = tmp_path / "sled.toml"
     file.write_text("hers")

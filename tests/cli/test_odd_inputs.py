@@ -321,6 +321,7 @@ def stopped(run, grid, wrong="steps_per_period"):
         run(grid, **{wrong: 0})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("label", "call", "words"), WARNINGS, ids=[row[0] for row in WARNINGS])
 def test_wrong_units_are_warned_of(label, call, words):
     with warnings.catch_warnings(record=True) as caught:
@@ -351,6 +352,7 @@ STATUSES = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("label", "call", "status"), STATUSES, ids=[row[0] for row in STATUSES])
 def test_lost_runs_have_a_status(label, call, status):
     with warnings.catch_warnings():
@@ -389,6 +391,7 @@ SAME = [
 NO_PLAY = PAPER.replace(clearance=0.0)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # no play of 1e-300 m is made
 @pytest.mark.parametrize(("label", "odd", "plain"), SAME, ids=[row[0] for row in SAME])
 def test_odd_but_clear_inputs_give_the_right_number(label, odd, plain):

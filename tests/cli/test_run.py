@@ -57,6 +57,7 @@ def numbers(text, pattern):
     return [float(group) for group in found.groups()]
 
 
+@pytest.mark.full
 def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     text, error = call(["run", file, "--mass", 15, "--out", tmp_path / "sled"], capsys)
     ds = dataset(tmp_path / "sled")
@@ -137,6 +138,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert doubtful[1:] == summary(RunView.of(ds))[1:]
 
 
+@pytest.mark.full
 def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
     ran = replaced("sweeps.runs.run", return_value=made())
     file.write_text(FILE + 'units = ["ft", "lbf"]\n')
@@ -300,6 +302,7 @@ def test_a_module_that_exits_is_an_error(file, tmp_path, monkeypatch, capsys):
     assert call(["run", "-h"], capsys) == call(["run", "--help"], capsys)
 
 
+@pytest.mark.full
 def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     file.write_text(FILE.replace("80 m", "16 m") + 'units = ["lbf"]\n')
     out = tmp_path / "designs"

@@ -56,6 +56,7 @@ def test_a_map_is_stored_and_drawn(stored, capsys):
     assert "map.png will be replaced" in error
 
 
+@pytest.mark.full
 def test_shares_make_the_same_store(stored, folder, capsys):
     for k in (1, 2):
         out, _ = call(["sweep", *MAP, "--store", folder / "s.zarr", "--tile", 8, "--share", f"{k}/2"], capsys)

@@ -21,6 +21,7 @@ def small():
     )
 
 
+@pytest.mark.full
 def test_less_play_means_lower_peaks(small):
     assert small.status == "converged"
     assert small.design["clearance"] == pytest.approx(0.5e-3, rel=1e-9)
@@ -31,6 +32,7 @@ def test_less_play_means_lower_peaks(small):
     assert 0 < small.stderr < 1e-3 * small.objective  # measured 2e-5 of it, by the steps
 
 
+@pytest.mark.full
 def test_the_objective_is_that_of_the_worst_orbit(small):
     orbit = sj.periodic_orbit(small.scene.replace(speed=1500.0), steps_per_period=STEPS)
     assert small.objective == pytest.approx(float(orbit.trajectory().peak.force), rel=1e-7)
@@ -39,6 +41,7 @@ def test_the_objective_is_that_of_the_worst_orbit(small):
     assert float(small.cases["multiplier"][1]) == pytest.approx(float(abs(orbit.multipliers[0])), rel=1e-7)
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_orbits_found_anew(small):
     """Away from the optimum, of the peak and of its power mean, by the clearance."""
     plan = small.problem
@@ -49,6 +52,7 @@ def test_derivatives_are_those_of_orbits_found_anew(small):
     np.testing.assert_allclose(here.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_the_history_is_that_of_the_search(small):
     ds = small.history
     for start in (0, 1):

@@ -106,6 +106,7 @@ def test_values_are_quantiles_of_runs_on_the_rails():
     assert float(lowest["value"][0]) < float(mean["value"][0])
 
 
+@pytest.mark.full
 def test_a_search_on_common_rails_is_judged_on_others():
     best = sj.optimise_design(
         SCENE, "peak_slipper_force", BOX, ensemble=FEW, starts=1, max_trials=2, steps_per_period=STEPS
@@ -121,6 +122,7 @@ def test_a_search_on_common_rails_is_judged_on_others():
     assert RailEnsemble(*load_call(best.to_xarray())["ensemble"]) == FEW
 
 
+@pytest.mark.full
 def test_bounds_limit_ensembles_too():
     evaluation = problem(box={"clearance": (0.0, 2e-3)}).evaluate(np.array([[0.0]]), None)
     assert np.all(np.isfinite(evaluation.gradient))  # no clearance below zero

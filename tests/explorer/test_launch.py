@@ -155,6 +155,7 @@ def test_names_of_points_reach_the_page_as_text():
     assert "highest force" not in _words(shown)
 
 
+@pytest.mark.full
 def test_a_followed_path_is_shown_both_ways():
     from bokeh.document import Document
 

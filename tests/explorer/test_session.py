@@ -70,6 +70,7 @@ def test_a_box_is_finer_within_the_map():
     assert tuple(map(len, box.grid.values())) == (16, 25)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("grid", "name"),
     [({"clearance": [1e-3, 2e-3], "speed": [900.0, 1500.0]}, "kind"), ({"speed": [900.0, 1500.0]}, "v_z")],

@@ -57,6 +57,7 @@ def test_a_window_of_a_worn_sled_has_the_play_of_each_slipper():
     np.testing.assert_array_equal(scene.play, worn.play)
 
 
+@pytest.mark.full
 def test_panels_show_the_slipper_that_is_chosen():
     from slipperjax.explorer.panels import Panels
 

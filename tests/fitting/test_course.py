@@ -44,6 +44,7 @@ def model_of(problem: Problem, window=None) -> Model:
     return Model.of(problem, Windows.of(problem.runs, problem.scenes, problem.origin, window))
 
 
+@pytest.mark.full
 def test_windows_share_out_all_samples(clean):
     problem = problem_of([clean, clean.isel(time=slice(None, None, 3))])
     whole = Windows.of(problem.runs, problem.scenes, 0.0, None)
@@ -58,6 +59,7 @@ def test_windows_share_out_all_samples(clean):
     np.testing.assert_allclose([at.min(), at.max()], [3 * period, 4 * period - period / 30])
 
 
+@pytest.mark.full
 def test_a_guess_is_the_motion_of_the_record(clean):
     problem = problem_of(clean)
     model = model_of(problem)
@@ -71,6 +73,7 @@ def test_a_guess_is_the_motion_of_the_record(clean):
     assert np.isfinite(far).all()
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_a_finer_run(clean):
     # by differences of runs of `simulate` with ten times the steps, of another solver
     problem = dataclasses.replace(problem_of(clean), lead=0)
@@ -97,6 +100,7 @@ def test_derivatives_are_those_of_a_finer_run(clean):
         assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(difference**2)), k
 
 
+@pytest.mark.full
 def test_windows_end_where_the_next_ones_begin(clean):
     problem = problem_of(clean)
     whole = model_of(problem)

@@ -84,6 +84,7 @@ def test_settings_are_checked():
         Features(features=())
 
 
+@pytest.mark.full
 def test_features_need_the_noise_and_equal_times():
     scene = sj.paper_scene(2300.0)
     sensors = [sj.Sensor("az")]

@@ -16,6 +16,7 @@ def run():
     return sj.simulate(SCENE, 4, steps_per_period=100, saves_per_period=100)
 
 
+@pytest.mark.full
 def test_records_are_what_sensors_read(run):
     clean = synthetic_record(run, SENSORS[:1], rate=100 / float(SCENE.period))
     expected = run.reactions.acceleration[:400, 1]
@@ -52,6 +53,7 @@ def test_bad_options_are_refused(run, options, text):
         synthetic_record(run, SENSORS, **options)
 
 
+@pytest.mark.full
 def test_starts_that_are_all_lost_are_an_error(run, monkeypatch):
     lost = lambda evaluate, points, shown, rough=0.0: Found.none(points)._replace(cost=np.full(len(points), LOST))
     monkeypatch.setattr(trajectories, "search", lost)

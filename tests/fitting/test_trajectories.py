@@ -35,6 +35,7 @@ def found(noisy):
     return sj.fit(FAR, noisy, BOUNDS, SENSORS, method=METHOD)
 
 
+@pytest.mark.full
 def test_what_was_put_in_comes_out(found, noisy):
     assert found.status == "converged", found
     assert not found.untold
@@ -55,6 +56,7 @@ def test_what_was_put_in_comes_out(found, noisy):
     assert "restitution 0.9" in repr(found)
 
 
+@pytest.mark.full
 def test_covariances_are_those_of_the_estimates(found):
     covariance = found.covariance
     errors = np.sqrt(np.diag(covariance.values))
@@ -63,6 +65,7 @@ def test_covariances_are_those_of_the_estimates(found):
     assert np.all(np.linalg.eigvalsh(correlation) > 0)
 
 
+@pytest.mark.full
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
     found.to_netcdf(path)
@@ -200,6 +203,7 @@ def test_windows_of_a_record_are_one_motion(noisy):
         assert abs(found.estimate[name] - float(TRUTH.value(name))) < 3 * error
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

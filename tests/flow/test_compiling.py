@@ -43,6 +43,7 @@ def orbit(speed):
     return sj.periodic_orbit(sj.paper_scene(speed), steps_per_period=STEPS, transient=20).residual
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated, orbit], ids=lambda f: f.__name__)
 def test_the_second_call_compiles_nothing(call):
     call(900.0)

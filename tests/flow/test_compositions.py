@@ -62,6 +62,7 @@ def close(found, right):
         np.testing.assert_allclose(found[name], right[name], rtol=1e-11, atol=1e-14, err_msg=name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("run", "cases"),
     [(mapped, SPEEDS), (simulated, SPEEDS), (seeded, jnp.array([0.0, 3.0]))],
@@ -74,6 +75,7 @@ def test_derivatives_of_a_batch_are_those_of_a_loop(run, cases):
         close(derivative(mean_of(run, cases))(NUMBERS), right)
 
 
+@pytest.mark.full
 def test_a_batch_of_gradients_inside_jit_and_a_scan():
     right = looped(mapped, SPEEDS)
     grads = jax.jit(jax.vmap(jax.grad(mapped), (None, 0)))(NUMBERS, SPEEDS)

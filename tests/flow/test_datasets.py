@@ -50,6 +50,7 @@ def test_scenes_are_read_without_the_results_beside_them(tmp_path):
         sj.flow.dataset_of(tmp_path / "run.nc")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("wrong", [3, "x", "[[1]]", "null", '{"a": ['])
 @pytest.mark.parametrize("name", ["scene", "start", "varied"])
 def test_attributes_of_other_kinds_are_one_line(name, wrong):
@@ -60,6 +61,7 @@ def test_attributes_of_other_kinds_are_one_line(name, wrong):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.full
 def test_joined_results_of_several_scenes_have_none(tmp_path):
     one, other = (
         sj.sweep(sj.paper_scene(clearance=c), {"speed": speeds}, transient=0, periods=1, steps_per_period=50)

@@ -72,6 +72,7 @@ def test_forward_mode_is_the_derivative_of_states_and_peak_force(forward):
 COTANGENT = jnp.cos(jnp.arange(11.0))  # one combination, as the Jacobian would need eleven passes
 
 
+@pytest.mark.full
 def test_reverse_mode_agrees_with_forward_mode_under_jit_and_vmap(forward):
     def combination(values):
         scene, start = case(values)

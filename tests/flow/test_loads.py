@@ -39,6 +39,7 @@ def first(loads, periods):
     return jax.tree.map(lambda a: a[:periods], loads)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stiffness", [1e8, 1e9, 1e10])
 def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffness):
     """The highest of 50 saves is 6.9 % too low at the stiffest."""
@@ -56,6 +57,7 @@ def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffne
     assert float(many.peak_period[at]) == pytest.approx(float(exact.peak_period[at]), abs=1e-4)  # measured: 7e-6
 
 
+@pytest.mark.full
 def test_loads_are_those_of_a_very_fine_record():
     scene, periods = sj.paper_scene(), 3
     loads = over_periods(first(fine(scene).loads, periods))
@@ -76,6 +78,7 @@ def test_loads_are_those_of_a_very_fine_record():
     assert float(run.period[at]) == pytest.approx(when, abs=1e-3)  # measured: 2e-5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("run", "steps", "most"), [(fine, STEPS, 1e-4), (finest, FINEST, 1e-6)])
 def test_impulses_are_the_change_of_momentum(run, steps, most):
     """Of a slipper on a straight level rail, also where a period ends in a contact."""
@@ -88,6 +91,7 @@ def test_impulses_are_the_change_of_momentum(run, steps, most):
     np.testing.assert_allclose(impulses, changes, atol=most)  # measured: 2e-5, 8e-8 N s, of 13
 
 
+@pytest.mark.full
 def test_adaptive_runs_have_the_same_peak():
     run, exact = adaptive(1e-7), finest(sj.paper_scene())
     assert float(run.peak.force) == pytest.approx(float(exact.peak.force), rel=1e-3)
@@ -120,6 +124,7 @@ def test_loads_of_sweeps_can_be_switched_off(record):
     np.testing.assert_allclose(without["v_y"], with_loads["v_y"], rtol=1e-12)
 
 
+@pytest.mark.full
 def test_an_error_probe_tells_good_steps_from_bad():
     good = probed(sj.paper_scene(), 104)
     assert int(good.status) == Status.FINITE
@@ -187,6 +192,7 @@ def test_damping_that_the_steps_cannot_follow_is_flagged():
 FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 400.0, 100.0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("period", [0, 1, 2, 3])
 @pytest.mark.parametrize("capacity", [64, 80])
 def test_shares_in_contact_are_of_the_time(period, capacity):
@@ -206,6 +212,7 @@ def test_shares_in_contact_are_of_the_time(period, capacity):
         assert abs(share / np.diff(edges)[0] - 1) > 0.05
 
 
+@pytest.mark.full
 def test_shares_of_several_periods_are_of_their_time():
     loads = first(fine(sj.paper_scene()).loads, 2)
     loads = loads._replace(contact_fraction=np.array([0.0, 1.0])[:, None, None] + 0 * loads.contact_fraction)

@@ -28,6 +28,7 @@ def sampled(lateral, vertical):
     return sj.SampledTrack(PLACES, lateral, vertical, np.radians(0.2) * WAVE, ends="repeat")
 
 
+@pytest.mark.full
 def test_a_sampled_sine_moves_slippers_as_the_harmonic_rail_does():
     latch = dataclasses.replace(SCENE, memory=sj.EventLatch())
     ends = [
@@ -37,6 +38,7 @@ def test_a_sampled_sine_moves_slippers_as_the_harmonic_rail_does():
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6, rtol=2e-5)  # measured 4e-6
 
 
+@pytest.mark.full
 def test_sweeps_over_seeds_are_runs_on_each_rail():
     options = dict(transient=0, periods=3, steps_per_period=STEPS, record=["peak_force", "strobe"])
     ds = sj.sweep(ON_RAIL, {"track.seed": [3.0, 4.0], "track.roughness": [1.0, 2.0]}, **options)
@@ -49,6 +51,7 @@ def test_sweeps_over_seeds_are_runs_on_each_rail():
     assert len(ds.attrs["scene"]) < 3000  # the spectrum and the seed, no samples
 
 
+@pytest.mark.full
 def test_measured_rails_are_an_axis():
     rails = [sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
     options = dict(transient=0, periods=2, steps_per_period=STEPS, record="strobe")
@@ -60,6 +63,7 @@ def test_measured_rails_are_an_axis():
         np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.full
 def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     """Of which a result keeps the file's name, tables of the spectra and the seeds."""
     places = np.arange(0.0, 64.0, 0.2)
@@ -83,6 +87,7 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
             np.testing.assert_allclose(one, other, atol=1e-18)
 
 
+@pytest.mark.full
 def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
     rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
@@ -149,6 +154,7 @@ def test_whole_numbers_are_not_varied_by_little():
             call()
 
 
+@pytest.mark.full
 def test_a_run_may_begin_where_a_rail_does():
     short = sj.SampledTrack([0.0, 16.0], 1e-3 * np.sin(np.arange(65)), 0.0, ends="error")
     run = sj.simulate(dataclasses.replace(SCENE, track=short), 2, steps_per_period=STEPS)
@@ -188,6 +194,7 @@ FOUND = {
 """What functions give of motions on a rail."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", FOUND)
 def test_motions_begin_where_their_rail_does(name):
     find = FOUND[name]
@@ -234,6 +241,7 @@ def test_records_that_run_on_beyond_the_rail_say_so():
         sweep(ended)
 
 
+@pytest.mark.full
 def test_tables_by_distance_must_reach_the_rail():
     fast = lambda **more: sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=800.0, **more)
     with pytest.raises(ValueError, match="`speed` must be by distances along the rail, which begins at 129773 m"):
@@ -299,6 +307,7 @@ def test_forces_have_derivatives_by_samples_and_by_roughness():
         np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_a_window_is_the_period_of_a_scene():
     """Of two waves of 8 m: the state after one window is that after two periods, and every window recurs."""
     scene = sj.paper_scene()

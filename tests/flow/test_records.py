@@ -79,6 +79,7 @@ def test_functions_of_a_course_are_joined_over_all_periods(carried, speed):
         np.testing.assert_allclose(carried[speed][over], exact, rtol=1e-10, err_msg=over)  # measured 1e-13
 
 
+@pytest.mark.full
 def test_loads_and_extremes_see_what_lies_between_the_steps(carried):
     found, run = carried[SPEEDS[0]], fine(sj.paper_scene(SPEEDS[0]))
     contact = np.asarray(run.reactions.contact_force)[1 : PERIODS * STEPS + 1].max(axis=0)
@@ -143,6 +144,7 @@ def test_places_of_peaks_are_not_joined_without_their_forces():
     np.testing.assert_array_equal(PEAK_DISTANCE.total(places[:1]), places[0])
 
 
+@pytest.mark.full
 def test_a_sweep_tells_where_its_highest_forces_were():
     grid = {"speed": [1250.0, 2100.0]}
     record = ["peak_force", "peak_period", PEAK_DISTANCE]

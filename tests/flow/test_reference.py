@@ -50,6 +50,7 @@ def by_steps():
     return {steps: lane_errors(SINGLE, steps) for steps in (100, 400)}
 
 
+@pytest.mark.full
 def test_wide_clearance_at_400_steps(by_steps):
     assert by_steps[400].max() < 1e-3  # measured 8.5e-4, at C = 4 mm
 

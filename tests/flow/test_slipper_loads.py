@@ -94,6 +94,7 @@ def at_rest(scene):
     return loads_[:4]
 
 
+@pytest.mark.full
 def test_the_net_load_at_rest_is_the_static_load():
     scene = heavy(track=LEVEL, friction=sj.Coulomb(0.2))
     ds = sj.run(scene, length=2.0, steps_per_period=200, record="slipper_peak")
@@ -103,6 +104,7 @@ def test_the_net_load_at_rest_is_the_static_load():
     np.testing.assert_allclose(ds["peak_slipper_force"].sel(axis="z"), 14 * 9.81, rtol=3e-6)
 
 
+@pytest.mark.full
 def test_slippers_at_rest_carry_their_shares():
     scene = heavy(track=TWO_LEVEL, slipper=sled_on(CORNERS))
     _, z, _, _ = at_rest(scene)
@@ -110,6 +112,7 @@ def test_slippers_at_rest_carry_their_shares():
     np.testing.assert_allclose(static_loads(scene, scene.travel(0.0)), 100 * 9.81, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_three_slippers_at_rest_are_in_balance():
     """Forces, and moments about their own middles; shares leave out where in a slipper its force is."""
     y, z, about_x, about_y = at_rest(heavy(track=TWO_LEVEL, slipper=sled_on(THREE)))
@@ -139,6 +142,7 @@ def test_net_forces_are_mass_times_acceleration():
     assert ds["peak_slipper_force"].dims == ("distance", "axis")
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_differences():
     """Of forces and moments, by play, speed and stiffness."""
     names = ("peak_slipper_force", "peak_slipper_moment")

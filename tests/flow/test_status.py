@@ -55,6 +55,7 @@ def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():
     assert first_problem(earlier, later).tolist() == [0, 2, 1, 2, 1, 3]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("memory", [sj.EventLatch(), sj.PeakRateLatch()])
 def test_damping_that_dwarfs_the_elastic_force_is_doubted_on_rough_rails(memory):
     scene = dataclasses.replace(sj.paper_scene(1000.0, restitution=0.5, memory=memory), track=RAIL)
@@ -118,6 +119,7 @@ def test_steps_are_judged_where_they_are(begin, steps, code):
     assert int(found) == code
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("begin", "periods", "code"),
     [
@@ -145,6 +147,7 @@ class GivesUp(sj.Latching):
         return *found, diffrax.RESULTS.where(t1 > 0.99, lost, diffrax.RESULTS.successful)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("saves", [1, 50])
 def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
     plain = sj.paper_scene()
@@ -161,6 +164,7 @@ def test_adaptive_steps_need_an_error_estimate():
         sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), stepsize_controller=sj.AdaptiveSteps())
 
 
+@pytest.mark.full
 def test_paths_and_bounds_of_jumps_are_checked():
     with pytest.raises(ValueError, match="`path` must name one parameter"):
         sj.follow(sj.paper_scene(), {"start_v_y": [0.1, 0.2]})

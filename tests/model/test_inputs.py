@@ -57,6 +57,7 @@ def test_sweeps_inside_jit_are_refused_in_one_line():
         jax.jit(lambda v: sj.sweep(SCENE, {"speed": v}))(np.array([1000.0, 1200.0]))
 
 
+@pytest.mark.full
 def test_starts_in_32_bits_run_as_64_bits():
     start = sj.initial_state(SCENE, sj.table_2_start())
     short = jax.tree.map(lambda a: a.astype(np.float32), start)

@@ -124,6 +124,7 @@ def test_drag_and_lift_of_the_air():
     np.testing.assert_allclose(moment, [-0.3 * side, -0.3 * drag - 0.1 * lift, 0.1 * side], rtol=1e-14)
 
 
+@pytest.mark.full
 def test_loads_are_added_and_named():
     drag = sj.AerodynamicLoad(0.5, 0.4)
     scene = dataclasses.replace(SCENE, load=sj.SumLoad([LOAD, drag]))
@@ -166,6 +167,7 @@ def test_loads_by_place_and_time_meet_the_run(axis):
     assert float(dataclasses.replace(scene, speed=100.0).travel(550.0).seconds) == 5.5
 
 
+@pytest.mark.full
 def test_the_energy_of_a_run_balances():
     """Kinetic and potential energy against the integral of the power of all forces, over two forcing periods.
 
@@ -207,6 +209,7 @@ def test_the_energy_of_a_run_balances():
     assert abs(energy[-1] - energy[0] - work) < 1e-6 * size
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", [jax.jacfwd, pytest.param(jax.grad, marks=pytest.mark.slow)])
 def test_derivatives_agree_in_both_modes_and_with_differences(mode):
     state, none = sj.initial_state(LOADED, some_motion()), jnp.zeros(4)

@@ -106,6 +106,7 @@ def test_a_latched_memory_of_ones_own():
     np.testing.assert_allclose(weights, [[2.0, 0.5], [0.5, 2.0]])  # relative to what is kept
 
 
+@pytest.mark.full
 def test_an_integrated_memory_of_ones_own():
     """By an explicit and by an implicit method, near the event latch."""
     explicit, implicit = (end(LaggingRate(), solver, 1600) for solver in ("RK4", "ROS34PW2"))

@@ -83,6 +83,7 @@ def test_what_a_sled_has_is_told(path, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.full
 def test_places_of_slippers_are_varied_and_differentiated():
     """In a sweep, also from no place at all; and by a tangent, against runs at places that differ by little."""
     scene = dataclasses.replace(SLED, slipper=dataclasses.replace(SLED.slipper, modes=None))

@@ -29,6 +29,7 @@ def two_masses(seconds):
     return centre - sled / (m + sled) * apart, centre + m / (m + sled) * apart
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4", IMPLICIT])
 def test_two_masses_swing_as_in_closed_form(solver):
     run = sj.simulate(FREE, 2, start=sj.Motion(v_z=1.0, sled=sj.SledMotion()), steps_per_period=400, solver=solver)
@@ -73,6 +74,7 @@ def test_layouts_hold_the_sled():
     assert jax.tree.all(jax.tree.map(lambda a, b: float(np.max(np.abs(a - b))) == 0, again, state))
 
 
+@pytest.mark.full
 def test_derivatives_by_the_sled_agree_in_both_modes():
     scene = dataclasses.replace(sj.paper_scene(), sled=SLED)
     state = sj.initial_state(scene, sj.table_2_start())
@@ -96,6 +98,7 @@ def test_a_sled_goes_on_from_its_state(tmp_path):
     assert sj.initial_state(sj.paper_scene(), state.motion).motion.sled is None
 
 
+@pytest.mark.full
 def test_runs_with_a_sled_record_its_springs_and_go_on():
     scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=300.0), sled=SLED, gravity=9.81)
     of = lambda length, **options: sj.run(scene, length=length, window=8.0, record="spring_force", **options)

@@ -142,6 +142,7 @@ def test_wrong_samples_are_named(change, words):
         sj.SampledTrack(**(good | change))
 
 
+@pytest.mark.full
 def test_tracks_survive_files():
     rails = sj.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
     tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER, rails)

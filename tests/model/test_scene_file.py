@@ -78,6 +78,7 @@ def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
         assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(length=0.31))
 
 
+@pytest.mark.full
 def test_starts_come_back_too():
     start = sj.Motion.from_euler(y=1e-4 / 3, roll=1e-3, v_z=-0.7)
     found = scene_from_toml(sj.paper_scene().to_toml(start=start)).start
@@ -174,6 +175,7 @@ def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
     assert FILE_OPTION.convert("~/run", None, None) == tmp_path / "run"
 
 
+@pytest.mark.full
 def test_what_is_no_file_and_what_is_too_deep_is_one_line(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "zero.toml").symlink_to("/dev/zero")

@@ -45,6 +45,7 @@ def operations(function, *args):
 # --- one slipper ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("more", [{}, {"gravity": 9.81, "friction": sj.Coulomb(0.2)}])
 def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
     scene = dataclasses.replace(PAPER, **more)
@@ -60,6 +61,7 @@ def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
     np.testing.assert_array_equal(loads[0].values, loads[1].values[0])
 
 
+@pytest.mark.full
 def test_two_slippers_at_one_place_with_half_the_stiffness_are_one():
     two = with_mounts(PAPER, sj.Mount(rail="left"), sj.Mount(rail="right")).replace(stiffness=0.5e8)
     end, ours = (sj.simulate(scene, 3, steps_per_period=200, solver="RK4").end for scene in (PAPER, two))
@@ -70,6 +72,7 @@ def test_two_slippers_at_one_place_with_half_the_stiffness_are_one():
             assert abs(apart) < 1e-12, name
 
 
+@pytest.mark.full
 def test_a_place_of_zero_is_no_place():
     one, other = (with_mounts(PAPER, mount) for mount in (sj.Mount(), sj.Mount(x=0.0, y=0.0, z=0.0)))
     ends = [sj.simulate(scene, 2, steps_per_period=100).end.motion for scene in (one, other)]
@@ -84,6 +87,7 @@ def rail(sign, seed):
     return sj.FourierTrack([8.0, 3.1, 1.7], lateral, vertical, roll, **phases)
 
 
+@pytest.mark.full
 def test_mirrored_rails_mirror_the_motion():
     scene = dataclasses.replace(SPRINGS, contact=PAPER.contact, speed=300.0)
     start = sj.Motion(v_y=0.1, v_z=-0.2, w_x=0.1, w_z=0.05)
@@ -126,6 +130,7 @@ def contact_stiffness():
     return 1.5 * 1e8 * np.sqrt(depth), depth
 
 
+@pytest.mark.full
 def test_natural_frequencies_of_a_sled_on_its_contacts():
     k, _ = contact_stiffness()
     # levers of the points of the upper faces, at both ends and on both sides
@@ -154,6 +159,7 @@ def test_natural_frequencies_of_an_elastic_sled():
         assert np.min(np.abs(found / rate - 1)) < 1e-6  # measured 1.4e-8 and 7e-9
 
 
+@pytest.mark.full
 def test_slippers_share_the_weight_by_their_levers():
     mounts = [sj.Mount(1.0, 0.9, rail="left"), sj.Mount(-0.5, 0.9, rail="left"), sj.Mount(0.2, -0.9, rail="right")]
     sled = dataclasses.replace(SLED, mounts=mounts)
@@ -171,6 +177,7 @@ def test_slippers_share_the_weight_by_their_levers():
     np.testing.assert_allclose(SLED.static_shares, 0.25)
 
 
+@pytest.mark.full
 def test_a_beam_sags_between_its_slippers():
     """Beside Euler and Bernoulli's static deflection of a uniform beam on two supports."""
     a, length, stiffness = 1.2, 4.0, 1e5
@@ -208,6 +215,7 @@ def answer(length, coordinate):
     return 2 * np.abs(np.fft.fft(last)[1]) / 40
 
 
+@pytest.mark.full
 def test_wheelbases_filter_waves():
     """Heave answers a sine of length l by cos(2 pi a / l), pitch by sin(2 pi a / l), of slippers at +-a."""
     a = WHEELBASE / 2
@@ -253,6 +261,7 @@ def energy(scene, state):
     return 0.5 * moving + body.mass * 9.81 * m.z + 0.4 * 1e8 * jnp.sum(depth**2.5)
 
 
+@pytest.mark.full
 def test_shapes_without_those_along_the_rail_are_those_of_zero():
     zeros = np.zeros((4, len(CORNERS), 1))
     # by which shapes along the rail move modes
@@ -282,6 +291,7 @@ def test_elastic_sleds_keep_their_energy(solver):
     np.testing.assert_allclose(energy(scene, end), energy(scene, state), rtol=1e-6)
 
 
+@pytest.mark.full
 def test_accelerations_of_elastic_sleds_at_a_programme_that_keeps_the_speed():
     body = with_mounts(SPRINGS, sj.Mount(0.3, rail="left"), sj.Mount(-0.3, rail="left")).slipper
     modes = sj.Modes([40.0], [0.0], np.broadcast_to([0.0, 0.0, 0.1], (1, 2, 3)))
@@ -300,6 +310,7 @@ def test_rigid_sleds_have_no_modes():
     assert sj.model.StateLayout.of(dataclasses.replace(SPRINGS, slipper=ELASTIC)).size == 18
 
 
+@pytest.mark.full
 def test_states_with_modes_are_rows_and_come_back():
     scene = dataclasses.replace(SPRINGS, slipper=ELASTIC, contact=PAPER.contact)
     state = sj.initial_state(scene, sj.AtRest(v_z=0.1))

@@ -44,6 +44,7 @@ def test_a_slipper_on_a_level_rail_sinks_in_as_hertz_says():
     np.testing.assert_allclose(reactions_of(LEVEL).contact_force.sum(), WEIGHT, rtol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("scene", [SCENE, LOADED, SLED, dataclasses.replace(LOADED, friction=sj.Coulomb(0.2))])
 @pytest.mark.parametrize("epoch", [0.0, 3.3])
 def test_all_forces_are_in_balance(scene, epoch):
@@ -57,6 +58,7 @@ def test_all_forces_are_in_balance(scene, epoch):
     np.testing.assert_allclose(found, 0.0, atol=1e-3)  # measured 1.1e-4 m/s^2, by what centres it
 
 
+@pytest.mark.full
 def test_the_contacts_carry_the_weight_as_the_slipper_travels():
     """Rounding errors of gap rates are no approach, by which contacts would be damped."""
     for epoch in (0.0, 3.3, 7.7):
@@ -64,6 +66,7 @@ def test_the_contacts_carry_the_weight_as_the_slipper_travels():
         np.testing.assert_allclose(reactions_of(SCENE, epoch).contact_force.sum(), WEIGHT, rtol=1e-2)
 
 
+@pytest.mark.full
 def test_the_equilibrium_has_the_least_energy():
     """Beside a search of SciPy's that knows gaps alone."""
     epoch, stiff = 2.2, 1e7
@@ -89,6 +92,7 @@ def test_the_equilibrium_has_the_least_energy():
     assert float(energy(found / size)) <= best.fun + 1e-4
 
 
+@pytest.mark.full
 def test_what_nothing_holds_stands_in_the_middle_of_its_play():
     free = dataclasses.replace(LEVEL, gravity=None)
     np.testing.assert_allclose(jax.tree.leaves(state_of(free).motion), 0.0, atol=1e-12)
@@ -96,6 +100,7 @@ def test_what_nothing_holds_stands_in_the_middle_of_its_play():
     assert float(state_of(free, v_z=0.2).motion.v_z) == pytest.approx(0.2)
 
 
+@pytest.mark.full
 def test_a_slipper_at_rest_follows_the_rail():
     """Its velocities are the change of the equilibrium along the rail."""
     at = [state_of(LOADED, 2.2 + shift).motion for shift in (-1e-5, 0.0, 1e-5)]
@@ -108,6 +113,7 @@ def test_a_slipper_at_rest_follows_the_rail():
     np.testing.assert_allclose(rates, [slopes["q_x"], slopes["q_y"], slopes["q_z"]], rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_the_equilibrium():
     depth = lambda mass: state_of(LEVEL.replace(mass=mass)).motion.z
     exact = -(2 / 3) * (14.0 * 9.81 / 4 / 1e9) ** (2 / 3) / 14.0
@@ -118,6 +124,7 @@ def test_derivatives_are_those_of_the_equilibrium():
     np.testing.assert_allclose(batch[0] - batch[1], 0.25e-3, rtol=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("memory", [sj.EventLatch(), sj.SmoothSwitch()])
 def test_runs_begin_without_a_hit(memory):
     scene = dataclasses.replace(LEVEL, memory=memory)
@@ -127,6 +134,7 @@ def test_runs_begin_without_a_hit(memory):
     np.testing.assert_allclose(force, WEIGHT, rtol=1e-3)
 
 
+@pytest.mark.full
 def test_slippers_find_their_rest_on_many_rails():
     """Of stiffnesses from 1e6 to 1e12, plays from 0.01 to 5 mm, and lengths from 0.06 to 1 m."""
     rng = np.random.default_rng(0)
@@ -142,6 +150,7 @@ def test_slippers_find_their_rest_on_many_rails():
     assert int(np.isfinite(found).sum()) == count
 
 
+@pytest.mark.full
 def test_sleds_find_their_rest_on_two_rails():
     """Stiff ones, which a few of their slippers could carry."""
     mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
@@ -162,6 +171,7 @@ def test_sleds_find_their_rest_on_two_rails():
     np.testing.assert_array_less(np.abs(np.nan_to_num(found)), 2.0)
 
 
+@pytest.mark.full
 def test_sleds_find_their_rest_on_twisted_rails():
     """Places at which three slippers carry by turns, of 2400 with stiffnesses and plays of four and one and a half
     decades."""
@@ -184,6 +194,7 @@ def test_sleds_find_their_rest_on_twisted_rails():
     assert np.isfinite(found).all()
 
 
+@pytest.mark.full
 def test_a_slipper_without_rest_is_said():
     """One face, which a load pulls off the rail."""
     off = dataclasses.replace(LEVEL, gravity=None, load=sj.AppliedLoad(force=[0.0, 0.0, 50.0]))
@@ -193,6 +204,7 @@ def test_a_slipper_without_rest_is_said():
     assert np.isnan(float(state.motion.z))
 
 
+@pytest.mark.full
 def test_files_and_results_hold_a_start_at_rest(tmp_path):
     file = tmp_path / "scene.toml"
     text = LEVEL.to_toml(file, start=sj.AtRest(v_z=0.1))

@@ -87,6 +87,7 @@ def test_spectra_and_coherence_are_those_of_what_surveys_were_made_of():
     assert np.std(coherence) < 0.015  # measured 0.0097
 
 
+@pytest.mark.full
 def test_two_hundred_rails_have_the_spectra_and_the_coherence():
     wavenumber = np.fft.rfftfreq(len(PLACES) - 1, SPACING)
     random = [heights - np.mean(heights, axis=0) for heights in rails()]
@@ -122,6 +123,7 @@ def test_lines_have_their_wavelengths_amplitudes_and_phases():
     assert float(alike().steepest_slope) > float(dataclasses.replace(alike(), lines=None).steepest_slope)
 
 
+@pytest.mark.full
 def test_joints_keep_their_shape_in_every_seed():
     """The mean over the joints of each rail is the shape of one, in waves of three samples and longer."""
     joints = sj.LocalTrack(place=[0.66], height=[-3e-4], length=0.6, shape="joint", every=1.32)
@@ -138,6 +140,7 @@ def test_joints_keep_their_shape_in_every_seed():
         np.testing.assert_allclose(shape - shape.mean(), exact, atol=1e-5)  # measured 3.6e-6
 
 
+@pytest.mark.full
 def test_rails_lie_where_the_survey_does_and_go_on_as_it_does():
     assert alike().bounds == (FIRST, FIRST + LENGTH)
     assert alike().ends == "error"
@@ -180,6 +183,7 @@ def test_what_shows_no_spectrum_is_refused(survey, words):
         sj.RandomTrack.like(survey)
 
 
+@pytest.mark.full
 def test_a_channel_of_zeros_has_none():
     found = statistics_of(np.stack([np.zeros(4001), np.asarray(SURVEY.vertical[:4001])]), SPACING)
     assert np.all(found.density[0] == 0)

@@ -80,6 +80,7 @@ TRACKS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", TRACKS)
 def test_tracks_say_whether_they_recur_how_steep_and_how_short_they_are(name):
     track, *needed = TRACKS[name]
@@ -104,6 +105,7 @@ def test_waves_shorter_than_the_slipper_are_said():
         sj.paper_scene(wavelengths=(8.0, 0.15), amplitude=1e-4)
 
 
+@pytest.mark.full
 def test_default_steps_resolve_a_short_second_wave():
     """With steps for the first wave alone the error was 6.8e-2 (and 0.36 with 0.2 m)."""
     for wave, bound in ((0.4, 2e-3), (0.2, 2e-3)):  # measured 1.1e-3 and 9.0e-4
@@ -129,6 +131,7 @@ def test_default_steps_are_there_for_every_law():
     assert of(sj.ConstantDamping(1e8, 10.0)) > 40  # its damping force is seven times the elastic one
 
 
+@pytest.mark.full
 def test_lateral_and_vertical_are_separate():
     """Gaps change by the rail's displacement along the normals."""
     scene = scene_with(SineTrack())

@@ -11,6 +11,7 @@ import slipperjax as sj
 from slipperjax.model.starts import state_and_penetration
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("memory", [sj.EventLatch(), sj.SmoothSwitch()])
 def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     faster = sj.SpeedProgramme.over_distance([0.0, 80.0], [1250.0, 2000.0])
@@ -177,6 +178,7 @@ def test_bad_programmes_name_what_is_wrong(make, words):
         make()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", [None, "Rodas4", "TwoStep"])
 def test_free_flight_takes_the_time_of_a_programme(solver):
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), speed=PROGRAMME.over_distance([0, 32], [900, 1000]))
@@ -189,6 +191,7 @@ def test_free_flight_takes_the_time_of_a_programme(solver):
         sj.periodic_orbit(scene)
 
 
+@pytest.mark.full
 def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), speed=PROGRAMME)
     args, state = sj.Args(scene, 10.0), sj.initial_state(scene, sj.Motion())

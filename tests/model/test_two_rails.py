@@ -103,6 +103,7 @@ def test_pairs_survive_files(name):
     assert type(PAIRS[name]).__name__ in repr(scene)
 
 
+@pytest.mark.full
 def test_the_left_rail_of_a_seed_is_that_of_a_random_track():
     one = dataclasses.replace(SLED, seed=jnp.asarray(3.0))
     for track in (PAIR, PAIR.prepared()):
@@ -186,6 +187,7 @@ def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
             assert np.mean(np.abs(inside - 1) < 1.96 * 0.05) > 0.9  # measured 0.933 and more
 
 
+@pytest.mark.full
 def test_seeds_choose_pairs_in_programs_and_others_are_lost():
     at = eqx.filter_jit(lambda track: track.prepared().rails["right"].irregularity(PLACES).vertical)
     seeds = jax.vmap(lambda seed: at(eqx.tree_at(lambda track: track.seed, PAIR, seed)))(jnp.asarray([0.0, 3.0, 3.5]))
@@ -209,6 +211,7 @@ def test_seeds_are_swept_and_a_set_of_pairs_gives_the_same_forces():
     assert highest[0] != highest[1] > 0
 
 
+@pytest.mark.full
 def test_a_number_chooses_one_of_several_pairs():
     pairs = (PAIR, dataclasses.replace(PAIR, seed=jnp.asarray(8.0)))
     for number, pair in enumerate(pairs):
@@ -266,6 +269,7 @@ def surveyed(seed, coherence=0.64):
     return sj.TwoRails(left, right, gauge=1.4)
 
 
+@pytest.mark.full
 def test_rails_like_a_survey_have_the_coherence_of_its_rails():
     found = [float(sj.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
     print("coherence", np.mean(found), np.std(found))
@@ -384,6 +388,7 @@ def test_a_gauge_stands_in_place_of_one_lateral(tmp_path, known):
         sj.load_rail(path, gauge=1.435)
 
 
+@pytest.mark.full
 def test_chords_are_of_both_rails_and_not_of_the_gauge(tmp_path):
     """Of a sine, the middle of a chord shows the share 1 - cos(pi chord / wavelength)."""
     distance = np.arange(0.0, 400.01, 0.25)

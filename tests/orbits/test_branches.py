@@ -31,6 +31,7 @@ def labels(branch):
     return [event.label for event in branch.events]
 
 
+@pytest.mark.full
 def test_points_are_orbits_of_their_scenes(branch):
     ds = branch.points
     assert float(ds["residual"].max()) < 1e-10
@@ -47,6 +48,7 @@ def test_points_are_orbits_of_their_scenes(branch):
         assert " ".join(orbit.signature.points) == str(ds["signature"][k].values)
 
 
+@pytest.mark.full
 def test_the_flip_and_the_grazings_are_located(branch):
     assert labels(branch) == ["EP", "GR", "GR", "PD", "EP"]
     low, *grazings, flip, _ = branch.events
@@ -70,6 +72,7 @@ def test_the_flip_and_the_grazings_are_located(branch):
         assert "touches once" in event.note
 
 
+@pytest.mark.full
 def test_grazings_are_those_of_fine_trajectories(branch):
     event = branch.events_named("GR")[0]
     point = event.note.split()[0]
@@ -97,6 +100,7 @@ def test_tables_of_a_branch_and_a_curve_have_a_row_for_each_point_and_event():
     np.testing.assert_array_equal(rows["clearance"], clearance[1])
 
 
+@pytest.mark.full
 def test_a_critical_orbit_may_be_of_a_traced_scene():
     """Slow tests compute its derivatives."""
     branch = sj.load_branch(DATA)
@@ -105,6 +109,7 @@ def test_a_critical_orbit_may_be_of_a_traced_scene():
     assert jax.eval_shape(jax.jacfwd(value), 1e-3).shape == ()
 
 
+@pytest.mark.full
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
     branch.to_netcdf(tmp_path / "branch.nc")
     read = sj.load_branch(tmp_path / "branch.nc")
@@ -119,6 +124,7 @@ def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
     np.testing.assert_allclose(float(scene.speed), read.points["speed"][3])
 
 
+@pytest.mark.full
 def test_a_branch_that_is_interrupted_goes_on(branch, monkeypatch):
     counted, shown = branches.counted, []
 
@@ -196,6 +202,7 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     assert nearest < 1e-3  # measured: 1e-6 m/s
 
 
+@pytest.mark.full
 def test_wrong_arguments_are_named(nominal):
     within, known = (1200.0, 1300.0), "`until` must be a tuple of labels of LP, BP, PD, NS, GR, but is"
     for name, bounds, until, words in (

@@ -73,6 +73,7 @@ def test_an_orbit_whose_contacts_are_pressed_again_remembers_the_peak_rate():
     np.testing.assert_allclose(found.weighted, float(orbit.exponent), atol=3e-3)
 
 
+@pytest.mark.full
 def test_a_long_simulation_ends_on_the_orbit(nominal):
     end = None
     for _ in range(6):  # Newton's method begins with this program
@@ -92,6 +93,7 @@ def test_unstable_orbits_are_found_and_left_by_simulations():
     assert abs(found.multipliers[0].imag) < 1e-8
 
 
+@pytest.mark.full
 def test_a_multiple_of_the_period_is_recognised(nominal, monkeypatch):
     """Here four periods are one whose Jacobian is repeated; a slow test has Newton's method over four."""
     shoot = periodic.shoot

@@ -81,6 +81,7 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
         assert np.abs(offset[here]).max() > 1e-3
 
 
+@pytest.mark.full
 def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, animation):
     gap, force = (np.asarray(a)[101:] for a in (run.reactions.gap, run.reactions.contact_force))
     longest = 0.5 * 42.0  # mm: half of the section's height for the highest force
@@ -109,6 +110,7 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, ani
     assert f"longest arrow {force.max() / 1e3:.3g} kN" in title
 
 
+@pytest.mark.full
 def test_a_point_that_touches_is_drawn_on_its_face(run):
     """Pushes a motion along its normal until one gap is zero."""
     ds = run.to_xarray().isel(time=slice(101, None)).copy()
@@ -132,6 +134,7 @@ def test_a_section_of_one_face_can_be_drawn():
     assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below
 
 
+@pytest.mark.full
 def test_frames_are_the_saved_states_that_are_asked_for(animation, tmp_path):
     assert isinstance(animation, FuncAnimation)
     assert list(animation.new_frame_seq()) == list(range(0, 50, 5))
@@ -147,6 +150,7 @@ def test_frames_are_the_saved_states_that_are_asked_for(animation, tmp_path):
     assert np.abs(np.diff(frames, axis=0)).max(axis=(1, 2)).min() > 50  # something moves in each
 
 
+@pytest.mark.full
 def test_wrong_arguments_of_an_animation_are_named(run):
     ds = run.to_xarray()
     for arguments, words in (
@@ -163,6 +167,7 @@ def test_wrong_arguments_of_an_animation_are_named(run):
     assert not plt.get_fignums()
 
 
+@pytest.mark.full
 def test_datasets_are_shown_with_their_scene(run):
     ds = run.to_xarray().assign_coords(clearance=3e-3)
     front = panels(plots.instant(ds, SCENE, at=2.4, magnify=1.0, last=1.0))[0]
@@ -173,6 +178,7 @@ def test_datasets_are_shown_with_their_scene(run):
     np.testing.assert_allclose(drawn_gap, gap, atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_section_shows_where_the_points_are(run):
     """In an order that leaves the slipper open where the rail has its web, with its play visible."""
     assert "".join(np.array(SCENE.section.names)[contour(SCENE.section)]) == "FGHIJABCDE"

@@ -109,6 +109,7 @@ def test_progress_is_the_lowest_that_violates_nothing(design):
         assert isinstance(color_norm(np.array(values)), LogNorm) == wide
 
 
+@pytest.mark.full
 def test_sensitivities_are_relative(design):
     ds = design()
     ax = panel(3, ds)

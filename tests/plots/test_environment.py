@@ -29,6 +29,7 @@ def report():
     return made()
 
 
+@pytest.mark.full
 def test_a_page_has_the_lines_of_its_report_in_g(report):
     axes = plots.vibration(report, 0)
     assert axes.shape == (2, 3)

@@ -85,6 +85,7 @@ def test_pictures_of_a_trajectory_take_it_as_it_is():
     assert {"plot", "bifurcation", "regime_map", "animate"} <= set(dir(ds.slipper))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "first",
     [

@@ -366,6 +366,7 @@ class InFeet(sj.SampledTrack):
     distance_unit = "ft"
 
 
+@pytest.mark.full
 def test_surveys_are_drawn_over_their_own_unit_of_distance():
     scene = dataclasses.replace(sj.paper_scene(), track=InFeet(np.arange(0.0, 400.0), 0.0, 0.0))
     upper, below, _ = plots.rail(scene)

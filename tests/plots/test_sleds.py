@@ -71,6 +71,7 @@ def test_forces_of_a_sled_s_points_are_drawn_with_their_slippers():
     assert [line.name for line in most_loaded(moving(), 2, "left2")] == ["left2_J2", "left2_I2"]
 
 
+@pytest.mark.full
 def test_each_slipper_s_ends_are_drawn_where_the_model_has_them():
     figure = plots.instant(moving(), SCENE, at=1.5, magnify=2.0, last=None)
     gap = np.asarray(contacts(rail_frame(SCENE, 1.5), MOTION).gap).reshape(4, 2, -1)
@@ -91,6 +92,7 @@ def test_each_slipper_s_ends_are_drawn_where_the_model_has_them():
         plots.animate(moving().sel(slipper="left1"), SCENE)
 
 
+@pytest.mark.full
 def test_an_elastic_sled_s_slippers_are_drawn_where_its_mode_has_them():
     """A mode that moves the second slipper upwards by 0.4 mm."""
     shapes = np.zeros((1, 4, 3))
@@ -112,6 +114,7 @@ def test_an_elastic_sled_s_slippers_are_drawn_where_its_mode_has_them():
     np.testing.assert_allclose(np.subtract(*tops), [0.0, 0.4, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     view = RunView.of(run)
     force = run["peak_force"].values.reshape(30, -1)
@@ -158,6 +161,7 @@ def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     assert isinstance(plots.plot(run), np.ndarray)
 
 
+@pytest.mark.full
 def test_a_plan_has_each_slipper_at_its_place_coloured_by_its_force(run):
     half = np.ptp(np.asarray(SCENE.section.points)[:, 0]) / 2
     for source in (SCENE, run):
@@ -194,6 +198,7 @@ def shared(run):
     return run.assign(data).assign_coords(direction=["lateral", "vertical"])
 
 
+@pytest.mark.full
 def test_loads_are_shared(run):
     ds = shared(run)
     axes = plots.load_sharing(ds, [0.1, 0.2, 0.3, 0.4])
@@ -213,6 +218,7 @@ def test_loads_are_shared(run):
     assert last[last[:, 0] == 10.5][:, 1].max() == pytest.approx(9 / 14)  # 2, 3, 4 and 5 kN
 
 
+@pytest.mark.full
 def test_wrong_sleds_are_one_line(run):
     for draw, words in (
         (

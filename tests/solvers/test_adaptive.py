@@ -136,6 +136,7 @@ def carrying(scene):
     return dataclasses.replace(scene, slipper=body, sled=payload)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("part", "size"),
     [
@@ -195,6 +196,7 @@ def test_records_of_adaptive_steps_are_those_of_many_constant_ones():
     assert max(error[name] for name in ("impulse", "peak_force", "contact_work", "contact_load")) < 2e-4
 
 
+@pytest.mark.full
 def test_a_run_goes_on_from_a_state_between_adaptive_steps():
     """Where a contact has just opened its memory is that of an open point, so that it may touch down again."""
     scene = sj.paper_scene(restitution=0.4)

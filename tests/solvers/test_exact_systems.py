@@ -125,6 +125,7 @@ def exact_slopes():
     return np.array([0.0, AT[2] * slope * (-8 / (5 * c_r**2)) * c_r, AT[2] * e])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("solver", "differentiate"),
     [

@@ -79,6 +79,7 @@ LIMITS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", HARD)
 def test_states_against_an_independent_code(by_steps, name):
     for steps, limit in zip(by_steps, LIMITS[name], strict=True):
@@ -92,6 +93,7 @@ def flores(c_r):
     return 8 * (1 - c_r) / (5 * c_r)
 
 
+@pytest.mark.full
 def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
     # a vertical impact on the top face from 0.1 mm: its four corners touch at one instant and share the load
     lanes = [
@@ -109,6 +111,7 @@ def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
     np.testing.assert_allclose(states[:, 0][:, [0, 2, 3, 4, 5, 7, 8, 9]], 0.0, atol=1e-9)
 
 
+@pytest.mark.full
 def test_contacts_present_at_the_start():
     # the top face starts 50 um deep: an opening contact has no damping, a closing one has g'_0 from its rate there
     deep, v = 5e-5, 0.5
@@ -125,6 +128,7 @@ def test_contacts_present_at_the_start():
     np.testing.assert_allclose(states[:, 1, 6], expected, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_grazing_touchdowns_are_continuous():
     # upward throws whose apex is just short of contact with the undersides, at it, and just beyond
     normal = np.asarray(BASE.section.normals)[3, 1]  # of D, downwards
@@ -195,6 +199,7 @@ def test_a_derailed_slipper_is_flagged():
     np.testing.assert_allclose(states[0, :, 2], 30 * 6.4e-3 * np.arange(1, PERIODS + 1), rtol=1e-9)
 
 
+@pytest.mark.full
 def test_too_few_steps_are_flagged_and_not_believed():
     lanes = [dict(stiffness=1e8), dict(stiffness=1e11), dict(stiffness=1e12), dict(speed=20.0)]
     _, code = in_lanes(lanes, 50)

@@ -46,6 +46,7 @@ def dropped(relative, steps, solver, law):
 
 # Measured at 50 and 400 steps: Flores 1.0e-5, 3.8e-8; Hunt-Crossley 8.3e-6, 2.3e-8; Lankarani-Nikravesh 8.6e-6,
 # 1.3e-8; Hertz 2.4e-6, 3.0e-8; RK4 has 1.7e-4, 9.3e-7 with Flores
+@pytest.mark.full
 @pytest.mark.parametrize("law", [sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh, sj.HertzSpring])
 def test_rebound_of_a_level_slipper(law):
     law = law_of(law)
@@ -60,6 +61,7 @@ def test_rebound_of_a_level_slipper(law):
 SCENES = Path(__file__).parents[2] / "docs" / "how_to" / "scenes.md"
 
 
+@pytest.mark.full
 def test_restitution_in_and_rebound_out():
     """The table of docs/how_to/scenes.md: in closed form, and of a drop of a level slipper at 0.7 m/s."""
     given = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -76,6 +78,7 @@ def test_restitution_in_and_rebound_out():
     assert all(row in text for row in rows)
 
 
+@pytest.mark.full
 def test_derivatives_of_the_rebound():
     law, factor = law_of(sj.Flores), float(law_of(sj.Flores).factor)
     exact = [0.0, AT[2] * rebound_slope(factor) * (-8 / (5 * AT[1] ** 2)) * AT[1], AT[2] * rebound(factor)]
@@ -85,6 +88,7 @@ def test_derivatives_of_the_rebound():
     np.testing.assert_allclose(found, exact, atol=1.5e-4)
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_the_steps_themselves():
     """So that exponents and Newton's method are exact, however few the steps."""
     scene = scene_of(NOMINAL)
@@ -111,6 +115,7 @@ def test_derivatives_are_equal_in_both_modes_to_second_order():
 
 # Measured at 50 and 100 steps: 4.6e-5, 2.8e-6; 9.3e-5, 1.3e-5; 2.1e-5, 3.5e-6; 5.9e-6, 1.5e-6; RK4 at 100 has
 # 4.3e-5, 1.8e-4, 3.3e-5, 2.8e-5. With a restitution of 0.5 damping ends the force before the contact ends.
+@pytest.mark.full
 @pytest.mark.parametrize(
     "law",
     [sj.Flores(1e8, 0.7, clamp=False), sj.Flores(1e8, 0.5), sj.ConstantDamping(1e8, 0.5), sj.HertzSpring(1e8)],
@@ -165,6 +170,7 @@ def pressed_ends(solver, memory):
     return run
 
 
+@pytest.mark.full
 def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
     """At 25, 50, 100, 200 and 400 steps, in mm and m/s."""
     law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
@@ -182,6 +188,7 @@ def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
     assert found[2] < 3e-5
 
 
+@pytest.mark.full
 def test_tangents_of_a_contact_that_is_pressed_again():
     """Those of the steps themselves, and nearly those of the motion."""
     run = pressed_ends(sj.ImpulseRK4(), sj.PeakRateLatch())
@@ -196,6 +203,7 @@ def test_tangents_of_a_contact_that_is_pressed_again():
     np.testing.assert_allclose(tangent, exact, rtol=5e-3)
 
 
+@pytest.mark.full
 def test_adaptive_steps_find_a_contact_that_is_pressed_again():
     law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
     gap, rate = pressed(0.05e-3, -0.05, TIMES, PRESSES, **law)[0]
@@ -217,6 +225,7 @@ def test_an_impact_without_other_loads_is_the_same_with_both_memories():
     np.testing.assert_allclose(*speeds, rtol=1e-13)  # measured 3e-15 at most, of other speeds and steps, too
 
 
+@pytest.mark.full
 def test_diffrax_solves_with_it():
     scene = scene_of(NOMINAL)
     state = sj.initial_state(scene, sj.table_2_start())
@@ -235,6 +244,7 @@ class OwnLatch(sj.EventLatch):
         return super().latch(memory, before, gap, rate, step, ratio)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("memory", [sj.SmoothSwitch(), OwnLatch()])
 def test_other_memories_are_refused_and_get_rk4_by_default(memory):
     scene = sj.paper_scene(memory=memory)

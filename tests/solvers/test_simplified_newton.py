@@ -98,6 +98,7 @@ def instants():
     return [(float(run.period[k]), jax.tree.map(lambda a, i=i: jnp.asarray(a[i]), pick)) for i, k in enumerate(at)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "most"), [("kvaerno", 1e-6), ("euler", 1e-10)])
 def test_stages_solve_their_equations(name, most, instants, request):
     one = request.getfixturevalue(name)
@@ -106,6 +107,7 @@ def test_stages_solve_their_equations(name, most, instants, request):
     assert max(worst) < most  # measured: 4e-9, 7e-12
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # starts amid a motion
 def test_stages_with_an_integrated_memory_solve_their_equations(smooth, instants):
     for t, state in instants:
@@ -117,12 +119,14 @@ def test_stages_with_an_integrated_memory_solve_their_equations(smooth, instants
         assert worst < 1e-8  # measured: 9e-10
 
 
+@pytest.mark.full
 def test_iterations_that_fail_are_marked(euler, instants):
     """Half a period is far too long a step for any contact."""
     t, state = next((t, state) for t, state in instants if np.any(state.memory < 0))
     assert not euler.misses(t, state, 0.5)[1]
 
 
+@pytest.mark.full
 def test_nothing_calls_lapack(euler, kvaerno, smooth):
     for one in (euler, kvaerno, smooth):
         assert "lapack" not in one.lowered.as_text()
@@ -201,6 +205,7 @@ def sweeps(count, solver):
         np.testing.assert_array_equal(run()["strobe"].values, first)
 
 
+@pytest.mark.full
 def test_threads_do_not_wait_for_each_other():
     with ThreadPoolExecutor(1) as pool:
         pool.submit(sweeps, 20, diffrax.ImplicitEuler()).result(timeout=300)

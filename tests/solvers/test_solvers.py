@@ -37,6 +37,7 @@ def test_two_step_weights(rho_inf, alpha):
         assert all(radius(1j * z) < 1 + 1e-9 for z in np.geomspace(1e-3, 1e3, 50))
 
 
+@pytest.mark.full
 def test_linearised_contact_and_its_system():
     scene = sj.paper_scene()
     field, args = sj.vector_field(scene), sj.Args(scene)
@@ -211,6 +212,7 @@ FOREIGN = (
 )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("solver", "memory"), FOREIGN, ids=lambda one: type(one).__name__)
 def test_solvers_that_close_no_step_are_refused_for_a_latch(solver, memory):
     with pytest.raises(RuntimeError, match=NEEDS_ONE_OF_OURS):
@@ -229,6 +231,7 @@ def test_other_integrators_are_refused_for_a_latch():
     assert np.all(np.isfinite(jax.tree.leaves(frozen.motion)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", [sj.SmoothSwitch(), sj.HertzSpring(1e8)], ids=lambda part: type(part).__name__)
 def test_any_solver_takes_an_ode(part):
     scene = sj.paper_scene()
@@ -240,6 +243,7 @@ def test_any_solver_takes_an_ode(part):
     np.testing.assert_allclose(there, here, atol=1e-2)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "solver", [*(kind() for kind in OWN_SOLVERS.values()), sj.Latching(diffrax.Dopri5())], ids=solver_name
 )

@@ -43,6 +43,7 @@ def on_rails(count, solver):
     return sj.sweep(SCENE, {"track.seed": np.arange(count)}, **options)
 
 
+@pytest.mark.full
 def test_forces_on_sled_rails_at_default_steps():
     """With places at which gaps rise, 40 of 17,974 touchdowns were at the least rate, the 95 % quantile 11.3 kN."""
     ds = on_rails(192, "ImpulseRK4")
@@ -58,6 +59,7 @@ def test_forces_on_sled_rails_at_default_steps():
         assert np.quantile(force, share) == pytest.approx(right, abs=3.5 * np.hypot(own, stderr))
 
 
+@pytest.mark.full
 def test_touchdowns_of_rk4():
     ds = on_rails(40, "RK4")
     assert ds["touchdowns"].sum() > 20_000

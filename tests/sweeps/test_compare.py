@@ -29,6 +29,7 @@ def compared():
     return sj.compare(SCENE, DESIGNS, length=24.0, window=8.0, rails=8, starts=2, quantiles=[0.5])
 
 
+@pytest.mark.full
 def test_runs_are_those_of_each_rail_and_start(compared):
     assert compared["runs"].dims == ("clearance", "rail", "start")
     assert compared["runs"].shape == (2, 8, 2)
@@ -44,6 +45,7 @@ def test_runs_are_those_of_each_rail_and_start(compared):
     assert not compared["status"].any()
 
 
+@pytest.mark.full
 def test_quantiles_are_of_all_runs_and_differences_from_the_best(compared):
     runs = compared["runs"].values.reshape(2, 16)
     values = np.quantile(runs, [0.5], axis=1, method="median_unbiased").T
@@ -55,6 +57,7 @@ def test_quantiles_are_of_all_runs_and_differences_from_the_best(compared):
     assert np.all(compared["difference_stderr"][1 - best] > 0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("two_rails", [False, True])
 def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     distance = np.linspace(0.0, 60.0, 601)
@@ -129,6 +132,7 @@ def made(numbers, seed=0, shares=(0.5, 0.95)):
     return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
 
 
+@pytest.mark.full
 def test_intervals_hold_the_truth_where_runs_share_their_rails():
     truth = made(drawn(20_000, 4, 1))
     inside = {"": [], "difference_": []}

@@ -54,6 +54,7 @@ def rails():
     return sj.run(scene, {"track.seed": range(3)}, length=100.0, record=KEPT)
 
 
+@pytest.mark.full
 def test_a_place_of_a_spinning_sled():
     """Of an axisymmetric body without moments, whose spin turns about its axis at a constant rate."""
     w_x, w_y, w_z = 0.5, 0.1, -0.3
@@ -71,6 +72,7 @@ def test_a_place_of_a_spinning_sled():
     np.testing.assert_allclose(found, wanted.T, atol=1e-12)
 
 
+@pytest.mark.full
 def test_a_place_moves_as_its_acceleration_says():
     """The second difference of a rigid slipper's place, at the ends of steps with contact."""
     scene = dataclasses.replace(sj.paper_scene(speed=100.0), gravity=9.81)
@@ -127,6 +129,7 @@ def test_a_mode_rings_at_a_place():
         np.testing.assert_allclose(shock, 10.0, rtol=0.05)
 
 
+@pytest.mark.full
 def test_bands_agree_with_the_third_octaves_of_the_run(rails):
     """Another filter and another estimate in the package, of the centre of mass at one speed."""
     duration = float(rails["seconds"][-1])
@@ -143,6 +146,7 @@ def test_bands_agree_with_the_third_octaves_of_the_run(rails):
         assert found == pytest.approx(wanted, rel=0.03), direction
 
 
+@pytest.mark.full
 def test_envelopes_are_those_of_each_rail_alone(rails):
     settings = dict(places=[PLACE, (0.0, 0.0, 0.0)], high=800.0)
     report = sj.environment(rails, **settings)
@@ -162,6 +166,7 @@ def test_envelopes_are_those_of_each_rail_alone(rails):
     }
 
 
+@pytest.mark.full
 def test_lost_runs_are_left_out(rails):
     lost = rails.assign(status=rails["status"].where(rails["track.seed"] != 1, int(sj.Status.DERAILED)))
     with pytest.warns(UserWarning, match=r"1 of 3 runs are lost, and left out"):
@@ -170,6 +175,7 @@ def test_lost_runs_are_left_out(rails):
     np.testing.assert_array_equal(report["rms"], whole["rms"][[0, 2]])
 
 
+@pytest.mark.full
 def test_windows_at_the_beginning_may_be_left_out(rails):
     whole = sj.environment(rails, [PLACE], high=800.0)
     part = sj.environment(rails.isel(distance=slice(40, None)), [PLACE], high=800.0)
@@ -179,6 +185,7 @@ def test_windows_at_the_beginning_may_be_left_out(rails):
     assert ends[0] == pytest.approx(0.6 * ends[1], rel=1e-2)
 
 
+@pytest.mark.full
 def test_densities_end_where_steps_are_too_far_apart(rails):
     """At 100 m/s by 20 steps a window or so: a quarter of their rate is below 2 kHz."""
     scene = dataclasses.replace(first_of(rails), speed=100.0)
@@ -197,6 +204,7 @@ def test_densities_end_where_steps_are_too_far_apart(rails):
         assert np.isfinite(sj.environment(enough, [PLACE])["density"]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
@@ -219,6 +227,7 @@ def test_wrong_inputs_are_one_line(rails, change, options, words):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.full
 def test_places_of_an_elastic_sled_are_those_of_its_modes():
     modes = sj.Modes([300.0], [0.0], np.zeros((1, 4, 3)), [PLACE], np.ones((1, 1, 3)))
     ds = sj.run(in_the_air(modes=modes), length=4.0, record=KEPT, start=sj.Motion(modes=sj.ModalMotion([0], [0])))

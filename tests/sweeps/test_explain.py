@@ -50,6 +50,7 @@ def test_a_run_from_standstill_has_steps_of_its_own(monkeypatch):
     assert all("steps_per_period" not in options and options["refine"] == 2 for options in asked)
 
 
+@pytest.mark.full
 def test_prepared_rails_count_in_the_memory():
     scene = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=2000.0))
     seeds, speeds = {"track.seed": np.arange(100.0)}, {"speed": np.linspace(900.0, 1000.0, 100)}

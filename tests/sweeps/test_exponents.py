@@ -27,6 +27,7 @@ def swept(speeds, **options):
     return sj.lyapunov_sweep(sj.paper_scene(), {"speed": speeds}, **SHORT | options)
 
 
+@pytest.mark.full
 def test_periodic_motions_contract_and_chaotic_ones_part():
     found = swept([1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0], periods=300, certify=False).isel(count=0)
     calm, wild = found.sel(speed=slice(1000, 1900)), found.sel(speed=slice(2000, 2400))
@@ -54,6 +55,7 @@ def test_wrong_arguments_are_named():
             make()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("finished", [0, 1])
 def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
     def run_longer_motions(plan, chosen, states, epoch, blocks, count, options):
@@ -100,6 +102,7 @@ def both_ways():
     return swept([*TWO, LOST]), swept([*TWO, LOST], orbits=False)
 
 
+@pytest.mark.full
 def test_periodic_cases_take_the_exponents_of_their_orbits(both_ways):
     by_orbit, measured = (ds.isel(speed=0) for ds in both_ways)
     assert bool(by_orbit["by_orbit"])
@@ -118,6 +121,7 @@ def test_periodic_cases_take_the_exponents_of_their_orbits(both_ways):
         assert (str(ds["kind"].values), int(ds["period"])) == ("period", 1)
 
 
+@pytest.mark.full
 def test_other_cases_are_measured_to_the_same_bits(both_ways):
     by_orbit, measured = (ds.isel(speed=[1, 2]) for ds in both_ways)
     assert not by_orbit["by_orbit"].any()
@@ -128,6 +132,7 @@ def test_other_cases_are_measured_to_the_same_bits(both_ways):
     assert str(lost["regime"].values) == str(lost["kind"].values) == "unresolved"
 
 
+@pytest.mark.full
 def test_exponents_and_orbits_are_records_like_others(both_ways):
     record = [LyapunovExponents(periods=60), "orbits"]
     options = dict(record=record, transient=200, steps_per_period=50)
@@ -151,6 +156,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("finer", [False, True])
 def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways, finer):
     """Of one motion in several lanes, whose orbits are each spoilt in another way."""
@@ -173,6 +179,7 @@ def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways
             np.testing.assert_array_equal(found[name][lane], measured[name], err_msg=f"{how}: {name}")
 
 
+@pytest.mark.full
 def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
     """A motion on a stable orbit that presses a point in is marked."""
     monkeypatch.setattr("slipperjax.sweeps.orbits.Maps._looked", lambda *a, **k: np.full(8, int(Status.PRESSED_IN)))
@@ -203,6 +210,7 @@ def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]
 
 
+@pytest.mark.full
 def test_strobes_are_the_same_in_two_programs():
     # in the programs of test_sweep, because only ten divides 530 in numbers from 10 to 50
     options = dict(transient=530, periods=10, steps_per_period=[50, 100])

@@ -107,6 +107,7 @@ BEND = [[0.2, 1.0, 0.1], [0.2, -0.8, 0.1], [-0.2, 1.0, 0.2], [-0.2, -0.8, 0.2]]
 ELASTIC = independent_sled.Modes(np.array([35.0, 80.0]), np.array([0.03, 0.02]), 0.06 * np.array([TWIST, BEND]))
 
 
+@pytest.mark.full
 def test_an_elastic_sled_is_that_of_an_independent_implementation():
     """Slippers of two lengths, not in the middle, on rails that roll."""
     slippers = corners(lengths=(0.3, 0.2), forward=1.4, backward=-1.0)

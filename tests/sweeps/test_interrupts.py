@@ -117,6 +117,7 @@ def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interr
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
 
 
+@pytest.mark.full
 def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
     # the last two cases are in the last chunk; the program is that of test_sweep
     options = dict(transient=10, periods=10, steps_per_period=[100] * 8 + [50] * 2, chunk=8, workers=1)

@@ -28,6 +28,7 @@ def strobe(scene, state, calls):
     return np.concatenate(rows)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", GRID["speed"][:3])
 def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, speed):
     case, scene = found.sel(speed=speed), SCENE.replace(speed=speed)
@@ -47,6 +48,7 @@ def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, sp
     np.testing.assert_allclose(float(case["orbit_exponent"]), np.log(size) / 2, atol=1e-7)
 
 
+@pytest.mark.full
 def test_cases_without_a_stable_orbit_are_marked(found):
     unstable = found.sel(speed=2300.0)  # found from a chaotic motion
     assert (int(unstable["status"]), bool(unstable["stable"])) == (Status.FINITE, False)

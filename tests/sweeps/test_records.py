@@ -70,6 +70,7 @@ def good(reduced, history):
     return reduced.isel(case=slice(0, 3)), history.isel(case=slice(0, 3))
 
 
+@pytest.mark.full
 def test_loads_and_statuses_are_those_of_a_history(reduced, history):
     wide = dict(clearance=400.0, grid={"speed": [1250.0, 1000.0]}, steps=SEVERAL[2:4], start=None)
     free = swept(RECORD, **wide), swept("history", saves_per_period=STEPS, **wide)
@@ -86,6 +87,7 @@ def test_loads_and_statuses_are_those_of_a_history(reduced, history):
     assert set(free[0]["kind"].values) == {"unresolved"}
 
 
+@pytest.mark.full
 def test_rms_and_extremes_are_those_of_all_samples(good):
     found, exact = good
     for name, q in ACCELERATIONS.items():
@@ -124,6 +126,7 @@ def test_averages_converge_with_the_steps():
     assert np.all(errors[400][0] < 2e-5)  # measured 6e-6
 
 
+@pytest.mark.full
 def test_sections_are_alike_alone_and_in_lists(reduced):
     exact = swept("sections", steps=SEVERAL, periods=10)
     for one in (
@@ -298,6 +301,7 @@ class LastHeight(AbstractStage):
         return {"last_height": column(dims, values, "m", "height after the record")}, {}
 
 
+@pytest.mark.full
 def test_stages_of_ones_own_run_after_the_records():
     ds = swept(["strobe", "motion", LastHeight()])
     assert ds.attrs["record"] == "strobe, motion, last_height"
@@ -317,6 +321,7 @@ def drive(course):
     return course.drive_force.mean
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -354,6 +359,7 @@ def test_bad_records_are_refused(make, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.full
 def test_what_cannot_be_written_is_named_when_it_is_asked_for():
     record = [{"type": "Record", "quantity": None, "function": {"opaque": "<function>"}}]
     ds = xr.Dataset(attrs={"call": json.dumps({"record": record})})

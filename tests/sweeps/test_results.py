@@ -43,6 +43,7 @@ def test_scenes_and_starts_come_back_exactly():
         np.testing.assert_array_equal(again, first)
 
 
+@pytest.mark.full
 def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     ds = grid
     assert ds["strobe"].dims == ("speed", "start_v_y", "strobe_period", "coordinate")
@@ -92,6 +93,7 @@ def test_solvers_come_back_or_say_that_they_do_not():
         load_call(ds)
 
 
+@pytest.mark.full
 def test_a_run_goes_on_where_another_ended():
     """Seventeen periods, and three of another seventeen, are the twenty of `test_sweep`, whose program they take."""
     scene, steps = sj.paper_scene(), dict(steps_per_period=50)

@@ -28,6 +28,7 @@ def runs():
     return sj.run(RAIL, {"track.seed": [3.0, 4.0]}, length=210.0, speed=FAST)
 
 
+@pytest.mark.full
 def test_windows_of_a_wavelength_are_forcing_periods_to_the_last_bit(steady):
     names = ["peak_force", "contact_fraction", "impulse", "drive_force", "rms_a_z"]
     ds = sj.sweep(
@@ -44,6 +45,7 @@ def test_windows_of_a_wavelength_are_forcing_periods_to_the_last_bit(steady):
     np.testing.assert_allclose(steady["seconds"], steady["distance"] / 1250.0)
 
 
+@pytest.mark.full
 def test_a_probe_measures_what_half_the_step_changes(steady):
     run = sj.simulate(SCENE, 1, steps_per_period=STEPS, probe=1)
     assert list(steady["probe"].values) == [0.0]  # there is one stretch
@@ -52,6 +54,7 @@ def test_a_probe_measures_what_half_the_step_changes(steady):
     np.testing.assert_allclose(steady["probe_error"], run.probe.error, rtol=1e-4)
 
 
+@pytest.mark.full
 def test_peaks_say_where_they_are(steady):
     where = steady["peak_distance"]
     ends = steady["distance"]
@@ -62,6 +65,7 @@ def test_peaks_say_where_they_are(steady):
     assert bool(np.all((steady["impacts"].sum("distance") > 0) == (steady["contact_fraction"].sum("distance") > 0)))
 
 
+@pytest.mark.full
 def test_a_run_goes_on_from_where_another_one_ended(steady):
     first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS, start=START)
     rest = sj.run(SCENE, length=40.0, window=8.0, steps_per_period=STEPS, start=first)
@@ -76,6 +80,7 @@ def test_a_run_goes_on_from_where_another_one_ended(steady):
         sj.run(SCENE, length=8.0, start=lost)
 
 
+@pytest.mark.full
 def test_a_trajectory_goes_on_from_a_state_that_a_run_kept(steady):
     first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS, start=START)
     run = sj.simulate(SCENE, 5, start=first, begin=24.0, steps_per_period=STEPS)
@@ -98,6 +103,7 @@ def test_loads_show_what_is_wrong_with_a_run():
     assert int(thrown["status"]) == sj.Status.PRESSED_IN
 
 
+@pytest.mark.full
 def test_times_and_steps_follow_the_speed(runs):
     np.testing.assert_allclose(runs["seconds"], FAST.seconds(runs["distance"].values), rtol=1e-12)
     np.testing.assert_allclose(runs["speed"], FAST.at(runs["distance"].values - 0.5), rtol=1e-12)
@@ -114,6 +120,7 @@ def test_times_and_steps_follow_the_speed(runs):
     assert not runs["status"].any()
 
 
+@pytest.mark.full
 def test_a_run_from_standstill_passes_what_is_too_slow():
     # 0.5 s at rest, 300 m/s^2 up to 40 m, and a stop at 61 m
     history = sj.SpeedProgramme.over_time(
@@ -140,17 +147,20 @@ def test_starts_may_be_all_that_differs(steady):
     assert float(np.max(np.abs(started["peak_force"][1] - steady["peak_force"]))) > 100.0
 
 
+@pytest.mark.full
 def test_the_scene_of_a_run_holds_its_programme(runs):
     np.testing.assert_array_equal(load_base(runs)[0].speed.speed, FAST.speed)
     assert load_call(runs)["window"] == runs.attrs["window [m]"]
 
 
+@pytest.mark.full
 def test_each_run_of_a_grid_is_that_of_its_rail(runs):
     one = sj.run(RAIL, {"track.seed": [4.0]}, length=210.0, speed=FAST)
     np.testing.assert_array_equal(one["peak_force"][0], runs["peak_force"][1])
     assert float(np.abs(runs["peak_force"][0] - runs["peak_force"][1]).max()) > 100.0
 
 
+@pytest.mark.full
 def test_stretches_are_made_of_their_windows(runs):
     counts = runs["impacts"][0, :STRETCH].sum("distance")
     seconds = float(runs["seconds"][STRETCH - 1])
@@ -255,6 +265,7 @@ def worn(wear, length=210.0, **options):
     return sj.run(scene, length=length, speed=FAST, record="friction_work", **options)
 
 
+@pytest.mark.full
 def test_wear_opens_the_play_of_each_face_by_its_friction():
     law = sj.Wear(1e-13)
     ds = worn(law)
@@ -294,6 +305,7 @@ def test_wear_needs_friction():
         sj.run(dataclasses.replace(RAIL, friction=None, wear=sj.Wear(1e-13)), length=8.0)
 
 
+@pytest.mark.full
 def test_a_table_opens_the_play_by_the_distance():
     ds = worn(sj.WearTable([0.0, 200.0], [0.0, 1e-4]))
     np.testing.assert_allclose(ds["play"][:, 0] - 0.5e-3, [5e-5, 1e-4, 1e-4], rtol=1e-12)
@@ -309,6 +321,7 @@ def test_grids_of_starts_have_steps():
     np.testing.assert_array_equal(profiles[0], profiles[1])
 
 
+@pytest.mark.full
 def test_estimates_know_the_speed_that_is_asked_for():
     with pytest.raises(ValueError, match="Argument `length` must be positive"):
         sj.explain(sj.run, SCENE, {"speed.scale": [1.0, 2.0]}, speed=FAST, length=-1.0)

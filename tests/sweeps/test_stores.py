@@ -144,6 +144,7 @@ def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
         assert np.array_equal(ds[name].values, plain[name].values, equal_nan=plain[name].dtype.kind == "f"), name
 
 
+@pytest.mark.full
 def test_two_processes_cannot_write_to_one_store_and_a_killed_one_is_gone_on_with(tmp_path, whole):
     path = tmp_path / "map.zarr"
     with process(path, 0.2) as one:
@@ -451,6 +452,7 @@ def test_a_complete_store_is_read_where_nothing_can_be_written(stored, whole, mo
         call(stored)
 
 
+@pytest.mark.full
 def test_workers_end_with_the_process_that_made_them(tmp_path):
     script = (
         "import os, slipperjax as sj\n"
@@ -527,6 +529,7 @@ def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):
         call(tmp_path / "map.zarr")
 
 
+@pytest.mark.full
 def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
     mark, path, shared, dies = (tmp_path / name for name in ("die", "map.zarr", "shared.zarr", "dies.zarr"))
     monkeypatch.setenv("DIES", str(mark))

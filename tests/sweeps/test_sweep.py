@@ -58,6 +58,7 @@ def test_a_failing_case_is_flagged_and_leaves_the_others_untouched(strobe):
     assert "raise steps_per_period" in with_failure["status"].attrs["meaning"]
 
 
+@pytest.mark.full
 def test_sections_are_those_of_a_fine_trajectory():
     """Of a case with half of the steps that the program has room for."""
     options = dict(OPTIONS, transient=0, steps_per_period=[STEPS, 2 * STEPS])
@@ -76,6 +77,7 @@ def test_sections_are_those_of_a_fine_trajectory():
     assert np.all((found > low - 1e-2) & (found < high + 1e-2))
 
 
+@pytest.mark.full
 def test_cases_of_several_step_counts_are_those_of_each_alone():
     """Histories, whose program has room for 100 steps; those of test_records take it, too."""
     speeds = [400.0, 1250.0, 450.0]
@@ -128,6 +130,7 @@ def test_starts_can_be_varied_and_lists_be_read_side_by_side():
         sj.sweep(sj.paper_scene(), {"speed": [1e3, 2e3], "length": [0.2]}, product=False)
 
 
+@pytest.mark.full
 def test_sweeps_say_what_half_the_step_changes():
     of_steps = lambda steps, **how: sj.sweep(
         sj.paper_scene(),

@@ -46,6 +46,7 @@ def test_a_digest_is_of_all_that_a_function_uses(body, first, second):
     assert digest(body, first) != digest(body, second)
 
 
+@pytest.mark.full
 def test_digests_are_the_same_in_any_process():
     program = (
         "from slipperjax.tools.code import code_digest\nimport slipperjax as sj\n"

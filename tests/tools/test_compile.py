@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 SMALL = """
 import jax
 import numpy as np
@@ -52,11 +54,13 @@ def run(code, **environment):
     return subprocess.run(words, env=os.environ | environment, capture_output=True, text=True)
 
 
+@pytest.mark.full
 def test_the_users_code_may_be_strict_about_types():
     done = run(STRICT, JAX_NUMPY_DTYPE_PROMOTION="strict")
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.full
 def test_the_first_import_may_be_inside_a_traced_function():
     done = run(INSIDE)
     assert done.returncode == 0, done.stderr[-2000:]

@@ -47,6 +47,7 @@ def test_another_value_in_the_environment_is_one_clear_error(monkeypatch):
         forms.is_plain()
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undecided")
 @pytest.mark.parametrize("name", ["sums", "circle", "store", "by_jacobian"])
 def test_a_trick_that_gives_wrong_numbers_is_found(name, monkeypatch):
@@ -128,6 +129,7 @@ def test_a_period_and_its_derivative_are_the_same_in_both_forms(monkeypatch):
     np.testing.assert_allclose(found[plain], found[fast], rtol=1e-10)  # measured: 3e-14
 
 
+@pytest.mark.full
 def test_a_command_in_the_plain_form_warns_once(tmp_path):
     code = "import slipperjax_command; slipperjax_command.main()"
     options = ["--no-cache", "simulate", "--periods", "1", "--probe", "0", "--out", str(tmp_path / "run")]

@@ -128,6 +128,7 @@ def test_no_zero_is_looked_for_where_none_is_wanted():
     assert all(np.all(part == 0) for part in slopes)
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_the_zero_to_second_order():
     """Of a stone thrown upwards, whose fall to the ground has a closed form, and of a cubic by differences."""
 

@@ -44,6 +44,7 @@ TRANSFORMED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 @pytest.mark.parametrize("transform", TRANSFORMED.values(), ids=TRANSFORMED)
 def test_derivatives_are_those_of_the_function(transform, form):
@@ -67,6 +68,7 @@ def test_few_numbers_have_no_backward_pass_and_many_have():
         np.testing.assert_allclose(one, other, rtol=1e-12)  # measured: 2e-15
 
 
+@pytest.mark.full
 @pytest.mark.skipif(is_plain(), reason="for the fast form")
 def test_gradients_of_runs_have_no_backward_pass():
     scene = sj.paper_scene(speed=1250.0)

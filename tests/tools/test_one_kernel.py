@@ -58,6 +58,7 @@ def calls_of(fun, *args):
     return [line for line in jax.jit(fun).lower(*args).as_text().splitlines() if MARK in line]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("body", [*FITS.values(), *DOES_NOT_FIT.values()], ids=[*FITS, *DOES_NOT_FIT])
 def test_what_is_in_a_kernel(body):
     loop = repeated(body)
@@ -84,6 +85,7 @@ def test_arguments_without_use_and_constants(place):
     np.testing.assert_allclose(jax.jit(placed)(X), part(X, X, 0 * X), rtol=1e-14)  # measured: 1e-16
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reduce", [jnp.sum, jnp.max, jnp.min, jnp.prod, jnp.any, jnp.argmax])
 @pytest.mark.parametrize("size", [8, 128])
 def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
@@ -100,6 +102,7 @@ def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
         assert np.all(np.isnan(found[3]))
 
 
+@pytest.mark.full
 def test_constants_of_a_program_in_reverse_mode():
     """Those that XLA would fold into what is called: it ended the process."""
     code = """
@@ -154,6 +157,7 @@ TRANSFORMED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fun", [marked, closed])
 @pytest.mark.parametrize(("transform", "least"), TRANSFORMED.values(), ids=TRANSFORMED)
 def test_all_loops_of_transformed_programs_are_kernels(fun, transform, least):
@@ -165,6 +169,7 @@ def test_all_loops_of_transformed_programs_are_kernels(fun, transform, least):
     assert loops_outside(jax.jit(transform(fun)).lower(*args).as_text()) == 0
 
 
+@pytest.mark.full
 def test_other_programs_of_the_process_are_as_without_the_import():
     """The options of the process stay, and the texts of other people's programs."""
     code = """
@@ -199,6 +204,7 @@ def loops_outside(program):
     return sum("stablehlo.while" in texts[name] for name in reached)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(is_plain(), reason="for the fast form")
 @pytest.mark.parametrize(
     ("transform", "forward", "most"), [(lambda f: f, 16, 0), (jax.jacfwd, 16, 0), (jax.grad, 16, 0), (jax.grad, 0, 1)]
