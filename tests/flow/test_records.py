@@ -171,6 +171,7 @@ KEPT = (
 )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("record", KEPT, ids=lambda record: type(record).__name__)
 @pytest.mark.parametrize("faces", [3, 5, 12])
 def test_memory_is_counted_by_the_points_of_the_section(record, faces):

@@ -404,6 +404,7 @@ def run():
     return sj.simulate(sj.paper_scene(), 3, steps_per_period=50).to_xarray()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("call", "words"), WRONG, ids=[row[1] for row in WRONG])
 def test_wrong_inputs_of_pictures_are_one_line(run, call, words):
     with pytest.raises(ValueError, match=f"^Argument {words}"):

@@ -190,6 +190,7 @@ def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
     assert found["kind"].values.tolist() == found["regime"].values.tolist() == ["unresolved"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stage", [0, 1])
 def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     """During the measurement those that were found are kept; during the only chunk of the transient nothing is."""

@@ -147,6 +147,7 @@ def test_sections_are_alike_alone_and_in_lists(reduced):
         np.testing.assert_allclose(reduced[name].values[0, :first], exact[name].values[0, :first], rtol=1e-8)
 
 
+@pytest.mark.full
 def test_motions_are_those_of_the_strobe_states(reduced):
     exact = attractors(reduced)
     np.testing.assert_array_equal(reduced["kind"].values, exact.kind)
@@ -186,6 +187,7 @@ def test_the_exponent_is_that_of_a_measurement_from_there():
     assert "uncertified" in reduced["exponent"].attrs["long_name"]
 
 
+@pytest.mark.full
 def test_everything_is_labelled(reduced):
     assert reduced.attrs["record"].startswith("peak_force, peak_period, impulse")
     for name, variable in reduced.data_vars.items():
@@ -200,6 +202,7 @@ def equal_bits(one, other):
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=name)
 
 
+@pytest.mark.full
 def test_numbers_do_not_depend_on_neighbours(reduced):
     """The same compiled program, with the cases in another order."""
     turned = swept(RECORD, {"speed": CASES["speed"][::-1]}, steps=SEVERAL[::-1])

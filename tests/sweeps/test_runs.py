@@ -93,6 +93,7 @@ def test_a_trajectory_goes_on_from_a_state_that_a_run_kept(steady):
         sj.simulate(SCENE, 1, start=first, begin=17.0)
 
 
+@pytest.mark.full
 def test_loads_show_what_is_wrong_with_a_run():
     of = lambda scene, **start: sj.run(
         scene, length=16.0, window=8.0, steps_per_period=STEPS, start=sj.Motion(**start)
