@@ -5,6 +5,7 @@ So it shows whether tests that were merged, moved or made cheaper still prove as
 
     python tests/defects.py                  every defect; exit code 1 where one is missed
     python tests/defects.py NAME ...         some of them
+    python tests/defects.py --default        by default tests alone, without those marked full
     python tests/defects.py --check-texts    whether each text occurs exactly once in the package; takes no time
 
 The text of a defect is looked for in the whole package, so that files may be moved.
@@ -27,6 +28,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "slipperjax"
 PATIENCE = 600.0
 """Seconds after which tests are ended: a defect that makes them hang is not noticed."""
+FULL = "not slow and not benchmark"
+DEFAULT = f"{FULL} and not full"
+"""Tiers of tests, by their markers."""
 FAILED = 1
 """Exit code of pytest where tests failed; others mean that none were found, or that they could not be read."""
 
@@ -823,14 +827,15 @@ def copy_tree(into: Path) -> None:
             shutil.copyfile(ROOT / name, into / name)
 
 
-def run_tests(tree: Path, tests: str) -> tuple[int | None, str]:
-    """Runs tests of a tree on its own package; gives pytest's exit code, None where they hang, and its output."""
+def run_tests(tree: Path, tests: str, tier: str) -> tuple[int | None, str]:
+    """Runs tests of a tree and of a tier, on its own package; gives pytest's exit code, None where they hang, and its
+    output."""
     env = os.environ | {"PYTHONPATH": str(tree), "SLIPPERJAX_CACHE": "off", "MPLBACKEND": "Agg"}
     where = f"import importlib.util as u; print(u.find_spec({PACKAGE!r}).origin)"
     own = subprocess.run([sys.executable, "-c", where], cwd=tree, env=env, capture_output=True, text=True, check=True)
     if not Path(own.stdout.strip()).is_relative_to(tree):
         raise RuntimeError(f"the package of the copy must be imported, but {own.stdout.strip()} is")
-    options = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-m", "not slow and not benchmark"]
+    options = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-m", tier]
     command = [sys.executable, "-m", "pytest", *options, *shlex.split(tests)]
     pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     with subprocess.Popen(command, cwd=tree, env=env, start_new_session=True, **pipes) as process:
@@ -842,14 +847,14 @@ def run_tests(tree: Path, tests: str) -> tuple[int | None, str]:
     return process.returncode, output
 
 
-def tried(defect: Defect) -> tuple[bool, str]:
-    """Whether a defect is caught, and in words by which test or why not."""
+def tried(defect: Defect, tier: str = FULL) -> tuple[bool, str]:
+    """Whether tests of a tier catch a defect, and in words by which test or why not."""
     with tempfile.TemporaryDirectory(prefix="defect_") as folder:
         tree = Path(folder).resolve()
         copy_tree(tree)
         file = place_of(defect, tree)
         file.write_text(file.read_text().replace(defect.old, defect.new))
-        code, output = run_tests(tree, defect.tests)
+        code, output = run_tests(tree, defect.tests, tier)
     failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE)
     last = output.strip().splitlines()[-1] if output.strip() else "no output"
     if code == FAILED and failed:
@@ -862,6 +867,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help="defects, by default all")
     parser.add_argument("--check-texts", action="store_true", help="only look for the texts")
+    parser.add_argument(
+        "--default", dest="tier", action="store_const", const=DEFAULT, default=FULL, help="without tests marked full"
+    )
     given = parser.parse_args()
     known = {defect.name: defect for defect in DEFECTS}
     if unknown := [name for name in given.names if name not in known]:
@@ -879,7 +887,7 @@ def main() -> int:
     begin, good = time.perf_counter(), 0
     for defect in chosen:
         since = time.perf_counter()
-        fine, words = tried(defect)
+        fine, words = tried(defect, given.tier)
         good += fine
         print(f"{defect.name}: {words} ({time.perf_counter() - since:.0f} s)", flush=True)
     print(f"{good} of {len(chosen)} caught in {time.perf_counter() - begin:.0f} s")
