@@ -253,7 +253,7 @@ def test_the_documented_file_is_read(tmp_path):
 def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
     replaced("sweeps.runs.run", side_effect=sj.Interrupted(None, 0, 1))
     _, error = call(["run", file, "--out", tmp_path / "run"], capsys, 130)
-    assert error == "no of 1 cases were finished: nothing is written\ninterrupted\n"
+    assert error == "0 of 1 cases were finished: nothing is written\ninterrupted\n"
     assert names(tmp_path) == ["sled.toml"]
 
 
