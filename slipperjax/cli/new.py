@@ -189,7 +189,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @option(
     "--section",
     INPUT,
-    "Table of the section, or -, standard input: columns point (a name), y (left) and z (up), two rows for each face.",
+    "Table of the section, or -, standard input: columns point (a name), y (left), z (up), two rows for each face.",
 )
 @option(
     "--corner",

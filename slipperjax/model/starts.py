@@ -150,7 +150,7 @@ def _without_rest(scene: Scene, epoch: Real) -> str:
     if not names:
         return "A slipper finds no rest on the rail: start it with a motion."
     floating = [name for name, opens in zip(names, np.asarray(_floating(scene, epoch)), strict=True) if opens]
-    where = f", as {listed(floating)} {'floats' if len(floating) == 1 else 'float'}" if floating else ""
+    where = f", where {listed(floating)} {'floats' if len(floating) == 1 else 'float'}" if floating else ""
     return f"A sled finds no rest on the rail{where}: start it with a motion."
 
 
