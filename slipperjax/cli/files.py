@@ -130,17 +130,28 @@ class Reports(Outputs):
         return report_files(ds, out, ends) if ends else {}
 
 
+def kept_in(store: Path | None) -> str:
+    """Return in words where an interrupt leaves what was finished: in a store, or nowhere."""
+    is_there = store is not None and store.exists()
+    return f"kept in {store}; the same command goes on" if is_there else "nothing is written"
+
+
 @contextmanager
-def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
+def keeping(keep: Callable[[Any], str], store: Path | None = None) -> Iterator[None]:
     """Keep what an interrupted computation inside has finished, and print how much it is and where it is kept.
 
-    **Arguments:** `keep`: stores a partial result, and returns where it is, in words.
+    **Arguments:** `keep`: stores a partial result, and returns where it is, in words; `store`: where results go
+    before, if anywhere.
     """
     try:
         yield
     except Interrupted as stop:
-        count = f"{stop.finished or 'no'}{'' if stop.of is None else f' of {stop.of}'} {stop.unit} were finished"
+        count = f"{stop.finished} of {stop.of}" if stop.of else stop.finished or "no"
         # some computations have nothing of use before their end
-        kept = "nothing is written" if stop.result is None else keep(stop.result)
-        print(f"{count}: {kept}", file=sys.stderr)
+        kept = kept_in(store) if stop.result is None else keep(stop.result)
+        print(f"{count} {stop.unit} were finished: {kept}", file=sys.stderr)
+        raise
+    except KeyboardInterrupt:
+        # before the first case or after the last one
+        print(kept_in(store), file=sys.stderr)
         raise

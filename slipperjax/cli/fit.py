@@ -11,8 +11,8 @@ from .files import Outputs
 from .interrupts import on_thread
 from .options import (
     COUNT,
-    FILE,
     FROM_ZERO,
+    INPUT,
     LOST,
     Case,
     Target,
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 @begin
 @result("fit")
 @takes_case
-@click.argument("scene", metavar="FILE", type=FILE)
-@click.argument("measured", metavar="RECORD...", type=FILE, nargs=-1, required=True)
+@click.argument("scene", metavar="FILE", type=INPUT)
+@click.argument("measured", metavar="RECORD...", type=INPUT, nargs=-1, required=True)
 def fit(
     case: Case,
     measured: tuple[Path, ...],
@@ -68,7 +68,8 @@ def fit(
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
 
     FILE: a TOML file with a table for each sensor, such as [sensors.front]. RECORD: a CSV or netCDF file of a run,
-    with a column of times and one for each sensor, such as "time [s], front [g]".
+    with a column of times and one for each sensor, such as "time [s], front [g]". One of these may be -, standard
+    input.
     """
     from ..fitting.fit import fit as find
     from ..fitting.likelihood import Features

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextvars import copy_context
 from types import FrameType
 from typing import TypeVar
 
@@ -84,7 +85,8 @@ def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
     """
     pool = ThreadPoolExecutor(1)
     try:
-        future = pool.submit(call)
+        # a thread has no context of its own: this one's has standard input, and the warnings that were given
+        future = pool.submit(copy_context().run, call)
         try:
             return future.result()
         except Interrupted:  # raised by the call itself, with what it has finished

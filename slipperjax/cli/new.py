@@ -15,7 +15,7 @@ from ..model.quantities import Quantity
 from ..tools.checks import require
 from ..tools.files import content_of, user_path, write_whole
 from ..tools.units import STANDARD_GRAVITY
-from .options import FILE, Adds, Measure, app, flag, option
+from .options import FILE, INPUT, Adds, Measure, app, flag, option
 
 SCENE = Template("""\
 # $what. Run it by
@@ -188,8 +188,8 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @click.argument("file", type=FILE)
 @option(
     "--section",
-    FILE,
-    "Table of the section: columns point (a name), y (left) and z (up), two rows for each face.",
+    INPUT,
+    "Table of the section, or -, standard input: columns point (a name), y (left), z (up), two rows for each face.",
 )
 @option(
     "--corner",

@@ -25,7 +25,7 @@ from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
-from ..tools.files import listed, user_path
+from ..tools.files import listed, read_standard_input, user_path
 from .files import PICTURES
 
 LOST = 1
@@ -113,13 +113,22 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
 
 
 class FilePath(click.Path):
-    """A path; ~ is the user's home, also in texts that a shell does not expand, such as --out=~/run."""
+    """A path; ~ is the user's home, also in texts that a shell does not expand, such as --out=~/run.
+
+    With `allow_dash` - is standard input, which is read at once.
+    """
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> object:
-        return super().convert(user_path(value), param, ctx)
+        if str(value) != "-":
+            return super().convert(user_path(value), param, ctx)
+        name = "path" if param is None else param.opts[0]
+        require(self.allow_dash, name, "be the path of a file", shown="-, standard input")
+        return read_standard_input()
 
 
 FILE = FilePath(path_type=Path)
+INPUT = FilePath(path_type=Path, allow_dash=True)
+"""A scene or a table, which may be standard input."""
 
 
 class Whole(click.IntRange):
@@ -241,7 +250,9 @@ begin = option(
 MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
 """Contact memories by the words of --memory."""
 CASE: dict[str, Adds] = {
-    "scene": option("--scene", FILE, "TOML file of a scene, or netCDF file of a result with that scene."),
+    "scene": option(
+        "--scene", INPUT, "TOML file of a scene, or -, standard input, or netCDF file of a result with that scene."
+    ),
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
     "wavelength": option(
         "--wavelength",
@@ -251,7 +262,7 @@ CASE: dict[str, Adds] = {
         default=None,
         show_default="8, or the scene file's",
     ),
-    "rail": option("--rail", FILE, "Measured rail, a CSV or netCDF file, in place of the scene's."),
+    "rail": option("--rail", INPUT, "Measured rail, a CSV or netCDF file or -, in place of the scene's."),
     "memory": option(
         "--memory",
         click.Choice(list(MEMORIES)),

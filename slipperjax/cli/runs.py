@@ -13,10 +13,11 @@ import numpy as np
 from ..flow.status import is_lost
 from ..model.parameters import PARAMETERS, parameter
 from ..tools.checks import require
-from .files import Reports, keeping
+from .files import Reports, keeping, kept_in
 from .options import (
     COUNT,
     FILE,
+    INPUT,
     LOST,
     VALUE,
     Case,
@@ -81,13 +82,14 @@ class _Comparing(click.Command):
     default=["run"],
 )
 @takes_case
-@click.argument("scene", metavar="FILE", type=FILE)
+@click.argument("scene", metavar="FILE", type=INPUT)
 def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None, **ensemble: object) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
     designs by many runs over the same rails from the same starts.
 
-    FILE: a TOML file with a table [run], which has a length, such as length = "5 km". With a table [environment],
-    the vibration environment of its places is told, too, and written beside each --out with -environment in its name.
+    FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input. With a
+    table [environment], the vibration environment of its places is told, too, and written beside each --out with
+    -environment in its name.
     """
     from ..flow.datasets import load_environment, load_run, load_units
     from ..plots.environment import environment_summary
@@ -143,7 +145,9 @@ def _compared(case: Case, over: str, options: dict[str, object], out: tuple[Path
     q = parameter(name, case.scene)
     values = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
     files = [_outputs(path) for path in out]
-    with keeping(lambda ds: "nothing is written, but with --store the same command goes on"):
+    store = options["store"]
+    without = "nothing is written; with --store runs are kept, and the same command goes on"
+    with keeping(lambda ds: without if store is None else kept_in(store), store):
         ds = compare(case.scene, {name: values}, progress=True, **options)
     ds.attrs[UNITS] = json.dumps(units)
     for one in files:

@@ -16,7 +16,7 @@ from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..model.scene import Scene
 from ..tools.cache import compile_cache
 from ..tools.checks import require
-from .files import Draw, Outputs, fitting, keeping, make_folder
+from .files import Draw, Outputs, fitting, keeping, kept_in, make_folder
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -274,16 +274,17 @@ def _swept(
     from ..sweeps.store import store_status
 
     store = options.get("store")
+    path = None if store is None else store.path
 
     def keep(ds: "xarray.Dataset") -> str:
         # a store has written what is finished
         if store is not None:
-            return f"kept in {store.path}; the same command goes on"
+            return kept_in(path)
         assert files is not None
         return files.write(ds, _draw(ds, None), partial=True)
 
     before = time.perf_counter()
-    with keeping(keep):
+    with keeping(keep, path):
         ds = function(case.scene, grid, progress=True, **case.options, **options)
     seconds = time.perf_counter() - before
     if files is None:

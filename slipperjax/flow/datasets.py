@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import diffrax
@@ -32,7 +31,7 @@ from ..tools.checks import finite, known, number, require
 from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from ..tools.files import check_file, content_of, readable, user_path
+from ..tools.files import STANDARD_INPUT, check_file, content_of, readable, user_path
 from ..tools.first_dataset import on_dataset
 from ..tools.limits import refuse_impossible
 from .course import over_periods
@@ -306,11 +305,14 @@ def load_call(source: object) -> dict[str, Any]:
 
 
 def _scene_file(source: object, chosen: Mapping[str, object]) -> SceneFile | None:
-    """Return the content of a TOML file; None where the source is something else."""
-    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
+    """Return the content of a TOML file or of standard input; None where the source is something else."""
+    if not isinstance(source, str | os.PathLike):
         return None
-    content = content_of(user_path(source, "source"))
-    with readable(source, "UTF-8 text"):
+    path = user_path(source, "source")
+    if path.suffix.lower() != ".toml" and path != STANDARD_INPUT:
+        return None
+    content = content_of(path)
+    with readable(source, "TOML file in UTF-8"):
         text = content.decode()
     for name in chosen:
         raise ValueError(f"Argument `{name}` must not be given for a TOML file, which has one scene.")

@@ -216,7 +216,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real =
     **Arguments:** `epoch`: forcing periods from distance zero to where the runs begin.
     """
     states, outside = states_and_penetrations(scenes, starts, epoch)
-    warn_of_start(starts, outside)
+    warn_of_start(starts, outside, scenes.case, epoch)
     return states
 
 

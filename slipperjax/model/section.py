@@ -82,7 +82,9 @@ class Section(ShapeChecked):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
         # between faces in order lie gaps, which are the faces of a list that begins late
         gaps = points[np.roll(self._corners.T.ravel(), -1).reshape(-1, 2).T]
-        if not _carries(points, start, end) and _carries(points, *gaps):
+        widths = lambda first, last: np.sum(np.linalg.norm(last - first, axis=1))
+        late = widths(start, end) < widths(*gaps)
+        if late and not _carries(points, start, end) and _carries(points, *gaps):
             warn(
                 "Argument `points` has no face over its middle that can carry the weight, but a gap between faces "
                 "could. Does the list of corners begin one corner late?"

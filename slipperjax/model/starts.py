@@ -1,16 +1,17 @@
 """Starts of runs: states from motions, and the equilibrium of a slipper at rest on its rail."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, instance, require, warn
 from ..tools.compile import as_argument, jit
+from ..tools.files import listed
 from ..tools.tracing import is_traced
 from ..tools.types import Real
 from ..tools.units import STANDARD_GRAVITY
@@ -77,7 +78,7 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
     require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
     # numbers become arrays, so that new ones need no compilation
     state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
-    warn_of_start(motion, outside)
+    warn_of_start(motion, outside, lambda k: scene, epoch)
     return state
 
 
@@ -122,24 +123,45 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     return State(motion, memory), outside
 
 
-def warn_of_start(start: Motion | State, penetration: Array) -> None:
+def warn_of_start(start: Motion | State, penetration: Array, scene_of: Callable[[int], Scene], epoch: Real) -> None:
     """Give an `ImplausibleWarning` for motions outside the play, more than three times as deep as typical impacts,
     and for slippers that find no rest.
 
-    **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
+    **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,); `scene_of`: returns the scene of a
+    case by its number; `epoch`: of all cases.
     """
     # a state may be of a run that ended deep inside a contact
     if is_traced(penetration) or isinstance(start, State):
         return
     depths = np.asarray(penetration)
     if isinstance(start, AtRest) and np.any(np.isnan(depths)):
-        warn("A slipper finds no rest on the rail: start it with a motion.")
+        warn(_without_rest(scene_of(int(np.argmax(np.isnan(depths)))), epoch))
     # not how many: a batch is a part of the cases, filled up with copies of one
     if np.any(depths > 3):
         warn(
             f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
             "deep as in a typical impact; plausible are 3 times at most."
         )
+
+
+def _without_rest(scene: Scene, epoch: Real) -> str:
+    """Return in words that a scene has no rest, and which slippers of a sled do not touch where the search ended."""
+    names = scene.slipper.names
+    if not names:
+        return "A slipper finds no rest on the rail: start it with a motion."
+    floating = [name for name, opens in zip(names, np.asarray(_floating(scene, epoch)), strict=True) if opens]
+    where = f", where {listed(floating)} {'floats' if len(floating) == 1 else 'float'}" if floating else ""
+    return f"A sled finds no rest on the rail{where}: start it with a motion."
+
+
+@jit
+def _floating(scene: Scene, epoch: Real) -> Bool[Array, " slippers"]:
+    """Return whether each slipper of a sled touches nothing where the search for its rest has ended."""
+    here = jnp.asarray(epoch, float)
+    scales = _Scales.of(scene, here)
+    motion = _pose(scene, here, scales, _equilibrium(scene, here, scales).unknown)
+    gap = contacts(rail_frame(scene, here), motion).gap
+    return jnp.all(gap.reshape(len(scene.slipper.names), -1) > 0, axis=1)
 
 
 def at_rest(scene: Scene, epoch: Real) -> Motion:

@@ -10,6 +10,7 @@ from ..tools.checks import instance, whole
 from ..tools.compile import jit
 from ..tools.tracing import is_traced
 from .scene import Scene, check_scene
+from .tracks import DEFAULT_WAVELENGTH
 from .travel import Travel
 
 PER_CONTACT = 10
@@ -19,6 +20,8 @@ PER_MODE = 20
 """
 LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
+MOST_STEPS = 100_000
+"""Default steps above which the units of a scene are doubted, see `rounded_steps`."""
 
 
 def given_steps(steps: object) -> int:
@@ -129,19 +132,24 @@ def default_steps_per_period(scene: Scene) -> int:
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
     # without its tangent, a number that is differentiated is a plain number
-    needed = _steps_needed(jax.lax.stop_gradient(check_scene(scene)))
+    scene = jax.lax.stop_gradient(check_scene(scene))
+    needed = _steps_needed(scene)
     if is_traced(needed):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(rounded_steps(needed))
+    return int(rounded_steps(needed, scene.wavelength))
 
 
-def rounded_steps(needed: Array | np.ndarray) -> np.ndarray:
-    """Return steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
+def rounded_steps(needed: Array | np.ndarray, wavelength: Array | np.ndarray) -> np.ndarray:
+    """Return steps per forcing period as in `default_steps_per_period`.
 
-    **Raises:** `ValueError` above 100,000.
+    **Arguments:** `needed`: `steps_needed` of shape (*cases,); `wavelength`: travel in a forcing period [m].
+
+    **Raises:** `ValueError` above 100,000 in a forcing period, or in `DEFAULT_WAVELENGTH` of a longer one,
+    such as a whole survey: units are wrong then, and a run would not end.
     """
     needed = np.asarray(needed)
-    if np.max(needed) > 100_000:
+    share = np.minimum(DEFAULT_WAVELENGTH / np.asarray(wavelength), 1.0)
+    if np.max(share * needed) > MOST_STEPS:
         raise ValueError(
             f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts "
             "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"

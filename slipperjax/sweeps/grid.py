@@ -229,7 +229,8 @@ class Cases(Grid):
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Return the steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
-        return rounded_steps(self._of_each()[2])
+        _, wavelengths, needed = self._of_each()
+        return rounded_steps(needed, wavelengths)
 
     def _of_each(self) -> list[np.ndarray]:
         """Return forcing period, wavelength and steps of each case, in batches of few sizes."""

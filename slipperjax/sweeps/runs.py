@@ -270,7 +270,7 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
         edges = call.begin + window * np.arange(windows + 1)
         needed = np.asarray(_steps_along(*batch, jnp.asarray(edges)))[: cases.count]
         # slow places of a run may take many, but not the fastest one
-        rounded_steps(needed.min(axis=1))
+        rounded_steps(needed.min(axis=1), cases.wavelengths())
         steps = call.refine * rounded_up(needed)
     else:
         steps = np.full((cases.count, windows), given_steps(call.steps_per_period))

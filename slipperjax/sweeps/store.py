@@ -606,7 +606,9 @@ def _stored(
                 _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:
-                    like = work_on(tuple(slice(1) for _ in grid.shape))()
+                    with progress_shown(1.0, 1, "first case", progress) as shown:
+                        like = work_on(tuple(slice(1) for _ in grid.shape))()
+                        shown(1.0, 1)
                 except Interrupted:
                     raise Interrupted(None, 0, grid.count) from None
                 archive = _make_archive(store.path, grid, tiles, asked, like)

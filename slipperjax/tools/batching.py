@@ -64,6 +64,10 @@ class Batched(eqx.Module, Generic[Tree]):
         of_cases = part(first, False) if all(shared) else jax.vmap(lambda varied: part(varied, False))(self.varied)
         return Batched(of_cases, part(first, True))
 
+    def case(self, k: int) -> Tree:
+        """Return the tree of case number `k`."""
+        return eqx.combine(jax.tree.map(lambda leaf: leaf[k], self.varied), self.shared)
+
     def take(self, index: np.ndarray) -> "Batched[Tree]":
         """Return the cases at `index`, an array of integers of shape (cases,)."""
         return Batched(jax.tree.map(lambda leaf: leaf[index], self.varied), self.shared)

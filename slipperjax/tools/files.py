@@ -1,15 +1,21 @@
-"""Files that are written whole or not at all."""
+"""Files: paths, what is read, and what is written whole or not at all."""
 
 import os
 import secrets
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from .checks import require
 
 Content = bytes | memoryview
 """Content of a file."""
+STANDARD_INPUT = Path("standard input")
+"""Path at which the readers of a command find its standard input, and by which their errors name it."""
+GIVEN: ContextVar[bytes | None] = ContextVar("GIVEN", default=None)
+"""What was read from standard input; None where nothing was, as outside of commands."""
 
 
 def user_path(path: str | os.PathLike[str], name: str = "path") -> Path:
@@ -35,9 +41,23 @@ def check_file(path: Path) -> None:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the content of a file; raises as `check_file`."""
+    """Return the content of a file, or of standard input where that was read; raises as `check_file`."""
+    given = GIVEN.get()
+    if given is not None and path == STANDARD_INPUT:
+        return given
     check_file(path)
     return path.read_bytes()
+
+
+def read_standard_input() -> Path:
+    """Read standard input, and return the path at which `content_of` finds it in this context.
+
+    **Raises:** `ValueError` where it was read before.
+    """
+    if GIVEN.get() is not None:
+        raise ValueError("Standard input, -, must stand for one file only.")
+    GIVEN.set(sys.stdin.buffer.read())
+    return STANDARD_INPUT
 
 
 @contextmanager

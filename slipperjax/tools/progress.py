@@ -1,8 +1,10 @@
 """Progress bars."""
 
 import sys
+import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from .checks import yes_or_no
@@ -12,6 +14,10 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
+LONGEST_SILENCE = 60.0
+"""Time after which a bar in a file or pipe is written again, though nothing was done [s]."""
+
+
 def is_live() -> bool:
     """Tell whether standard error shows a bar that changes: on a terminal, or in a notebook."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
@@ -19,7 +25,8 @@ def is_live() -> bool:
 
 @contextmanager
 def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[tqdm]":
-    """Show tqdm's bar, with its `options`; in files and pipes, a line every ten seconds at most.
+    """Show tqdm's bar, with its `options`; in files and pipes, a line every ten seconds at most, and
+    every minute at least.
 
     It tells when a program that steps through time is being compiled.
 
@@ -31,7 +38,8 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
     from tqdm import tqdm  # here, because importing it takes time
 
     live = is_live()
-    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=_Lines())
+    lines = _Lines()
+    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=lines)
     if wanted is None and live:
         # a bar that nobody asked for appears after a second, or while a program is compiled
         shown |= dict(leave=False, delay=1.0)
@@ -54,7 +62,8 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
             return
         token = NOTICES.set(CompileNotices(programs, show))
         try:
-            yield progress
+            with nullcontext() if live else lines.kept_up(progress):
+                yield progress
         finally:
             NOTICES.reset(token)
 
@@ -62,8 +71,31 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
 class _Lines:
     """Standard error for a bar in files and pipes, where each of its states gets a line of its own."""
 
+    def __init__(self):
+        self.written = time.monotonic()
+
     def write(self, text: str) -> None:
+        self.written = time.monotonic()
         sys.stderr.write(text.replace("\r", "\n"))
+
+    @contextmanager
+    def kept_up(self, progress: "tqdm") -> Iterator[None]:
+        """Write a bar's state after each `LONGEST_SILENCE`, by a thread, because this one may compile for minutes."""
+        ended = threading.Event()
+        left = lambda: self.written + LONGEST_SILENCE - time.monotonic()
+
+        def watch() -> None:
+            while not ended.wait(max(left(), 0.0)):
+                if left() <= 0:
+                    progress.refresh()
+
+        thread = threading.Thread(target=watch, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     def flush(self) -> None:
         sys.stderr.flush()

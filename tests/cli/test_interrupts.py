@@ -83,7 +83,7 @@ def test_a_signal_inside_a_run_over_a_rail(begin, tmp_path):
     file.write_text('base = "paper"\n[run]\nlength = "900 km"\n')  # some minutes
     process = begin("run", str(file))
     time.sleep(25.0)
-    assert "no of 1 cases were finished: nothing is written" in ended(process, signal.SIGINT)
+    assert "0 of 1 cases were finished: nothing is written" in ended(process, signal.SIGINT)
     assert names(tmp_path / "out") == []
 
 

@@ -255,8 +255,26 @@ def test_the_documented_file_is_read(tmp_path):
 def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
     replaced("sweeps.runs.run", side_effect=sj.Interrupted(None, 0, 1))
     _, error = call(["run", file, "--out", tmp_path / "run"], capsys, 130)
-    assert error == "no of 1 cases were finished: nothing is written\ninterrupted\n"
+    assert error == "0 of 1 cases were finished: nothing is written\ninterrupted\n"
     assert names(tmp_path) == ["sled.toml"]
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_an_interrupted_comparison_says_what_is_kept(there, file, tmp_path, capsys, replaced):
+    store = tmp_path / "runs.zarr"
+    words = ["run", file, "--over", "clearance", 0.8, 1.5, "--out", tmp_path / "run"]
+    compare = replaced("sweeps.compare.compare", side_effect=sj.Interrupted(made(), 3, 16))
+    kept = f"kept in {store}; the same command goes on" if there else "nothing is written"
+    if there:
+        store.mkdir()
+        words += ["--store", store]
+    more = "" if there else "; with --store runs are kept, and the same command goes on"
+    assert call(words, capsys, 130)[1] == f"3 of 16 cases were finished: {kept}{more}\ninterrupted\n"
+    # while nothing of the first run is finished, and outside of runs
+    compare.side_effect = sj.Interrupted(None, 0, 16)
+    assert call(words, capsys, 130)[1] == f"0 of 16 cases were finished: {kept}\ninterrupted\n"
+    compare.side_effect = KeyboardInterrupt
+    assert call(words, capsys, 130)[1] == f"{kept}\ninterrupted\n"
 
 
 def test_the_static_load_is_across_the_rail():

@@ -14,6 +14,7 @@ import slipperjax as sj
 from slipperjax.flow.simulate import check_rail
 from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.model.step_size import rounded_steps
 
 HARMONIC = sj.HarmonicTrack((8.0,), 1e-3, 2e-3)
 PLACES = jnp.asarray(np.linspace(-20.0, 50.0, 701))
@@ -32,6 +33,23 @@ def sampled(count, length=8.0, **options):
 
 def largest(one, other):
     return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True) if a is not None)
+
+
+def test_default_steps_of_a_whole_survey_are_judged_by_its_length():
+    """A period of a rail that repeats is all of it. Each metre takes hundreds of steps, which are no sign of wrong
+    units, but a period takes more than one of 8 m may."""
+    distance = np.linspace(0.0, 366.0, 9151)
+    track = sj.SampledTrack([0.0, 366.0], 1e-5 * np.sin(2 * np.pi * distance / 0.25), 0.0, ends="repeat")
+    rough = dataclasses.replace(on(track), contact=sj.Flores(1e9, 0.1))
+    steps = sj.default_steps_per_period(rough)
+    assert 100_000 < steps < 1000 * 366
+    with pytest.raises(ValueError, match="`steps_per_period` must be given: the default would be"):
+        sj.default_steps_per_period(dataclasses.replace(rough, contact=sj.Flores(1e9, 1e-7)))
+    # 8 m of them may take as many as any other period
+    assert rounded_steps(np.array([4.5e6]), np.array([366.0])) > 4.5e6
+    for needed, wavelength in ((4.6e6, 366.0), (1.1e5, 8.0), (1.1e5, 0.2)):
+        with pytest.raises(ValueError, match="Are speed, stiffness and amplitude in SI units"):
+            rounded_steps(np.array([100.0, needed]), np.array([8.0, wavelength]))
 
 
 def test_a_sampled_sine_converges_at_the_orders_of_the_spline():

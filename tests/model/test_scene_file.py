@@ -257,7 +257,7 @@ def test_files_are_written_and_read(tmp_path):
         assert eqx.tree_equal(sj.load_scene(tmp_path / file), scene)
     assert eqx.tree_equal(sj.load_start(str(tmp_path / "a.toml")), start)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"bad\.toml is no UTF-8 text"):
+    with pytest.raises(ValueError, match=r"bad\.toml is no TOML file in UTF-8"):
         sj.load_scene(tmp_path / "bad.toml")
 
 

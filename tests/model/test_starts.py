@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,10 @@ import scipy.optimize
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_base
+from slipperjax.flow.period_map import initial_states
 from slipperjax.model.quantities import MOTION_NUMBERS
 from slipperjax.model.starts import at_rest, state_and_penetration
+from slipperjax.tools.batching import Batched
 
 SCENE = dataclasses.replace(sj.paper_scene(stiffness=1e9, restitution=0.6), gravity=9.81)
 LEVEL = dataclasses.replace(SCENE, track=sj.StraightTrack())
@@ -202,6 +205,20 @@ def test_a_slipper_without_rest_is_said():
     with pytest.warns(sj.ImplausibleWarning, match="A slipper finds no rest on the rail: start it with a motion"):
         state = sj.initial_state(dataclasses.replace(off, section=one), sj.AtRest())
     assert np.isnan(float(state.motion.z))
+
+
+def test_a_sled_without_rest_names_the_slippers_that_float():
+    """A moment that turns a sled over, whose slippers do not reach around the rail; beside it, one that rests."""
+    mounts = [sj.Mount(x, y, -0.2, rail=rail) for rail, y in (("left", 0.9), ("right", -0.9)) for x in (1.2, -1.2)]
+    sled = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=mounts)
+    one = sj.Section(points=[[0.03, 0.013], [-0.03, 0.013]], play=[5e-4], names=("J", "A"), faces=(("A", "J"),))
+    parts = dict(section=one, slipper=sled, load=sj.AppliedLoad(moment=[0.0, 0.0, 0.0]))
+    scene = dataclasses.replace(LEVEL, track=sj.TwoRails(LEVEL.track, LEVEL.track), **parts)
+    turned = eqx.tree_at(lambda s: s.load.moment, scene, jnp.array([[0.0, 0.0, 0.0], [5e3, 0.0, 0.0]]))
+    starts = jax.tree.map(lambda number: jnp.broadcast_to(number, 2), sj.AtRest())
+    with pytest.warns(sj.ImplausibleWarning, match="A sled finds no rest on the rail, where left1 and left2 float: "):
+        states = initial_states(Batched.of(turned, scene), starts)
+    assert np.isfinite(states.motion.z).tolist() == [True, False]
 
 
 @pytest.mark.full

@@ -110,8 +110,8 @@ def with_number(**numbers):
 
 def with_other_memory(restitution):
     """The damping's memory that rails have for sines, and that sines have for rails."""
-    on_sine = lambda scene: isinstance(scene.contact_memory, sj.EventLatch)
-    memory = lambda scene: sj.PeakRateLatch() if on_sine(scene) else sj.EventLatch()
+    of_rails = lambda scene: isinstance(scene.contact_memory, sj.PeakRateLatch)
+    memory = lambda scene: sj.EventLatch() if of_rails(scene) else sj.PeakRateLatch()
     return lambda scene: dataclasses.replace(scene, memory=memory(scene)).replace(restitution=restitution)
 
 

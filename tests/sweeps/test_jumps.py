@@ -26,6 +26,9 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert found["basin"].values.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
     derailed = dataset(states, ("a", "b")).assign(status=(("a", "b"), np.where(kind == 2, int(Status.DERAILED), 0)))
     assert groups(derailed)["basin"].values.tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
+    # it has several variables, one of which makes an array
+    with pytest.raises(TypeError, match="indexing on the Dataset"):
+        np.asarray(found)
     named = attractors(derailed)
     assert named.kind[1, 2] == "unresolved"
     assert "derailed" in str(named.evidence[1, 2])

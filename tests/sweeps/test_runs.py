@@ -1,6 +1,7 @@
 """Runs over a length of rail: beside sweeps of forcing periods, resumed, over programmes and rails."""
 
 import dataclasses
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -299,6 +300,25 @@ def test_the_play_opens_before_each_window():
             np.testing.assert_allclose(start["probe_error"], whole["probe_error"], rtol=1e-6)
         np.testing.assert_allclose(start["peak_force"][0], whole["peak_force"][k], rtol=1e-10)  # 2e-13
     np.testing.assert_allclose(start["state"], whole["state"], rtol=1e-10, atol=1e-10)  # 1e-12
+
+
+@pytest.mark.parametrize(
+    "speeds", [pytest.param((), id="starts"), pytest.param((300.0, 400.0), id="speeds", marks=pytest.mark.full)]
+)
+def test_slippers_wear_alike_in_a_grid_and_alone(speeds):
+    scene = dataclasses.replace(RAIL, speed=400.0, wear=sj.Wear(1e-10))
+    how = dict(length=21.0, window=0.2, record="friction_work", steps_per_period=400)
+    grid = {"start_y": [0.0, 1e-4]} | ({"speed": speeds} if speeds else {})
+    ds = sj.run(scene, grid, **how)
+    # at the end of each of the two stretches
+    opened = ds["play"].diff("stretch").max("face")
+    assert float(opened.min()) > 1e-8
+    for y, speed in itertools.product(grid["start_y"], speeds or [400.0]):
+        alone = sj.run(scene.replace(speed=speed), start=sj.AtRest(y=y), **how)
+        lane = ds.sel(start_y=y, **({"speed": speed} if speeds else {}))
+        for name in ("play", "friction_work", "state", "status"):
+            # measured equal bits
+            np.testing.assert_allclose(lane[name], alone[name], rtol=1e-8, atol=1e-10, err_msg=name)
 
 
 def test_wear_needs_friction():

@@ -478,6 +478,15 @@ def test_workers_end_with_the_process_that_made_them(tmp_path):
     raise AssertionError("the worker is still there")
 
 
+def test_the_first_case_is_told_too(tmp_path, capsys):
+    """It makes the store, and compiles for minutes before there is one."""
+    call(tmp_path / "map.zarr", progress=True)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert lines[0].startswith("first case:   0%")
+    assert any(line.startswith("first case: 100%") and line.endswith("1 of 1 cases") for line in lines)
+    assert lines[-1].endswith("120 of 120 cases")
+
+
 def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
     from zarr.storage import LocalStore
 

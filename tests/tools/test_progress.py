@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from contextvars import copy_context
 
 import jax
@@ -11,6 +12,8 @@ import pytest
 from slipperjax.tools.compile import jit
 from slipperjax.tools.one_kernel import in_one_kernel
 from slipperjax.tools.progress import bar
+
+PROGRESS = sys.modules[bar.__module__]
 
 
 def program(factor: float):
@@ -87,6 +90,20 @@ def test_by_default_a_bar_is_on_terminals_and_goes(capsys, monkeypatch):
     text = capsys.readouterr().err
     assert "long, compiling 1 of 1" in text
     assert text.endswith(" \r")  # wiped out
+
+
+def test_files_get_lines_where_nothing_is_done(shown, monkeypatch):
+    monkeypatch.setattr(PROGRESS, "LONGEST_SILENCE", 0.1)
+    threads = threading.active_count()
+    lines = []
+    until = time.monotonic() + 60.0
+    with bar(True, desc="compiling"):
+        while len(lines) < 4 and time.monotonic() < until:
+            time.sleep(0.02)
+            lines += [line for line in shown() if line]
+    assert all(line.startswith("compiling: 0it") for line in lines)
+    assert len(lines) >= 4
+    assert threading.active_count() == threads
 
 
 @pytest.mark.parametrize("wrong", ["yes", 1, jnp.ones(3)])
