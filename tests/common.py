@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import slipperjax as sj
 from slipperjax.model.layout import coordinates
@@ -21,6 +22,12 @@ PERIODS = 6
 FINEST = 3200
 # XLA options for programs that run once: a derivative takes half the time to compile, and is the same
 QUICK = {"xla_backend_optimization_level": 0}
+
+
+def among(known, *every_day):
+    """Parameters of a test from a table of them, marked full besides some, by name."""
+    mark = lambda name: () if name in every_day else pytest.mark.full
+    return [pytest.param(value, id=name, marks=mark(name)) for name, value in known.items()]
 
 
 def cases(name):

@@ -61,7 +61,6 @@ def test_mean_over_windows_is_that_of_welch():
     np.testing.assert_allclose(np.diff(times), size / 2 / rate)
 
 
-@pytest.mark.full
 def test_white_noise_has_its_density_and_rms():
     report = vibration_environment(noise(1, 3, 30 * int(RATE), density=4.0), RATE)
     # found: at most 2.8 standard deviations, by the degrees of freedom of bands and windows
@@ -89,7 +88,6 @@ def test_sine_has_its_rms_in_its_band():
     assert power[k] == pytest.approx(power.sum(), rel=1e-3)
 
 
-@pytest.mark.full
 def test_bands_have_no_more_than_all_frequencies():
     """Three records: loud in the middle alone; loud at the end, after a standstill; at first too slow for bands."""
     samples = 4 * int(RATE)

@@ -268,7 +268,6 @@ def heun(force, s, t, h):
     return s + h / 2 * (one + jnp.stack([end[1], force(end[0], t + h)]))
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(("method", "steps", "least", "most"), [(leapfrog, 60, 0.0, 1e-14), (heun, 400, 1e-8, 2e-7)])
 @pytest.mark.parametrize("swing", [jnp.sin, lambda x: x + x**3])
 def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing, method, steps, least, most):

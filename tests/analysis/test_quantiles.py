@@ -75,7 +75,6 @@ def test_intervals_hold_a_quantile_where_runs_share_their_rails(rails, starts, q
     assert held(rails, starts, quantile, 300) > 0.92
 
 
-@pytest.mark.full
 def test_standard_errors_are_the_scatter_of_quantiles():
     draws = np.random.default_rng(0)
     found = [estimate(runs(80, 1, 1, draws), 0.95, resamples=40) for _ in range(300)]

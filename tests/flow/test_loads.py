@@ -192,7 +192,6 @@ def test_damping_that_the_steps_cannot_follow_is_flagged():
 FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 400.0, 100.0])
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("period", [0, 1, 2, 3])
 @pytest.mark.parametrize("capacity", [64, 80])
 def test_shares_in_contact_are_of_the_time(period, capacity):

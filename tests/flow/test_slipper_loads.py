@@ -112,7 +112,6 @@ def test_slippers_at_rest_carry_their_shares():
     np.testing.assert_allclose(static_loads(scene, scene.travel(0.0)), 100 * 9.81, rtol=1e-12)
 
 
-@pytest.mark.full
 def test_three_slippers_at_rest_are_in_balance():
     """Forces, and moments about their own middles; shares leave out where in a slipper its force is."""
     y, z, about_x, about_y = at_rest(heavy(track=TWO_LEVEL, slipper=sled_on(THREE)))

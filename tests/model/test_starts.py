@@ -174,7 +174,6 @@ def test_sleds_find_their_rest_on_two_rails():
     np.testing.assert_array_less(np.abs(np.nan_to_num(found)), 2.0)
 
 
-@pytest.mark.full
 def test_sleds_find_their_rest_on_twisted_rails():
     """Places at which three slippers carry by turns, of 2400 with stiffnesses and plays of four and one and a half
     decades."""

@@ -37,7 +37,6 @@ def test_two_step_weights(rho_inf, alpha):
         assert all(radius(1j * z) < 1 + 1e-9 for z in np.geomspace(1e-3, 1e3, 50))
 
 
-@pytest.mark.full
 def test_linearised_contact_and_its_system():
     scene = sj.paper_scene()
     field, args = sj.vector_field(scene), sj.Args(scene)

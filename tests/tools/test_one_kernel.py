@@ -13,6 +13,8 @@ import slipperjax as sj
 from slipperjax.tools.forms import is_plain
 from slipperjax.tools.one_kernel import in_one_kernel
 
+from ..common import among
+
 pytestmark = pytest.mark.skipif(jax.default_backend() != "cpu", reason="for CPUs")
 MARK = "xla_cpu_small_call"
 PLACES = jnp.array([3, 1, 3, 0])
@@ -157,10 +159,10 @@ TRANSFORMED = {
 }
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("fun", [marked, closed])
-@pytest.mark.parametrize(("transform", "least"), TRANSFORMED.values(), ids=TRANSFORMED)
-def test_all_loops_of_transformed_programs_are_kernels(fun, transform, least):
+@pytest.mark.parametrize("transformed", among(TRANSFORMED, "itself", "vmap", "jvp", "grad"))
+def test_all_loops_of_transformed_programs_are_kernels(fun, transformed):
+    transform, least = transformed
     args = X, jnp.zeros(8), jnp.asarray(0.3)
     assert len(calls_of(transform(fun), *args)) >= least
     for found, right in zip(*(jax.tree.leaves(jax.jit(transform(f))(*args)) for f in (fun, plain)), strict=True):
