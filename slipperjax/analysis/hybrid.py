@@ -255,7 +255,9 @@ class ImpactStep(AbstractCrossingStep):
             end, touches = self._ahead(t, y)
             stuck = self._stuck(t, y)
             lowest, gap = self._lowest(t, y, t + self.dt, end)
-            share = lowest * share_before(self.surface, lambda part: flow(part * lowest), t, lowest * self.dt, touches)
+            share = lowest * share_before(
+                self.surface, lambda part: flow(part * lowest), t, lowest * self.dt, touches
+            )
             impact = t + share * self.dt, flow(share)
             after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
             turns = ~stuck & ~touches & (lowest > 0) & (lowest < 1)
