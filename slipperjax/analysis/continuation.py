@@ -116,7 +116,8 @@ def continue_motion(
     - `bounds`: of the parameter. `ways`: 1 begins towards larger values, or along the tangent of a point; -1 the
         opposite way.
     - `tolerance`: greatest weighted residual. `pace`: of the steps.
-    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
+    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing. Without it, branches
+        of `impact_step` that end at a grazing say so, and go on where an impact falls on the strobe ("ST").
     - `options`: `points`, `until` and `on_point` of `extend`.
 
     **Returns:** a `Branch`; after Ctrl-C the part followed so far.

@@ -40,6 +40,7 @@ class _Touch(NamedTuple):
 
 def _touch(equations: PeriodicMotions, static: tuple, z: jax.Array) -> _Touch:
     step, state = equations.step(z), equations.state(z)
+    assert isinstance(step, ImpactStep)
     ks = jnp.arange(float(equations.intervals))
     turn, impact = jax.lax.scan(lambda s, k: (step(s, k), step.nearness(s, k)), state, ks)[1]
     rate, beyond = step.other_side(state, equations.intervals)
