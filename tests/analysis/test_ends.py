@@ -80,11 +80,11 @@ def test_an_impact_at_the_strobe_is_passed_and_no_bifurcation(side):
     branch = seen(phase, rebounding(side * force, phase), side * force, (1.8 * GRAZING, 2.2 * GRAZING))
     event = only(branch, "ST")
     assert labels(branch) == ["EP", "ST", "EP"]
-    assert abs(where(event) - force) < 1e-5  # measured
+    assert abs(where(event) - force) < 1e-5  # the least step is 1e-6
     np.testing.assert_allclose(sorted(branch.values[[0, -1]]), [1.8 * GRAZING, 2.2 * GRAZING])
     states = np.array([column(branch.nodes, k) for k in (0, 1)])
     others = [k for k, node in enumerate(branch.nodes) if not node.label]
     exact = np.array([rebounding(branch.values[k], phase) for k in others]).T
-    np.testing.assert_allclose(states[:, others], exact, atol=1e-6)  # measured
+    np.testing.assert_allclose(states[:, others], exact, atol=1e-6)  # measured 3e-8 at 1.3 times the grazing force
     # its speed changes sign from one side to the other
     assert len(set(np.sign(states[1, others]))) == 2
