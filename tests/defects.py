@@ -633,6 +633,16 @@ tests/analysis/test_hybrid.py -k comes_to_rest
 -            sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
 +            sticks = stuck & ~happens
 
+a touch within a step is not noticed
+tests/analysis/test_ends.py -k grazing
+-        return end, self._falls(t, y, self._lowest(t, y, t + self.dt, end)[1])
++        return end, self._falls(t, y, self.surface(t + self.dt, end))
+
+a map that loses its digits has a period
+tests/analysis/test_attractor.py -k digits
+-            if stays.all() and parted.any():
++            if False:
+
 one run's error leaves out that it drifts
 tests/analysis/test_lyapunov.py -k one_motion
 -    return np.hypot(blocks, change / np.sqrt(12))
@@ -781,8 +791,8 @@ tests/fitting/test_course.py -k finer_run
 
 derivatives by values in place of those by levels
 tests/fitting/test_trajectories.py -k put_in
--        every[..., :own] = slope[..., :own] * per_level[:, None, None]
-+        every[..., :own] = slope[..., :own]
+-    found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
++    found[..., 2 * ten : -1] = slope[..., :own]
 
 correlated residuals that count as white
 tests/fitting/test_trajectories.py -k whiteness

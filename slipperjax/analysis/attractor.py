@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..tools.checks import finite, number, numbers, positive, require, whole
+from ..tools.checks import finite, number, numbers, positive, require, warn, whole
 from ..tools.types import Numbers
 from .kinds import Regime
 from .lyapunov import check_real, weighted_mean
@@ -20,6 +20,9 @@ MIN_TEST = 200
 "unresolved"."""
 ENOUGH = 1000
 """Periods with which tori are told."""
+ROUND = 8
+"""Most binary digits of a round number."""
+LOST_DIGITS = "as where a map loses a binary digit in each step"
 
 
 class Attractors(NamedTuple):
@@ -122,11 +125,13 @@ def classify(
     - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved; many tori
       need `ENOUGH`, 1000.
 
+    Maps that lose a binary digit in each step, such as x -> 2 x mod 1, stay at zero after 53 steps in floating point
+    (take 1.999999 for 2). A motion that comes to stay at round numbers, from which it parted before, is "unresolved".
+    Where a record shows nothing else than round numbers, as of a motion at rest, evidence and a warning say so.
+
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
     that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
-    and chaos; maps that lose a binary digit in each step, such as x -> 2 x mod 1, which stay at zero after 53 steps
-    in floating point, and motions at rest (take 1.999999 for 2). Noise, and chaos of so many dimensions that the
-    record has no near neighbours, are "unresolved".
+    and chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are "unresolved".
 
     **Arguments:**
 
@@ -144,16 +149,20 @@ def classify(
 
     **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
     """
-    x = _scaled(strobe, scales)
+    x, scales = _scaled(strobe, scales)
     most = whole("max_period", max_period, 1)
     for name, value in (("tolerance", tolerance), ("floor", floor)):
         require(0 < number(finite, name, value) < 1, name, "be above 0 and below 1", value)
-    cases = [_classified(states, most, tolerance, floor) for states in x.reshape(-1, *x.shape[-2:])]
-    return Attractors(*(np.reshape(column, x.shape[:-2]) for column in zip(*cases, strict=True)))
+    cases = [_classified(states, scales, most, tolerance, floor) for states in x.reshape(-1, *x.shape[-2:])]
+    found = Attractors(*(np.reshape(column, x.shape[:-2]) for column in zip(*cases, strict=True)))
+    doubtful = np.flatnonzero([LOST_DIGITS in text for text in np.ravel(found.evidence)])
+    if doubtful.size:
+        warn(f"Case {doubtful[0]} of {found.kind.size} stays at round numbers, as at rest, or {LOST_DIGITS}.")
+    return found
 
 
 def _scaled(strobe, scales):
-    """Return checked states over their scales."""
+    """Return checked states, and their scales."""
     x = check_real("strobe", numbers("strobe", strobe)).astype(float)
     enough = x.ndim >= 2 and x.shape[-2] >= 16 and x.size
     need = "be of shape (*cases, periods, states) with 16 periods or more"
@@ -164,25 +173,27 @@ def _scaled(strobe, scales):
         scales = np.where(scales < 1e-12, 1.0, scales)
     scales = positive("scales")(scales)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
-    return x / np.asarray(scales)
+    return x, np.asarray(scales)
 
 
-def _classified(states, most, tolerance, floor):
+def _classified(states, scales, most, tolerance, floor):
     """Return the entries of `Attractors` for one case."""
     # one number that is not finite makes a case unresolved
     lost = ~np.isfinite(states).all(-1)
     if lost.any():
         text = f"non-finite states from period {int(np.argmax(lost))} on"
         return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, text
-    motion = _Recurrence(states, most, tolerance, floor)
+    motion = _Recurrence(states / scales, _is_round(states), most, tolerance, floor)
     return motion.recurrent() or motion.decaying() or motion.irregular()
 
 
 class _Recurrence:
     """Scaled states of one motion, with their changes over all lags, called residuals."""
 
-    def __init__(self, states, most, tolerance, floor):
+    def __init__(self, states, rounded, most, tolerance, floor):
         self.states = states
+        self.rounded = rounded
+        """Which states are round numbers before they are scaled."""
         self.tolerance = tolerance
         self.floor = floor
         self.periods = len(states)
@@ -240,9 +251,33 @@ class _Recurrence:
             if growing.fall < -math.log(10) and growing.fit > 0.95:
                 text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
                 return self.result(Regime.UNRESOLVED, n, text)
+            stays = self.stays(n)
+            parted = stays & self.parted(n)
+            if stays.all() and parted.any():
+                text = f"comes to round numbers from which it parted before, {LOST_DIGITS}"
+                return self.result(Regime.UNRESOLVED, n, text)
             text = f"recurs after {n} periods within {self.at_end[n]:.1e}, of an extent of {self.extent:.1e}"
+            if stays.all() or parted.any():
+                text += f", at round numbers, as at rest, or {LOST_DIGITS}"
             return self.result(Regime.PERIODIC, n, text)
         return None
+
+    def stays(self, n):
+        """Return which numbers of the state recur after n periods to the last digit in the end, and are round."""
+        there = slice(-self.tail(n), None)
+        exact = np.all(self.states[n:][there] == self.states[:-n][there], axis=0)
+        return exact & np.all(self.rounded[there], axis=0)
+
+    def parted(self, n):
+        """Return which numbers of the state were farther from where they end n periods after they were nearest.
+
+        They cannot have been attracted; those of a superstable motion come nearest in the period before they arrive.
+        """
+        phase = np.arange(-self.periods, 0) % n - n
+        away = np.abs(self.states - self.states[phase])
+        nearest = np.argmin(np.where(away[:-n] > 0, away[:-n], np.inf), axis=0)
+        number = np.arange(away.shape[1])
+        return away[nearest + n, number] > away[nearest, number]
 
     def decaying(self):
         """Return the entries of a motion whose residual over some period decays to zero, or None."""
@@ -284,6 +319,12 @@ class _Recurrence:
             return unresolved(f"{facts}, but the states still drift or spiral")
         text = f"{facts}, no recurrence up to {self.lags[-1]} periods, no decay, no drift"
         return self.result(Regime.REGULAR, self.best, text)
+
+
+def _is_round(values):
+    """Return which numbers have no more than `ROUND` binary digits."""
+    digits = np.ldexp(np.frexp(values)[0], ROUND)
+    return digits == np.round(digits)
 
 
 def _divisors(n):

@@ -12,6 +12,7 @@ from jaxtyping import PyTree
 
 from ..tools.checks import instance, require, shown_number, whole
 from .arclength import Node, Pace, Walk, check_within, checked_bounds, correct, evaluated, passes
+from .ends import end_without_convergence
 from .events import Event, EventSearch, Observe, observed
 from .floquet import product
 from .newton import AbstractEquations
@@ -115,7 +116,8 @@ def continue_motion(
     - `bounds`: of the parameter. `ways`: 1 begins towards larger values, or along the tangent of a point; -1 the
         opposite way.
     - `tolerance`: greatest weighted residual. `pace`: of the steps.
-    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
+    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing. Without it, branches
+        of `impact_step` that end at a grazing say so, and go on where an impact falls on the strobe ("ST").
     - `options`: `points`, `until` and `on_point` of `extend`.
 
     **Returns:** a `Branch`; after Ctrl-C the part followed so far.
@@ -201,55 +203,54 @@ def _extended(branch, walk, search, most, until, on_point):
         events.pop()
     limit = len(nodes) + most
     reason = ""
+    # an angle may come after the parameters
+    place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
+    begin = 0
     try:
-        for point in walk:
-            last = nodes[-1]
-            new = observed(point, search.observe)
-            between = search.between(last, new) if walk.smooth else []
-            events.extend(between)
-            nodes.extend(event.node for event in between)
-            # the first points are near the start because the walk begins there
-            closed = len(nodes) > 3 and passes(nodes[0], last, new)
-            # the last point of a closed curve is beyond its start, and would repeat the first ones
-            if not closed:
-                nodes.append(new)
-            if on_point is not None:
-                on_point(new)
-            if closed:
-                reason = "closed"
-            elif any(event.label in until for event in between):
-                reason = "event"
-            elif len(nodes) >= limit and not walk.ended:
-                reason = "count"
-            if reason:
-                break
+        while not reason:
+            for point in walk:
+                last = nodes[-1]
+                new = observed(point, search.observe)
+                between = search.between(last, new) if walk.smooth else []
+                events.extend(between)
+                nodes.extend(event.node for event in between)
+                # the first points are near the start because the walk begins there
+                closed = len(nodes) > 3 and passes(nodes[0], last, new)
+                # the last point of a closed curve is beyond its start, and would repeat the first ones
+                if not closed:
+                    nodes.append(new)
+                if on_point is not None:
+                    on_point(new)
+                if closed:
+                    reason = "closed"
+                elif any(event.label in until for event in between):
+                    reason = "event"
+                elif len(nodes) >= limit and not walk.ended:
+                    reason = "count"
+                if reason:
+                    break
+            reason = reason or walk.ended
+            if reason == "no convergence":
+                event, beyond = end_without_convergence(walk, nodes[begin:], place)
+                events.append(event)
+                nodes[-1] = event.node
+                if beyond is not None:
+                    # the branch goes on from the state on the other side of an impact
+                    begin = len(nodes)
+                    nodes.append(observed(beyond, search.observe))
+                    walk = dataclasses.replace(walk, last=nodes[-1], step=walk.pace.first, ended="")
+                    reason = "event" if event.label in until else ""
     except KeyboardInterrupt:
         reason = "interrupted"
-    reason = reason or walk.ended
-    if reason in ("bound", "no convergence"):
-        label = "EP" if reason == "bound" else "MX"
-        # an angle may come after the parameters
-        place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
+    if reason == "bound":
         value = float(nodes[-1].z[place])
-        nodes[-1] = nodes[-1]._replace(label=label)
-        note = _why(branch.equations, nodes) if label == "MX" else ""
-        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", note, (), place))
+        nodes[-1] = nodes[-1]._replace(label="EP")
+        events.append(Event("EP", nodes[-1], value, value, complex(np.nan), True, "", (), place))
     back = branch.ends[0]
     if reason == "closed":
         # nothing is left to follow from the start of a closed curve
         back = back._replace(reason="")
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
-
-
-def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
-    """Return in words why no step converges after the last of some points, as far as these tell."""
-    # on curves of critical motions a multiplier may be +1 throughout
-    if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
-        return "a multiplier is +1: branches cross or turn back here, begin beside it"
-    sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
-    if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
-        return "derivatives grow without bound, as at a grazing"
-    return ""
 
 
 def switch(

@@ -18,6 +18,7 @@ MEANINGS = {
     "GR": "grazing: the order of events within a period changes",
     "EP": "end point on a bound of the parameter",
     "MX": "end: no convergence at the least step",
+    "ST": "strobe: an impact falls on the instant of the strobe, where the state jumps; no bifurcation",
 }
 """Labels of events, as in AUTO and COCO, with their meanings."""
 NARROWEST = 1e-10

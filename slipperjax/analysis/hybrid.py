@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ..tools.checks import finite, positive, require, whole
 from ..tools.forms import in_one_kernel
+from ..tools.hermite import highest_point
 from ..tools.types import Real
 
 Field = Callable[[Array, Array], Array]
@@ -230,12 +231,52 @@ class ImpactStep(AbstractCrossingStep):
 
     def _ahead(self, t, y):
         end = rk4(self.field, t, y, self.dt)
-        return end, self._falls(t, y, t + self.dt, end)
+        return end, self._falls(t, y, self._lowest(t, y, t + self.dt, end)[1])
 
-    def _falls(self, t, y, then, end):
-        height = self.surface(then, end)
+    def _lowest(self, t, y, then, end):
+        """Return the share of a flight at which its gap is least, and that gap, by a cubic."""
+        (start, slope), (last, last_slope) = (
+            (-self.surface(*at), -(then - t) * self._rate(*at)) for at in ((t, y), (then, end))
+        )
+        share, height = highest_point(start, slope, last, last_slope)
+        return jax.lax.stop_gradient(share), -height
+
+    def _falls(self, t, y, height):
         # it must fall, because rounding may put a start on the surface below it
         return (height < 0) & (height < self.surface(t, y))
+
+    def nearness(self, state: Array, k: Real) -> tuple[Array, Array]:
+        """Return how near the motion of an interval is to a grazing: the least gap at which it turns before it
+        touches, and the least rate of an impact without which it would turn. Infinite where there is none."""
+
+        def one(y, i):
+            t = self.t0 + (k * self.steps + i) * self.dt
+            flow = lambda share: rk4(self.field, t, y, share * self.dt)
+            end, touches = self._ahead(t, y)
+            stuck = self._stuck(t, y)
+            lowest, gap = self._lowest(t, y, t + self.dt, end)
+            share = lowest * share_before(
+                self.surface, lambda part: flow(part * lowest), t, lowest * self.dt, touches
+            )
+            impact = t + share * self.dt, flow(share)
+            after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
+            turns = ~stuck & ~touches & (lowest > 0) & (lowest < 1)
+            grazes = ~stuck & touches & (self._push(*impact) > 0)
+            return after, (jnp.where(turns, gap, jnp.inf), jnp.where(grazes, jnp.abs(self._rate(*impact)), jnp.inf))
+
+        gaps, rates = jax.lax.scan(one, state, jnp.arange(self.steps))[1]
+        return jnp.min(gaps), jnp.min(rates)
+
+    def other_side(self, state: Array, intervals: int) -> tuple[Array, Array]:
+        """Return the rate of the gap at a state that recurs after some intervals with an impact at its instant, and
+        the state on the other side of the impact."""
+        # up to the last step as it is, which is then taken without the impact
+        state_before = jax.lax.fori_loop(0, intervals - 1, lambda k, s: self(s, 1.0 * k), state)
+        begin = self.t0 + (intervals - 1) * self.steps * self.dt
+        shorter = ImpactStep(self.dt, begin, self.steps - 1, self.field, self.surface, self.reset)
+        before = rk4(self.field, begin + (self.steps - 1) * self.dt, shorter(state_before, 0.0), self.dt)
+        rate = self._rate(self.t0, state)
+        return rate, jnp.where(rate < 0, self.reset(self.t0, state), before)
 
     def _stuck(self, t, y):
         gap, rate, push = jnp.maximum(self.surface(t, y), 0.0), jnp.abs(self._rate(t, y)), self._push(t, y)
@@ -260,9 +301,15 @@ class ImpactStep(AbstractCrossingStep):
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
             # the end of the step, if nothing happens before
             end = flow(1.0)
-            released, touches = self._push(at(1.0), end) > 0, self._falls(at(share), y, at(1.0), end)
+            lowest = jnp.where(stuck, 1.0, self._lowest(at(share), y, at(1.0), end)[0])
+            released = self._push(at(1.0), end) > 0
+            touches = self._falls(at(share), y, self.surface(at(share) + lowest * left(share), flow(lowest)))
             happens = crosses & jnp.where(stuck, released, touches)
-            part = share_before(surface, flow, at(share), left(share), happens)
+            # a touch is looked for up to the lowest point, from which the gap may rise within the step
+            reach = jnp.where(happens, lowest, 1.0)
+            part = reach * share_before(
+                surface, lambda part: flow(part * reach), at(share), reach * left(share), happens
+            )
             share, y = share + part * (1 - share), flow(part)
             y = jnp.where(happens & ~stuck, self.reset(at(share), y), y)
             sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
@@ -413,8 +460,12 @@ def impact_step(
     Each impact is found inside a step. Where impacts accumulate (chattering), the motion sticks to the surface
     instead of a flight shorter than `SHORTEST` of a step: the gap stays closed, held by a force in the direction of
     the impacts, and the motion slides along the surface until the vector field pulls it off (Nordmark and Piiroinen
-    2009, Nonlinear Dynamics 58, 85). The state becomes NaN where `reset` does not turn the motion around. A surface
-    that is touched and left within one step is not noticed.
+    2009, Nonlinear Dynamics 58, 85). The state becomes NaN where `reset` does not turn the motion around. A touch
+    within one step is noticed by the lowest point of a cubic.
+
+    The instants k steps dt + t0 are those of a strobe, at which an impact changes the state at once. An impact that
+    falls on the strobe is no bifurcation: `continue_motion` goes on beyond it, from the state on the other side of
+    the impact, and labels the place ST.
 
     **Arguments:**
 

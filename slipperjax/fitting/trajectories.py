@@ -193,16 +193,11 @@ class Fitting:
         rows[..., -1] = away / START_REACH
         return rows
 
-    def _placed(self, value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return values (starts, windows, rows) and slopes by a window's own directions as those by all unknowns."""
-        starts, windows, rows = value.shape
-        own = per_level.shape[1]
-        every = np.zeros((starts, windows, rows, own + windows * len(SIZES)))
-        every[..., :own] = slope[..., :own] * per_level[:, None, None]
-        for k in range(windows):
-            at = own + len(SIZES) * k
-            every[:, k, :, at : at + len(SIZES)] = slope[:, k, :, own:]
-        return value.reshape(starts, -1), every.reshape(starts, windows * rows, -1)
+    def _along(self, change: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> Float[np.ndarray, " unknowns"]:
+        """Return the sums of changes (windows, rows) times slopes by a window's own directions, by all unknowns."""
+        sums = np.einsum("wr,wrd->wd", change, slope)
+        own = per_level.size
+        return np.concatenate([sums[:, :own].sum(axis=0) * per_level, sums[:, own:].ravel()])
 
     def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
         """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
@@ -227,11 +222,12 @@ class Fitting:
         slope = found.slope[found.lead]
         every = covariance(slope)
         course = self.course(point)
-        _, by = self._placed(*self._weighted(course), self._per_level(point))
+        (slopes,), (per_level,) = self._weighted(course)[1], self._per_level(point)
 
         def shift(other: Course) -> np.ndarray:
             change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
-            moved = every @ (by[0].T @ change.ravel()) / np.sqrt(np.diag(every))
+            along = self._along(change.reshape(slopes.shape[:2]), slopes, per_level)
+            moved = every @ along / np.sqrt(np.diag(every))
             return -moved[: len(self.model.problem.unknowns)]
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)

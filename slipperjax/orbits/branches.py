@@ -544,8 +544,8 @@ def bounds_of(varied: Parameter, bounds: object) -> tuple[float, float]:
 
 def labels(until: Sequence[str]) -> tuple[str, ...]:
     """Return `until` as a tuple; raise `ValueError` unless all are labels of events."""
-    # at the other two a way ends anyway
-    choices = [label for label in MEANINGS if label not in ("EP", "MX")]
+    # at two others a way ends anyway, and slippers have no impacts at once
+    choices = [label for label in MEANINGS if label not in ("EP", "MX", "ST")]
     known_labels = not isinstance(until, str) and all(label in choices for label in until)
     require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)
     return tuple(until)

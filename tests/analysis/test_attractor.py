@@ -5,6 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+import slipperjax as sj
 from slipperjax.analysis.attractor import classify, rotation_number, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
@@ -86,6 +87,45 @@ def test_slow_transients_are_not_tori(turn):
     # too slow for the record to show the final motion, but never a torus
     for rate in (2e-3, 5e-4, 1e-4, 2e-5):
         assert classify(spiral(rate, turn, 300)).kind == "unresolved"
+
+
+def applied(step, x, periods=400):
+    """States of a map of one number, (periods, 1)."""
+    out = []
+    for _ in range(periods):
+        out.append([x])
+        x = step(x)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("step", [lambda x: 2 * x % 1, lambda x: 1 - 2 * abs(x), lambda x: 10 * x % 1])
+def test_a_map_that_loses_its_digits_has_no_period(step):
+    """At round numbers after some 53 steps: an artefact of floating point, which a longer record shows no more."""
+    strobe = applied(step, 0.7 / np.pi)
+    for begin in (0, 10):
+        with pytest.warns(sj.ImplausibleWarning, match="Case 0 of 1 stays at round numbers"):
+            found = classify(strobe[begin:])
+        assert (found.kind, found.period) == ("unresolved", 0)
+        assert "from which it parted before, as where a map loses a binary digit" in str(found.evidence)
+    with pytest.warns(sj.ImplausibleWarning, match="as where a map loses a binary digit in each step"):
+        found = classify(strobe[100:])
+    assert "at round numbers, as at rest" in str(found.evidence)
+
+
+@pytest.mark.parametrize(
+    ("step", "period"), [(lambda x: 2 * x * (1 - x), 1), (lambda x: min(2 * min(x, 1 - x), 0.75), 2)]
+)
+def test_superstable_motions_at_round_numbers_keep_their_period(step, period):
+    """A parabola with its top on the diagonal, and a tent without its top; the second after a chaotic transient."""
+    for x in (0.1234567, 1 / np.pi, 0.77):
+        with pytest.warns(sj.ImplausibleWarning, match="round numbers"):
+            found = classify(applied(step, x))
+        assert (found.kind, found.period) == ("period", period)
+    # a superstable motion at other numbers leaves no doubt
+    top = (1 + 5**0.5) / 4
+    found = classify(applied(lambda x: 4 * top * x * (1 - x), 0.3))
+    assert (found.kind, found.period) == ("period", 2)
+    assert "round" not in str(found.evidence)
 
 
 def test_tori():

@@ -149,7 +149,8 @@ def test_windows_are_eliminated_one_by_one_without_a_change_of_the_sums():
 
 
 def test_slopes_of_many_windows_fit_into_memory():
-    """Of 200 windows and 16 starts 0.5 GB, where all rows by all unknowns took 5 GB."""
+    """One array of slopes of 200 windows and 16 starts has 0.5 GB, where all rows by all unknowns had 5 GB. A whole
+    fit has some of them at once: `tests/benchmarks/test_fit_memory.py`."""
     parts, levels = banded(60, rows=60)
     tracemalloc.start()
     _, slope = _triangular(parts, levels)

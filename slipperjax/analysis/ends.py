@@ -1,0 +1,119 @@
+"""What ends a branch without convergence: a grazing, an impact at the strobe, crossing branches."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..tools.compile import call_compiled
+from .arclength import Node, Walk, correct
+from .events import Event
+from .hybrid import ImpactStep
+from .newton import AbstractEquations
+from .shooting import PeriodicMotions
+
+NEAR = 100
+"""Least steps from the last point of a branch within which lies what ended it: where an impact is so gentle that RK4
+does not see it, 40 were measured."""
+FARTHER = 7
+"""How often the step across an impact at the strobe is doubled, from two least steps on."""
+BESIDE = 1e-3
+"""Greatest distance of a point beyond an impact at the strobe from its guess."""
+
+
+class _Touch(NamedTuple):
+    """How near a motion is to a grazing, and to an impact at the strobe."""
+
+    gap: np.ndarray
+    """At the strobe."""
+    turn: np.ndarray
+    """Least gap at which a flight turns, see `ImpactStep.nearness`."""
+    impact: np.ndarray
+    """Least rate of an impact without which it would turn."""
+    rate: np.ndarray
+    """Of the gap at the strobe."""
+    beyond: np.ndarray
+    """State at the strobe on the other side of an impact there."""
+
+
+def _touch(equations: PeriodicMotions, static: tuple, z: jax.Array) -> _Touch:
+    step, state = equations.step(z), equations.state(z)
+    assert isinstance(step, ImpactStep)
+    ks = jnp.arange(float(equations.intervals))
+    turn, impact = jax.lax.scan(lambda s, k: (step(s, k), step.nearness(s, k)), state, ks)[1]
+    rate, beyond = step.other_side(state, equations.intervals)
+    return _Touch(step.surface(step.t0, state), jnp.min(turn), jnp.min(impact), rate, beyond)
+
+
+def _touch_of(equations: AbstractEquations, node: Node) -> _Touch | None:
+    """Return the `_Touch` of a point; None for maps other than those of `impact_step`."""
+    if not isinstance(equations, PeriodicMotions) or not isinstance(equations.step(node.z), ImpactStep):
+        return None
+    return jax.device_get(call_compiled(_touch, equations, (), jnp.asarray(node.z)))
+
+
+def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tuple[Event, Node | None]:
+    """Return the event at the last of some points, after which no step converges, and the first point beyond it, if
+    any, from which the branch goes on.
+
+    **Arguments:** `place`: of the parameter among the unknowns.
+    """
+    last = nodes[-1]
+    value = float(last.z[place])
+    found = lambda label, note, other=value, known=False: Event(
+        label,
+        last._replace(label=label),
+        min(value, other),
+        max(value, other),
+        complex(np.nan),
+        known,
+        note,
+        (),
+        place,
+    )
+    touches = [_touch_of(walk.equations, node) for node in nodes[-2:]]
+    if len(touches) == 2 and touches[0] is not None and touches[1] is not None:
+        before, now = touches
+        chord = last.z - nodes[-2].z
+
+        def share(name: str) -> float:
+            """How far beyond the last point a number is zero [chords]; NaN where that is not near."""
+            one, other = float(getattr(before, name)), float(getattr(now, name))
+            ahead = other / (one - other) if np.isfinite(one - other) and one != other else np.nan
+            return ahead if abs(ahead) * last.length(chord) <= NEAR * walk.pace.least else np.nan
+
+        for name in ("turn", "impact"):
+            if np.isfinite(ahead := share(name)):
+                note = "the branch ends where a rigid stop is grazed"
+                return found("GR", note, value + ahead * float(chord[place]), True), None
+        if np.isfinite(ahead := share("gap")) and (point := _beyond(walk, last, now)) is not None:
+            return found("ST", "", value + ahead * float(chord[place]), True), point
+    return found("MX", _why(walk.equations, nodes)), None
+
+
+def _beyond(walk: Walk, last: Node, touch: _Touch) -> Node | None:
+    """Return the first point of a branch beyond an impact at the strobe; None where none is found."""
+    ahead = np.zeros_like(last.z)
+    ahead[-1] = np.sign(last.tangent[-1])
+    for k in range(FARTHER):
+        away = 2.0 ** (k + 1) * walk.pace.least / last.weights[-1]
+        guess = np.append(touch.beyond, last.z[-1]) + away * ahead
+        point = correct(walk.equations, guess, ahead, tolerance=walk.tolerance)
+        if point.residual <= walk.tolerance and point.length(point.z - guess) < BESIDE:
+            other = _touch_of(walk.equations, point)
+            if other is not None and other.rate * touch.rate < 0:
+                return point
+    return None
+
+
+def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
+    """Return in words why no step converges after the last of some points, as far as these tell."""
+    # on curves of critical motions a multiplier may be +1 throughout
+    if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
+        return "a multiplier is +1: branches cross or turn back here, begin beside it"
+    sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
+    if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
+        return "derivatives grow without bound, as at a grazing"
+    return ""
