@@ -12,6 +12,7 @@ from ..model.kinematics import Motion
 from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
+from ..tools.limits import refuse_impossible
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Problem
 from .search import LOST, Found, covariance, search
@@ -20,6 +21,8 @@ from .unknowns import spread
 
 START_REACH = 3.0
 """How far starts are from those of the first guess, as standard deviation [scales of the motion]."""
+ARRAYS = 20
+"""Square arrays of derivatives by all unknowns that a search holds for each start; measured at 50 windows."""
 CONTINUITY = (0.3, 0.03, 1e-3)
 """How far motions may jump where one window ends and the next begins, in one search after the other, as standard
 deviation [scales]."""
@@ -68,6 +71,9 @@ class Trajectories(AbstractFitMethod):
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
         windows = Windows.of(problem.runs, problem.scenes, problem.origin, self.window)
+        size = len(problem.unknowns) + len(SIZES) * windows.count
+        slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
+        refuse_impossible(slopes, float(ARRAYS * 8 * self.starts * size**2), 0.0)
         model = Model.of(problem, windows)
         given = np.array([np.nan if sensor.noise is None else sensor.noise for sensor in problem.rig.sensors])
         noise = np.where(np.isnan(given), FIRST_NOISE * _rms(model.windows), given)

@@ -231,6 +231,15 @@ def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
     assert "\n" not in str(error.value)
 
 
+def test_windows_that_memory_has_no_room_for_are_refused():
+    """Before anything is compiled; no samples need to be there."""
+    period = float(TRUTH.period)
+    time = ("time", np.arange(0.0, 4000 * period, period / 8), {"units": "s"})
+    long = xr.Dataset({SENSORS[0].name: ("time", np.ones(32_000), {"units": "m/s^2"})}, {"time": time})
+    with pytest.raises(ValueError, match=r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
+        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(window=1))
+
+
 @pytest.mark.parametrize("name", ["starts", "window", "transient"])
 def test_settings_are_whole_numbers(name):
     with pytest.raises(ValueError, match=f"`{name}` must be"):
