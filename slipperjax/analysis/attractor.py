@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..tools.checks import finite, number, numbers, positive, require, warn, whole
+from ..tools.checks import finite, number, numbers, positive, require, whole
 from ..tools.types import Numbers
 from .kinds import Regime
 from .lyapunov import check_real, weighted_mean
@@ -127,7 +127,7 @@ def classify(
 
     Maps that lose a binary digit in each step, such as x -> 2 x mod 1, stay at zero after 53 steps in floating point
     (take 1.999999 for 2). A motion that comes to stay at round numbers, from which it parted before, is "unresolved".
-    Where a record shows nothing else than round numbers, as of a motion at rest, evidence and a warning say so.
+    Where a record shows nothing else than round numbers, as of a motion at rest, its evidence says so.
 
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
     that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
@@ -154,11 +154,7 @@ def classify(
     for name, value in (("tolerance", tolerance), ("floor", floor)):
         require(0 < number(finite, name, value) < 1, name, "be above 0 and below 1", value)
     cases = [_classified(states, scales, most, tolerance, floor) for states in x.reshape(-1, *x.shape[-2:])]
-    found = Attractors(*(np.reshape(column, x.shape[:-2]) for column in zip(*cases, strict=True)))
-    doubtful = np.flatnonzero([LOST_DIGITS in text for text in np.ravel(found.evidence)])
-    if doubtful.size:
-        warn(f"Case {doubtful[0]} of {found.kind.size} stays at round numbers, as at rest, or {LOST_DIGITS}.")
-    return found
+    return Attractors(*(np.reshape(column, x.shape[:-2]) for column in zip(*cases, strict=True)))
 
 
 def _scaled(strobe, scales):

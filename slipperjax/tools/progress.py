@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
+DELAY = 1.0
+"""Time before which a bar that nobody asked for, or in a file or pipe, does not appear [s]; compiling is shown at once."""
 LONGEST_SILENCE = 60.0
 """Time after which a bar in a file or pipe is written again, though nothing was done [s]."""
 
@@ -39,10 +41,9 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
 
     live = is_live()
     lines = _Lines()
-    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=lines)
+    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, delay=DELAY, file=lines)
     if wanted is None and live:
-        # a bar that nobody asked for appears after a second, or while a program is compiled
-        shown |= dict(leave=False, delay=1.0)
+        shown |= dict(leave=False, delay=DELAY)
     elif wanted is None or not yes_or_no("progress", wanted):
         shown |= dict(disable=True)
     name = options.pop("desc", "")

@@ -5,7 +5,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-import slipperjax as sj
 from slipperjax.analysis.attractor import classify, rotation_number, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
@@ -103,13 +102,11 @@ def test_a_map_that_loses_its_digits_has_no_period(step):
     """At round numbers after some 53 steps: an artefact of floating point, which a longer record shows no more."""
     strobe = applied(step, 0.7 / np.pi)
     for begin in (0, 10):
-        with pytest.warns(sj.ImplausibleWarning, match="Case 0 of 1 stays at round numbers"):
-            found = classify(strobe[begin:])
+        found = classify(strobe[begin:])
         assert (found.kind, found.period) == ("unresolved", 0)
         assert "from which it parted before, as where a map loses a binary digit" in str(found.evidence)
-    with pytest.warns(sj.ImplausibleWarning, match="as where a map loses a binary digit in each step"):
-        found = classify(strobe[100:])
-    assert "at round numbers, as at rest" in str(found.evidence)
+    found = classify(strobe[100:])
+    assert "at round numbers, as at rest, or as where a map loses a binary digit" in str(found.evidence)
 
 
 @pytest.mark.parametrize(
@@ -118,8 +115,8 @@ def test_a_map_that_loses_its_digits_has_no_period(step):
 def test_superstable_motions_at_round_numbers_keep_their_period(step, period):
     """A parabola with its top on the diagonal, and a tent without its top; the second after a chaotic transient."""
     for x in (0.1234567, 1 / np.pi, 0.77):
-        with pytest.warns(sj.ImplausibleWarning, match="round numbers"):
-            found = classify(applied(step, x))
+        found = classify(applied(step, x))
+        assert "round numbers" in str(found.evidence)
         assert (found.kind, found.period) == ("period", period)
     # a superstable motion at other numbers leaves no doubt
     top = (1 + 5**0.5) / 4

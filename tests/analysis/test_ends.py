@@ -55,7 +55,7 @@ def seen(phase, start, force, bounds):
     return follow(Rigid(jnp.asarray(phase)), start, force, bounds)
 
 
-@pytest.mark.parametrize("touching", [False, True])
+@pytest.mark.parametrize("touching", [False, pytest.param(True, marks=pytest.mark.full)])
 def test_a_grazing_is_named_on_both_of_its_sides(touching):
     """Without impacts below the closed form's force, with one in each period above it."""
     force = (1.3 if touching else 0.7) * GRAZING
@@ -72,6 +72,7 @@ def test_a_grazing_is_named_on_both_of_its_sides(touching):
     assert np.all((branch.values > GRAZING - 1e-8) == touching)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("side", [0.9, 1.1])
 def test_an_impact_at_the_strobe_is_passed_and_no_bifurcation(side):
     """The strobe is where the impact is at one of the forces; states before and after it are those of one motion."""

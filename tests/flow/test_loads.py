@@ -139,6 +139,7 @@ def test_an_error_probe_tells_good_steps_from_bad():
         jax.jit(lambda v: sj.simulate(sj.paper_scene(v), 1, probe=1).peak.force)(1250.0)
 
 
+@pytest.mark.full
 def test_a_wrong_force_is_inaccurate_though_the_motion_is_not(monkeypatch):
     errors = lambda peak: lambda *_: Probe(*map(jnp.asarray, ([0.0, 1.0], [1e-3, 1e-3], [peak, np.nan])))
     for peak, status in ((0.35, Status.INACCURATE), (0.035, Status.FINITE), (np.nan, Status.FINITE)):

@@ -190,6 +190,7 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         assert np.all(kinetic[damped] < (1e-5 if steps < 1000 else 1e-7))
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_a_derailed_slipper_is_flagged():
     # with a play of 1 m it turns by 110 degrees in a period at 300 rad/s, and by 66 degrees in six at 30 rad/s
