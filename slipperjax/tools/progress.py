@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 DELAY = 1.0
-"""Time before which a bar that nobody asked for, or in a file or pipe, does not appear [s]; compiling is shown at once."""
+"""Time after which a bar that nobody asked for, or one in a pipe, appears, unless it compiles before [s]."""
 LONGEST_SILENCE = 60.0
 """Time after which a bar in a file or pipe is written again, though nothing was done [s]."""
 

@@ -137,6 +137,7 @@ def test_a_curve_of_neimark_sackers():
     assert repr(found).startswith(f"Branch({len(c)} points over r and c; EP at r = ")
 
 
+@pytest.mark.full
 def test_a_curve_of_neimark_sackers_does_not_go_on_as_one_of_folds_or_flips():
     """In a generalised Hénon map b is the product of both multipliers."""
     family = lambda a, b: lambda s, k: jnp.stack([s[1], a - b * s[0] - s[1] ** 2])

@@ -93,6 +93,7 @@ def test_a_rail_with_a_lost_run_is_left_out_at_all_corners():
     assert all(np.isnan(part).all() for part in few)
 
 
+@pytest.mark.full
 def test_values_are_quantiles_of_runs_on_the_rails():
     options = dict(ensemble=dataclasses.replace(FEW, quantile=0.5), steps_per_period=STEPS)
     ds = sensitivities(SCENE, "peak_slipper_force", ["clearance"], **options)

@@ -24,6 +24,7 @@ def test_records_are_what_sensors_read(run):
     assert clean["az"].attrs["units"] == "m/s^2"
 
 
+@pytest.mark.full
 def test_noise_is_that_of_the_sensor_or_a_share_of_its_signal(run):
     clean, noisy = (synthetic_record(run, SENSORS[:1], rate=20e3, noise=noise) for noise in (0.0, 0.1))
     np.testing.assert_allclose((noisy - clean)["az"].std(), 0.1 * clean["az"].std(), rtol=0.15)
@@ -32,6 +33,7 @@ def test_noise_is_that_of_the_sensor_or_a_share_of_its_signal(run):
     np.testing.assert_allclose((one - other).std(), np.sqrt(2) * 1e-5, rtol=0.15)
 
 
+@pytest.mark.full
 def test_the_last_periods_count(run):
     period = float(SCENE.period)
     last = synthetic_record(run, SENSORS[:1], rate=100 / period, periods=1)
@@ -39,6 +41,7 @@ def test_the_last_periods_count(run):
     np.testing.assert_allclose(last["az"], whole["az"][300:], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "text"),
     [

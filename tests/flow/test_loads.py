@@ -179,6 +179,7 @@ def test_touching_is_needed_and_deep_penetration_is_flagged():
     assert int(soft.status) == Status.PRESSED_IN
 
 
+@pytest.mark.full
 def test_damping_that_the_steps_cannot_follow_is_flagged():
     """Restitution 0.2: the damping of a touchdown that is slow beside what presses it in."""
     scene = sj.paper_scene(700.0, 1e-3, 0.48, restitution=0.2, amplitude=3e-4)

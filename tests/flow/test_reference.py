@@ -55,6 +55,7 @@ def test_wide_clearance_at_400_steps(by_steps):
     assert by_steps[400].max() < 1e-3  # measured 8.5e-4, at C = 4 mm
 
 
+@pytest.mark.full
 def test_order_is_two_or_better(by_steps):
     order = np.log(by_steps[100] / by_steps[400]) / np.log(4)
     # measured 1.3 (C = 4 mm, where it is erratic) to 2.6, 2.1 in the median

@@ -24,6 +24,7 @@ def test_every_status_has_a_meaning_and_what_to_do():
         assert str(Status(int(status))) == f"{status.meaning}; {status.remedy}"
 
 
+@pytest.mark.full
 def test_numbers_of_lost_cases_mean_nothing():
     codes = np.arange(10).reshape(2, 5)
     assert is_lost(codes).tolist() == [[False, True, True, True, True], [False, False, True, True, False]]

@@ -303,6 +303,7 @@ def test_accelerations_of_elastic_sleds_at_a_programme_that_keeps_the_speed():
     np.testing.assert_allclose(one, other, rtol=1e-9)  # measured equal
 
 
+@pytest.mark.full
 def test_rigid_sleds_have_no_modes():
     state = sj.initial_state(SPRINGS, sj.AtRest())
     assert state.motion.modes is None

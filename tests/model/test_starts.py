@@ -206,6 +206,7 @@ def test_a_slipper_without_rest_is_said():
     assert np.isnan(float(state.motion.z))
 
 
+@pytest.mark.full
 def test_a_sled_without_rest_names_the_slippers_that_float():
     """A moment that turns a sled over, whose slippers do not reach around the rail; beside it, one that rests."""
     mounts = [sj.Mount(x, y, -0.2, rail=rail) for rail, y in (("left", 0.9), ("right", -0.9)) for x in (1.2, -1.2)]

@@ -15,6 +15,7 @@ from slipperjax.model.dynamics import Args
 from .nominal import SCENE, STEPS
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_a_periodic_motion_contracts_and_a_lost_one_says_so(nominal):
     options = dict(transient=0, periods=40, steps_per_period=STEPS)

@@ -31,6 +31,7 @@ def test_the_nominal_orbit_recurs_and_has_its_multipliers(nominal):
     np.testing.assert_allclose(float(fine.exponent), -0.0467, atol=5e-5)
 
 
+@pytest.mark.full
 def test_a_start_that_never_touches_has_the_status_of_its_motion():
     orbit = sj.periodic_orbit(sj.paper_scene(1250.0, 4e-3), start=sj.Motion(), steps_per_period=STEPS)
     assert orbit.status == Status.NO_CONTACT
@@ -108,6 +109,7 @@ def test_a_multiple_of_the_period_is_recognised(nominal, monkeypatch):
     np.testing.assert_allclose(four.multipliers, nominal.multipliers, atol=1e-12)
 
 
+@pytest.mark.full
 def test_the_signature_is_that_of_a_fine_trajectory(nominal):
     found = nominal.signature
     gap = np.asarray(nominal.trajectory().reactions.gap).reshape(STEPS + 1, -1)

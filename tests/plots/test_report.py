@@ -181,6 +181,7 @@ def test_files_hold_what_the_tables_hold(tmp_path):
     )
 
 
+@pytest.mark.full
 def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
     content = MAKERS[".pdf"](_of_run(RunView.of(run(), sj.paper_scene())))
     assert content.startswith(b"%PDF")

@@ -68,6 +68,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
         assert words in str(caught.value), str(caught.value)
 
 
+@pytest.mark.full
 def test_side_by_side_values_choose_one_case():
     ds = sj.sweep(sj.paper_scene(), SPEEDS | {"start_v_y": [0.5, 0.4]}, product=False, record="strobe", **TEN)
     assert float(sj.load_scene(ds, speed=1250.0).speed) == 1250.0
