@@ -147,6 +147,7 @@ def test_a_wrong_force_is_inaccurate_though_the_motion_is_not(monkeypatch):
         assert int(probed(sj.paper_scene(), 104).status) == status
 
 
+@pytest.mark.full
 def test_an_error_beside_the_play_is_inaccurate():
     """Half the step changes the roll by 0.3 mrad, of the 1 mrad or so that a play of 0.1 mm leaves."""
     tight = sj.paper_scene(clearance=1e-4, stiffness=1.5e10)

@@ -63,6 +63,7 @@ def test_order_is_two_or_better(by_steps):
     assert order.min() > 1.0
 
 
+@pytest.mark.full
 def test_stiff_contact():
     assert lane_errors([STIFF], 3200).max() < 2e-3  # measured 3.3e-5, over two periods
 

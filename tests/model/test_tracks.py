@@ -147,6 +147,7 @@ def test_lateral_and_vertical_are_separate():
     assert np.all(np.isfinite(jax.tree.leaves(sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene)).motion)))
 
 
+@pytest.mark.full
 def test_wrong_tracks_and_starts_are_named():
     with pytest.raises(ValueError, match=r"`irregularity` must be a .*Irregularity, but is"):
         sj.simulate(scene_with(Plain()), 1)

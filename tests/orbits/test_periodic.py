@@ -162,6 +162,7 @@ def test_derivatives_in_both_modes_and_batches(nominal):
     np.testing.assert_allclose(several, [of_speed(1250.0), of_speed(1260.0)], rtol=1e-9)
 
 
+@pytest.mark.full
 def test_a_dataset_holds_one_period_and_the_multipliers(nominal):
     ds = nominal.to_xarray()
     np.testing.assert_allclose(ds["v_y"][-1], ds["v_y"][0], rtol=1e-9)

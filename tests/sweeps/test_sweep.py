@@ -99,6 +99,7 @@ def test_cases_of_several_step_counts_are_those_of_each_alone():
     assert one["time"].attrs["units"] == "s"
 
 
+@pytest.mark.full
 def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
     speeds = [1240.0, 1250.0, 1260.0]
     ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
