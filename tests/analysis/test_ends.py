@@ -55,6 +55,7 @@ def seen(phase, start, force, bounds):
     return follow(Rigid(jnp.asarray(phase)), start, force, bounds)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("touching", [False, True])
 def test_a_grazing_is_named_on_both_of_its_sides(touching):
     """Without impacts below the closed form's force, with one in each period above it."""

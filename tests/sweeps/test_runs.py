@@ -302,9 +302,8 @@ def test_the_play_opens_before_each_window():
     np.testing.assert_allclose(start["state"], whole["state"], rtol=1e-10, atol=1e-10)  # 1e-12
 
 
-@pytest.mark.parametrize(
-    "speeds", [pytest.param((), id="starts"), pytest.param((300.0, 400.0), id="speeds", marks=pytest.mark.full)]
-)
+@pytest.mark.full
+@pytest.mark.parametrize("speeds", [(), (300.0, 400.0)], ids=["starts", "speeds"])
 def test_slippers_wear_alike_in_a_grid_and_alone(speeds):
     scene = dataclasses.replace(RAIL, speed=400.0, wear=sj.Wear(1e-10))
     how = dict(length=21.0, window=0.2, record="friction_work", steps_per_period=400)
