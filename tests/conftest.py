@@ -33,6 +33,12 @@ MOST_MAPPINGS = 25_000
 """Parts of memory in which a process may keep its programs; Linux ends one of 65,530 (vm.max_map_count)."""
 
 
+if sys.dont_write_bytecode:
+    # half of the time before a first test goes into bytecode, which is kept elsewhere if not beside the sources
+    sys.pycache_prefix = sys.pycache_prefix or str(Path(platformdirs.user_cache_dir("slipperjax"), "bytecode"))
+    sys.dont_write_bytecode = False
+
+
 def pytest_addoption(parser):
     parser.addoption("--full", action="store_true", help="take in the tests marked full, where no file is named")
     words = "count traced, lowered and compiled programs and processor seconds by test, and write FILE"
