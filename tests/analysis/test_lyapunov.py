@@ -91,7 +91,7 @@ def test_henon_map_and_a_lane_that_diverges():
     runs = jax.tree.map(lambda a: a[:-1], runs)
     exponents, error = pooled(runs.per_period, runs.stderr)
     np.testing.assert_array_less(np.abs(exponents - [0.41922, -1.62319]), 3 * error)
-    assert error.max() < 3e-3  # measured 1.4e-3
+    assert error.max() < 6e-3  # measured 1.4e-3 and 1.9e-3 on two processors
     np.testing.assert_allclose(np.sum(runs.per_period, axis=-1), np.log(0.3), rtol=1e-12)
     dimension = np.asarray(runs.kaplan_yorke)
     assert dimension.shape == (LANES,)
@@ -141,7 +141,7 @@ def test_impact_oscillator_whose_force_jumps():
     options = dict(transient=100, align=20, period=period)
     split = switched_step(free, touching, lambda t, y: y[0], dt=period / 200, steps=200)
     exponents = map_spectrum(split, jnp.array([0.5, 0.0]), 100, **options).weighted / period
-    np.testing.assert_allclose(exponents, -0.2202, atol=2e-3)  # measured -0.2203 twice
+    np.testing.assert_allclose(exponents, -0.2202, atol=5e-3)  # measured 1.5e-3, of 100 periods
     blind = Rk4(lambda t, y: jnp.where(y[0] >= 0, free(t, y), touching(t, y)), period / 200, 200)
     wrong = map_spectrum(blind, jnp.array([0.5, 0.0]), 100, **options).weighted / period
     assert wrong[0] > 0.1

@@ -124,7 +124,7 @@ def test_derivatives_are_those_of_the_equilibrium():
         np.testing.assert_allclose(derivative(depth)(14.0), exact, rtol=1e-6)  # measured 2e-9
     clearances = jnp.array([0.5e-3, 1e-3])
     batch = jax.vmap(lambda c: state_of(LEVEL.replace(clearance=c)).motion.z)(clearances)
-    np.testing.assert_allclose(batch[0] - batch[1], 0.25e-3, rtol=1e-9)
+    np.testing.assert_allclose(batch[0] - batch[1], 0.25e-3, rtol=1e-7)  # measured 8e-10
 
 
 @pytest.mark.full
