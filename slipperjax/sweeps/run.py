@@ -7,7 +7,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -354,11 +354,13 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: boo
 
 
 @contextmanager
-def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> Iterator[Callable[..., None]]:
+def progress_shown(
+    total: float, cases: int, name: str, wanted: bool | None, **options: Any
+) -> Iterator[Callable[..., None]]:
     """Show how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
 
-    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: their number; `wanted`:
-    of `slipperjax.tools.progress.bar`.
+    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: their number; `wanted`
+    and `options`: of `slipperjax.tools.progress.bar`.
 
     **Yields:** `add(work, done)`, which threads call with the work just done and the number of cases just finished.
     """
@@ -366,7 +368,7 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> 
     lock = threading.Lock()
     finished = 0
     # most runs compile two programs: of the transient, and of what is recorded
-    with progress_bar(wanted, programs=2, total=total, desc=name, bar_format=layout) as bar:
+    with progress_bar(wanted, programs=2, total=total, desc=name, bar_format=layout, **options) as bar:
 
         def add(work: float, done: int = 0) -> None:
             nonlocal finished

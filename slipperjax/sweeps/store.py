@@ -43,6 +43,7 @@ from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
+from ..tools.progress import DELAY
 from .call import AbstractCall
 from .estimate import Estimate
 from .grid import Grid, Tiling
@@ -606,7 +607,7 @@ def _stored(
                 _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:
-                    with progress_shown(1.0, 1, "first case", progress) as shown:
+                    with progress_shown(1.0, 1, "first case", progress, delay=DELAY) as shown:
                         like = work_on(tuple(slice(1) for _ in grid.shape))()
                         shown(1.0, 1)
                 except Interrupted:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 DELAY = 1.0
-"""Time after which a bar that nobody asked for, or one in a pipe, appears, unless it compiles before [s]."""
+"""Time after which a bar appears that nobody asked for, or that may be in vain [s]; where it compiles, at once."""
 LONGEST_SILENCE = 60.0
 """Time after which a bar in a file or pipe is written again, though nothing was done [s]."""
 
@@ -41,7 +41,7 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
 
     live = is_live()
     lines = _Lines()
-    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, delay=DELAY, file=lines)
+    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=lines)
     if wanted is None and live:
         shown |= dict(leave=False, delay=DELAY)
     elif wanted is None or not yes_or_no("progress", wanted):
@@ -57,7 +57,7 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
         progress.delay = 0  # tqdm wipes a bar out at the end only if its delay is over
         progress.set_description_str(described(name, notice))
 
-    with tqdm(desc=described(name), **shown, **options) as progress:
+    with tqdm(desc=described(name), **(shown | options)) as progress:
         if progress.disable:  # a bar around it shows the notices
             yield progress
             return

@@ -480,7 +480,7 @@ def test_workers_end_with_the_process_that_made_them(tmp_path):
 
 def test_the_first_case_is_told_too(tmp_path, capsys, monkeypatch):
     """It makes the store, and compiles for minutes before there is one."""
-    monkeypatch.setattr("slipperjax.tools.progress.DELAY", 0.0)
+    monkeypatch.setattr("slipperjax.sweeps.store.DELAY", 0.0)
     call(tmp_path / "map.zarr", progress=True)
     lines = [line for line in capsys.readouterr().err.splitlines() if line]
     assert lines[0].startswith("first case:   0%")
