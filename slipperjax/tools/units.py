@@ -42,7 +42,8 @@ STANDARD_GRAVITY = 9.80665
 
 
 def _as_pint_reads(unit: str) -> str:
-    """Return a unit as pint spells it: "m s-1" is "m s**-1", and survey feet have one name."""
+    """Return a unit as pint spells it: "m s-1" and "m.s-1" are "m s**-1", and survey feet have one name."""
+    unit = re.sub(r"(?<=[^\W_])\.(?=[^\W\d_])", " ", unit)
     # a number behind a letter is a power
     unit = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
     unit = re.sub(r"\blbm\b", "lb", unit)

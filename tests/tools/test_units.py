@@ -110,7 +110,7 @@ def test_what_has_a_unit_is_converted(given, unit, exact):
         (np.timedelta64(1, "s"), "m"),
         (np.array(["2026-01-01"], "datetime64[s]"), "s"),
         (datetime.datetime(2026, 1, 1), "s"),
-        (np.timedelta64("NaT"), "s"),
+        (np.timedelta64("NaT", "s"), "s"),
     ],
 )
 def test_other_units_and_dates_are_refused(given, unit):
