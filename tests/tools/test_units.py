@@ -158,7 +158,7 @@ def test_numbers_under_a_mask_are_missing(call):
 
 def test_histories_have_no_number_under_a_mask():
     np.testing.assert_array_equal(numbers("series", HIDDEN), [1.0, 2.0, np.nan, 4.0, 5.0])
-    with pytest.raises(ValueError, match="`series` must be numbers, but is <?Quantity"):
+    with pytest.raises(ValueError, match=r"`series` must be numbers, but is <?Quantity"):
         numbers("series", Q([1.0, 2.0], "mm"))
 
 
