@@ -3,11 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from slipperjax.tools.batching import Batched
 from slipperjax.tools.compile import call_compiled, jit
 from slipperjax.tools.description import describe
-from slipperjax.tools.forms import compiler_options
+from slipperjax.tools.forms import compiler_options, is_plain
 
 
 def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
@@ -21,6 +22,7 @@ def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
     assert jax.hessian(lambda x: cube(x, 3))(2.0) == 12.0
 
 
+@pytest.mark.skipif(is_plain(), reason="for the fast form")
 def test_options_are_those_of_the_backend():
     assert compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
     assert compiler_options("gpu") == {}
