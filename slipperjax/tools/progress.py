@@ -41,7 +41,7 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
 
     live = is_live()
     lines = _Lines()
-    shown = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=lines)
+    shown: dict[str, Any] = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=lines)
     if wanted is None and live:
         shown |= dict(leave=False, delay=DELAY)
     elif wanted is None or not yes_or_no("progress", wanted):
