@@ -194,6 +194,30 @@ def extend(
     return branch
 
 
+def _walked(walk, nodes, events, search, limit, until, on_point):
+    """Add the points of a walk, and the events between them; return why it has stopped."""
+    for point in walk:
+        last = nodes[-1]
+        new = observed(point, search.observe)
+        between = search.between(last, new) if walk.smooth else []
+        events.extend(between)
+        nodes.extend(event.node for event in between)
+        # the first points are near the start because the walk begins there
+        closed = len(nodes) > 3 and passes(nodes[0], last, new)
+        # the last point of a closed curve is beyond its start, and would repeat the first ones
+        if not closed:
+            nodes.append(new)
+        if on_point is not None:
+            on_point(new)
+        if closed:
+            return "closed"
+        if any(event.label in until for event in between):
+            return "event"
+        if len(nodes) >= limit and not walk.ended:
+            return "count"
+    return walk.ended
+
+
 def _extended(branch, walk, search, most, until, on_point):
     """Return a branch with up to `most` further points at its end, and the events among them."""
     nodes = list(branch.nodes)
@@ -208,28 +232,7 @@ def _extended(branch, walk, search, most, until, on_point):
     begin = 0
     try:
         while not reason:
-            for point in walk:
-                last = nodes[-1]
-                new = observed(point, search.observe)
-                between = search.between(last, new) if walk.smooth else []
-                events.extend(between)
-                nodes.extend(event.node for event in between)
-                # the first points are near the start because the walk begins there
-                closed = len(nodes) > 3 and passes(nodes[0], last, new)
-                # the last point of a closed curve is beyond its start, and would repeat the first ones
-                if not closed:
-                    nodes.append(new)
-                if on_point is not None:
-                    on_point(new)
-                if closed:
-                    reason = "closed"
-                elif any(event.label in until for event in between):
-                    reason = "event"
-                elif len(nodes) >= limit and not walk.ended:
-                    reason = "count"
-                if reason:
-                    break
-            reason = reason or walk.ended
+            reason = _walked(walk, nodes, events, search, limit, until, on_point)
             if reason == "no convergence":
                 event, beyond = end_without_convergence(walk, nodes[begin:], place)
                 events.append(event)
