@@ -58,8 +58,12 @@ def pytest_configure(config):
     if config.getoption("programs") is not None:
         from .programs import BUDGET, Programs
 
+        file = config.getoption("programs")
+        # the name of a test after the option would be taken for it, and written over
+        if file and not file.endswith(".csv"):
+            raise pytest.UsageError(f"--programs takes a file that ends in .csv, but is given {file}")
         of_all = whole_tree and config.option.markexpr == f"{EVERY_DAY} and not full"
-        config.pluginmanager.register(Programs(config.getoption("programs"), BUDGET if of_all else math.inf))
+        config.pluginmanager.register(Programs(file, BUDGET if of_all else math.inf))
         if not hasattr(config, "workerinput"):
             os.environ[CACHE] = tempfile.mkdtemp(prefix="slipperjax_tests_")
     if os.environ.get("SLIPPERJAX_PLAIN") == "1":
