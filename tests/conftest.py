@@ -126,19 +126,30 @@ def _few_programs():
     """Lets compiled programs go after a module, before they are too many for one process."""
     import jax
 
+    from slipperjax.tools.kept import forget
+
     yield
     with contextlib.suppress(OSError):
         if Path("/proc/self/maps").read_bytes().count(b"\n") > MOST_MAPPINGS:  # Linux
             jax.clear_caches()
+            forget()
 
 
 @pytest.fixture
 def own_cache(monkeypatch):
     """For tests of the cache itself: no folder of the session, neither here nor in processes that are started."""
     import jax
+    from jax.experimental.compilation_cache.compilation_cache import reset_cache
+
+    from slipperjax.tools.cache import Chosen
 
     folder = jax.config.jax_compilation_cache_dir
     monkeypatch.delenv(CACHE, raising=False)
     jax.config.update("jax_compilation_cache_dir", None)
+    # which stays in use where it was used before
+    reset_cache()
+    for name in ("is_known", "path"):
+        monkeypatch.setattr(Chosen, name, getattr(Chosen, name))
     yield
     jax.config.update("jax_compilation_cache_dir", folder)
+    reset_cache()

@@ -23,7 +23,7 @@ from ..model.kinematics import Motion
 from ..model.parameters import PARAMETERS, STARTS, Parameter, parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
-from ..tools.cache import compile_cache
+from ..tools.cache import compile_cache, keep_in
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, read_standard_input, user_path
 from .files import PICTURES
@@ -100,6 +100,8 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
     """Nonlinear dynamics of rocket-sled slippers."""
     if cache:
         compile_cache()
+    else:
+        keep_in(None)
     if modules:
         sys.path.insert(0, str(Path.cwd()))  # where `python` would look, too
     for name in modules:

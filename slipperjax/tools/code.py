@@ -1,13 +1,26 @@
-"""Digests of code, which tell whether a function or a class is still what it was, in any process."""
+"""Digests of code and values, which tell whether a function, a class or a value is what it was in another process."""
 
 import dataclasses
+import enum
 import functools
 import hashlib
-import inspect
 import sys
 import types
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
+
+import jax
+import numpy as np
+
+COMPUTE_NOTHING = ("bench", "cli", "plots", "studies")
+"""Rooms of the package that compute no numbers of a sweep: their source is not part of `IMPORTED`."""
+LIBRARIES = {"slipperjax", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "jaxtyping", "beartype"}
+LIBRARIES |= {"numpy", "scipy"} | sys.stdlib_module_names
+"""Packages whose version tells their code."""
+PLAIN = (type(None), bool, int, float, complex, str, bytes, range, slice, type(...), type(NotImplemented))
+"""Classes of values that their text tells."""
+MADE_BY_PYTHON = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__", "__replace__"}
+"""Methods that dataclasses get."""
 
 
 def _source_digest() -> str:
@@ -16,8 +29,7 @@ def _source_digest() -> str:
     total = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
-        # these rooms compute no numbers of a sweep
-        if name.parts[0] not in ("bench", "cli", "plots", "studies"):
+        if name.parts[0] not in COMPUTE_NOTHING:
             total.update(str(name).encode() + path.read_bytes())
     return total.hexdigest()[:12]
 
@@ -27,11 +39,26 @@ IMPORTED = _source_digest()
 
 
 def code_digest(thing: object) -> str:
-    """Return a digest of a user's function or class with the functions, classes and constants that it uses.
+    """Return a digest of a function, a class or a value, with the functions, classes and constants that it uses.
 
-    Code of libraries and of this package counts by its name alone: stores keep their versions and `IMPORTED` beside.
+    Code of libraries and of this package counts by its name alone: stores keep their versions and `IMPORTED`
+    separately. A thing whose content cannot be told, such as a lock, has another digest in each process.
     """
-    return hashlib.sha256("\n".join(_texts(thing, set(), {})).encode()).hexdigest()[:12]
+    return _digest(texts_of(thing))[:12]
+
+
+def stable_digest(thing: object) -> str | None:
+    """Return the digest of `code_digest` at full length, or None where it differs in another process."""
+    try:
+        texts = texts_of(thing)
+    except (RecursionError, jax.errors.JAXTypeError):
+        return None
+    return None if any(" at 0x" in text for text in texts) else _digest(texts)
+
+
+def texts_of(thing: object) -> list[str]:
+    """Return the texts that make up a value's digest."""
+    return list(_texts(thing, {}, {}))
 
 
 def classes_of(value: object) -> Iterator[type]:
@@ -47,58 +74,191 @@ def classes_of(value: object) -> Iterator[type]:
         yield from classes_of(part)
 
 
+def _digest(texts: list[str]) -> str:
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+
 def _of_library(thing: object) -> bool:
     """Tell whether a module, class or function belongs to this package or a library, whose version tells its code."""
-    known = {"slipperjax", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax"}
-    known |= {"jaxtyping", "beartype", "numpy", "scipy"}
-    module = thing.__name__ if isinstance(thing, types.ModuleType) else getattr(thing, "__module__", None)
-    package = str(module).partition(".")[0]
-    return package in known or package in sys.stdlib_module_names
+    if isinstance(thing, types.ModuleType):
+        module = thing.__name__
+    elif isinstance(thing, types.FunctionType):
+        # a wrapper has the module of what it wraps in `__module__`, but its own globals
+        module = thing.__globals__.get("__name__")
+    else:
+        module = getattr(thing, "__module__", None)
+    package, *rooms = str(module).split(".")
+    return package in LIBRARIES and not (package == "slipperjax" and rooms and rooms[0] in COMPUTE_NOTHING)
 
 
-def _texts(thing: object, seen: set[int], known: Mapping[str, object]) -> Iterator[str]:
+def _is_found_in_library(thing: object) -> bool:
+    """Tell whether a library has a function or class under its name, so that the name tells its code."""
+    if not callable(thing) or isinstance(thing, functools.partial):
+        return False
+    code = thing
+    while not isinstance(code, types.FunctionType) and hasattr(code, "__wrapped__"):
+        code = code.__wrapped__  # such as the function inside jax.jit
+    if not (_of_library(thing) and _of_library(code)):
+        return False
+    found = sys.modules.get(getattr(thing, "__module__", None) or "")
+    for name in getattr(thing, "__qualname__", "<locals>").split("."):
+        found = getattr(found, name, None)
+    # or one that is decorated, such as the function inside `jit`
+    while found is not thing and hasattr(found, "__wrapped__"):
+        found = found.__wrapped__
+    return found is thing
+
+
+def _texts(thing: object, seen: dict[int, object], known: Mapping[str, object]) -> Iterator[str]:
     """Yield the texts that make up a value's digest, the same in any process; each piece of code once.
 
-    **Arguments:** `seen`: ids of the code that was met before; `known`: global values by name, as the function sees
-    them that `thing` is a part of.
+    **Arguments:** `seen`: what was met before by its id, which is kept so that no other thing gets this id; `known`:
+    global values by name, as the function sees them that `thing` is a part of.
     """
-    parts = []
-    if isinstance(thing, tuple | list):
-        parts = thing
-    elif isinstance(thing, frozenset):
-        parts = sorted(map(repr, thing))  # its order differs between processes
-    elif isinstance(thing, types.CodeType):
-        # The instructions, and the global values that they name. File and line numbers change no result.
-        used = [known.get(name) for name in thing.co_names]
-        parts = [thing.co_code, thing.co_names, thing.co_consts, used]
-    elif isinstance(thing, types.ModuleType):
+    kind = type(thing)
+    if kind in PLAIN or isinstance(thing, np.dtype | PurePath):
+        yield f"{kind.__name__} {thing!r}"
+        return
+    if isinstance(thing, np.ndarray | np.generic | jax.Array) and not _is_key(thing):
+        yield _of_array(np.asarray(thing))
+        return
+    if isinstance(thing, types.ModuleType):
         yield thing.__name__
-    elif isinstance(thing, functools.partial):
-        parts = [thing.func, thing.args, *thing.keywords.items()]
-    elif isinstance(thing, property):
-        parts = [thing.fget]
-    elif not callable(thing):
-        yield repr(thing)
-    elif _of_library(thing):
-        yield getattr(thing, "__qualname__", repr(thing))
-    elif id(thing) not in seen:
-        seen.add(id(thing))
-        thing = inspect.unwrap(thing)  # the function inside jax.jit and the like
-        yield getattr(thing, "__qualname__", repr(thing))
-        if isinstance(thing, types.FunctionType):
-            known = thing.__globals__
-            # variables of an enclosing function belong to it, too
-            cells = [cell.cell_contents for cell in thing.__closure__ or ()]
-            parts = [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells]
-        elif isinstance(thing, type):
-            # the class and the user's classes that it inherits from
-            for kind in thing.__mro__:
-                members = {} if _of_library(kind) else vars(kind)
-                parts += [member for name, member in sorted(members.items()) if _is_own(name)]
+        return
+    if id(thing) in seen:
+        yield f"met before, {list(seen).index(id(thing))}"
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, set | frozenset):
+        # its order differs between processes
+        parts = sorted("\n".join(_texts(part, dict(seen), known)) for part in thing)
+    else:
+        # such as a vmapped function, whose module is that of the function, and the globals those of JAX
+        known = thing.__globals__ if isinstance(thing, types.FunctionType) else known
+        parts = _parts(thing, known)
+    yield f"{kind.__module__}.{kind.__qualname__} of {len(parts)}"
     for part in parts:
         yield from _texts(part, seen, known)
 
 
-def _is_own(name: str) -> bool:
-    """Tell whether a member of a class was written by its author, not added by Python or `abc`."""
-    return name == "__call__" or not name.startswith(("__", "_abc_"))
+def _parts(thing: object, known: Mapping[str, object]) -> list:
+    """Return what makes up a thing: names, code and values."""
+    if _is_found_in_library(thing):
+        return [thing.__module__, thing.__qualname__]
+    if isinstance(thing, enum.Enum):
+        return [type(thing), thing.name]
+    for kind in (tuple, list, dict, int, float, complex, str, bytes):
+        if isinstance(thing, kind):
+            # a named tuple may have methods of the user
+            own = [] if type(thing) is kind else [type(thing), getattr(thing, "__dict__", None)]
+            return own + _of_builtin(kind(thing))
+    if isinstance(thing, types.CodeType):
+        # The instructions, and the global values that they name. File and line numbers change no result.
+        return [thing.co_code, thing.co_names, thing.co_consts, _used(thing, known)]
+    if isinstance(thing, functools.partial):
+        return [thing.func, thing.args, thing.keywords]
+    if isinstance(thing, property):
+        return [thing.fget]
+    if isinstance(thing, types.MethodType | classmethod | staticmethod):
+        return [thing.__func__, getattr(thing, "__self__", None)]
+    if isinstance(thing, jax.tree_util.PyTreeDef):
+        return [thing.node_data(), thing.children(), thing.num_leaves]
+    if isinstance(thing, type):
+        return _of_class(thing)
+    if isinstance(thing, types.FunctionType):
+        return _of_function(thing)
+    in_python = isinstance(type(thing).__init__, types.FunctionType)
+    if hasattr(thing, "__wrapped__") and not in_python:
+        # the function inside jax.jit and the like
+        return [thing.__wrapped__]
+    if isinstance(thing, types.BuiltinFunctionType | np.ufunc):
+        return [getattr(thing, "__module__", None), thing.__name__, _owner(thing)]
+    if dataclasses.is_dataclass(thing):
+        return [type(thing), {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)}]
+    if hasattr(thing, "__dict__"):
+        return [type(thing), vars(thing)]
+    name = _name_of_mark(thing) if type(thing) is object else None
+    # else with its address, which no other process knows
+    return [object.__repr__(thing) if name is None else name]
+
+
+def _of_builtin(value: object) -> list:
+    """Return the parts of a container, or a value alone."""
+    if isinstance(value, dict):
+        return [part for item in value.items() for part in item]
+    return list(value) if isinstance(value, tuple | list) else [value]
+
+
+def _of_function(thing: types.FunctionType) -> list:
+    """Return what makes up a function: code, defaults, and the variables of an enclosing function."""
+    cells = [_content(cell) for cell in thing.__closure__ or ()]
+    own = [thing.__defaults__, thing.__kwdefaults__, cells]
+    if not _of_library(thing):
+        return [thing.__qualname__, thing.__code__, vars(thing), *own]
+    # two functions of one name, such as lambdas, differ in their code; global values belong to the library
+    code = thing.__code__
+    inner = [part.co_code for part in code.co_consts if isinstance(part, types.CodeType)]
+    numbers = [part for part in code.co_consts if not isinstance(part, types.CodeType)]
+    return [thing.__globals__.get("__name__"), thing.__qualname__, code.co_code, code.co_names, numbers, inner, *own]
+
+
+def _of_class(thing: type) -> list:
+    """Return what makes up a class: its name, and the members of the user's classes that it inherits from."""
+    parts = [thing.__module__, thing.__qualname__]
+    for kind in thing.__mro__:
+        members = {} if _of_library(kind) else vars(kind)
+        parts.append({name: member for name, member in sorted(members.items()) if _is_own(name, member)})
+    return parts
+
+
+def _used(code: types.CodeType, known: Mapping[str, object]) -> list:
+    """Return the values that code may use by its names: global ones, and those in the user's modules among them."""
+    found = {name: known[name] if name in known else sys.modules.get(name) for name in code.co_names}
+    values = list(found.values())
+    searched = []
+    for value in values:  # which grow
+        if isinstance(value, types.ModuleType) and not _of_library(value) and value not in searched:
+            searched.append(value)
+            values += [vars(value).get(name) for name in code.co_names]
+    return values
+
+
+def _of_array(array: np.ndarray) -> str:
+    content = repr(array.tolist()) if array.dtype.hasobject else hashlib.sha256(array.tobytes()).hexdigest()
+    return f"array {array.dtype} {array.shape} {content}"
+
+
+def _is_key(thing: object) -> bool:
+    """Tell whether a value is an array of JAX's random keys, which NumPy cannot hold."""
+    return isinstance(thing, jax.Array) and jax.dtypes.issubdtype(thing.dtype, jax.dtypes.extended)
+
+
+def _owner(thing: object) -> object:
+    """Return the object that a method in C, such as `[].append`, belongs to; None for a function of a module."""
+    owner = getattr(thing, "__self__", None)
+    return None if isinstance(owner, types.ModuleType) else owner
+
+
+@functools.cache
+def _name_of_mark(thing: object) -> str | None:
+    """Return the name of an `object()` by which a library marks what was not given, such as a batch without a name."""
+    for module in sorted(set(sys.modules) - {"__main__"}):
+        if module.partition(".")[0] in LIBRARIES:
+            for name, value in list(vars(sys.modules[module]).items()):
+                if value is thing:
+                    return f"{module}.{name}"
+    return None
+
+
+def _content(cell: types.CellType) -> object:
+    try:
+        return cell.cell_contents
+    except ValueError:  # empty as yet
+        return "empty"
+
+
+def _is_own(name: str, member: object) -> bool:
+    """Tell whether a member of a class was written by its author, not added by Python, `abc` or dataclasses."""
+    if name.startswith("__"):
+        return isinstance(member, types.FunctionType) and name not in MADE_BY_PYTHON
+    return not name.startswith("_abc_")

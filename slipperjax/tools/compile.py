@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from contextvars import copy_context
+from weakref import WeakKeyDictionary
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike, PyTree
 
 from .forms import compiler_options, fall_back, is_plain
+from .kept import Programs, own_name
 from .notices import NOTICES
 from .tracing import is_traced, is_transformed
 
@@ -32,12 +34,12 @@ def ahead(call: Callable[[], object]) -> None:
 
 
 def jit(fun: Callable, **kwargs: object) -> Callable:
-    """Return `jax.jit` of a function with `compiler_options` of the backend in use.
+    """Return `jax.jit` of a function with `compiler_options` of the backend in use, whose programs are kept on disk.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
 
-    **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
+    **Arguments:** `fun`, `kwargs`: as for `jax.jit`. Programs are kept where `kwargs` name static arguments alone.
 
     **Raises:** `ValueError` at a call, if JAX runs with 32-bit numbers.
     """
@@ -45,17 +47,30 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
     inner = jax.jit(traced, **kwargs)
 
     # made at the first call, because asking for the backend at import would fix which one is used; one for each form,
-    # whose options differ
+    # whose options differ, and name
     @functools.cache
-    def outermost(backend: str, plain: bool) -> Callable:
-        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
+    def outermost(backend: str, plain: bool, name: str) -> Callable:
+        named = with_standard_promotion(fun)
+        named.__name__ = name
+        return jax.jit(named, compiler_options=compiler_options(backend), **kwargs)
+
+    can_keep = not set(kwargs) - {"static_argnums", "static_argnames"}
 
     @functools.wraps(fun)
     def call(*args: object, **options: object) -> PyTree:
         need_64_bits()
         if is_transformed():
             return inner(*args, **options)
-        compiled = lambda: outermost(jax.default_backend(), is_plain())(*args, **options)
+
+        def compiled() -> PyTree:
+            plain = is_plain()
+            program = outermost(jax.default_backend(), plain, own_name(traced.__name__))
+            if not can_keep:
+                return program(*args, **options)
+            if call not in PROGRAMS:
+                PROGRAMS[call] = Programs(fun, **kwargs)
+            return PROGRAMS[call](program, f"plain {plain}", args, options)
+
         try:
             return compiled()
         except (jax.errors.JaxRuntimeError, NotImplementedError) as error:
@@ -69,6 +84,10 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
                 notices.end()
 
     return call
+
+
+PROGRAMS: WeakKeyDictionary[Callable, Programs] = WeakKeyDictionary()
+"""Programs by what `jit` returns, and not among its variables, which are part of a function's digest."""
 
 
 at_once = functools.partial(jax.jit, inline=True)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import fast
+from .cache import kept_folder
 from .code import IMPORTED
 from .files import write_whole
 
@@ -48,11 +49,11 @@ def fault() -> str:
 
 def _file() -> Path | None:
     """Return the file beside kept programs that tells of the self-test; None where no programs are kept."""
-    folder = jax.config.jax_compilation_cache_dir
-    if not folder:
+    folder = kept_folder()
+    if folder is None:
         return None
     of_what = f"{jax.__version__} {jaxlib.__version__} {IMPORTED} {jax.default_backend()}"
-    return Path(folder, f"slipperjax-self-test-{hashlib.sha256(of_what.encode()).hexdigest()[:12]}")
+    return folder / f"slipperjax-self-test-{hashlib.sha256(of_what.encode()).hexdigest()[:12]}"
 
 
 def _computed() -> tuple[Array, Array, Array]:

@@ -14,10 +14,12 @@ from slipperjax.tools.forms import is_plain
 
 PROGRAM = """
 import jax, slipperjax as sj
+import slipperjax.tools.forms
 hits = []
 jax.monitoring.register_event_listener(lambda event, **_: hits.append(event))
 place = sj.compile_cache()
-sj.jit(lambda x: x * 2 + 1)(3.0)
+sj.tools.forms.is_plain()
+jax.jit(lambda x: x * 2 + 1)(3.0)
 count = lambda name: sum(event == f"/jax/compilation_cache/{name}" for event in hits)
 print(count("cache_hits"), count("cache_misses"), place is not None)
 """

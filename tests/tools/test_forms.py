@@ -12,6 +12,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.tools import fast, forms, plain, self_test
+from slipperjax.tools.cache import keep_in
 from slipperjax.tools.compile import jit
 
 
@@ -68,14 +69,14 @@ def test_a_name_that_jax_no_longer_has_is_a_fault_and_no_traceback(monkeypatch):
 
 
 def test_the_file_of_a_self_test_is_for_one_version(monkeypatch, tmp_path, own_cache):
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    keep_in(tmp_path)
     file = self_test._file()
     assert file.parent == tmp_path
     monkeypatch.setattr(jax, "__version__", "0.99")
     assert self_test._file() != file
     file.write_bytes(self_test.PASSED)
     monkeypatch.undo()
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    keep_in(tmp_path)
     monkeypatch.setattr(self_test, "_computed", lambda: pytest.fail("the self-test runs again"))
     assert self_test.fault() == ""
 

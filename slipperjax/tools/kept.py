@@ -1,0 +1,225 @@
+"""Programs that are kept whole: a call finds its program on disk by what it is called with, before JAX traces it.
+
+JAX's own cache of compiled programs saves the work of XLA; tracing and lowering come before it can be asked.
+"""
+
+import hashlib
+import importlib.metadata
+import inspect
+import io
+import os
+import pickle
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import jax
+import numpy as np
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+from jaxtyping import PyTree
+
+from .cache import kept_folder, silence_loader
+from .code import IMPORTED, stable_digest
+from .files import write_whole
+
+COMPUTING = ("jax", "jaxlib", "numpy", "scipy", "equinox", "diffrax", "lineax", "optimistix", "jaxtyping")
+"""Packages whose version is part of a program's key."""
+CHANGE_NO_PROGRAM = (
+    "jax_log",
+    "jax_compilation_cache",
+    "jax_enable_compilation_cache",
+    "jax_persistent_cache",
+    "jax_raise_persistent_cache",
+    "jax_traceback",
+    "jax_include_full_tracebacks",
+    "jax_debug_log",
+    "jax_pprint",
+    "jax_explain",
+)
+"""Beginnings of the names of JAX's options that change messages and files alone."""
+FROM_CACHE = "/jax/compilation_cache/cache_hits"
+"""Event of JAX: a program was in its cache."""
+NEED_TRACING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
+"""JAX's options under which a call goes the way that JAX goes."""
+
+
+class _Program:
+    """The program of one signature, which one thread finds or compiles while others wait."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.run: Callable | None = None
+        self.is_known = False
+
+
+class Programs:
+    """The programs of one function, by the signature of the call."""
+
+    def __init__(self, fun: Callable, static_argnums: int | tuple = (), static_argnames: str | tuple = ()):
+        """**Arguments:** as of `jax.jit`."""
+        self.fun = fun
+        names = [] if not (static_argnums or static_argnames) else list(inspect.signature(fun).parameters)
+        numbers = (static_argnums,) if isinstance(static_argnums, int) else tuple(static_argnums)
+        by_name = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
+        # as in JAX, an argument that is static by number is static by name, too
+        self.static_names = by_name | {names[number] for number in numbers}
+        self.static_numbers = set(numbers) | {k for k, name in enumerate(names) if name in by_name}
+        self.found: dict[object, _Program] = {}
+        _ALL.add(self)
+
+    def __call__(self, jitted: Callable, form: str, args: tuple, options: Mapping[str, object]) -> PyTree:
+        """Return `jitted(*args, **options)`, by a program that is kept where it can be.
+
+        **Arguments:** `jitted`: the function as `jax.jit` returns it; `form`: what its program depends on besides.
+        """
+        folder = kept_folder()
+        if folder is None:
+            return jitted(*args, **options)
+        static = (
+            tuple((k, value) for k, value in enumerate(args) if k in self.static_numbers),
+            tuple((name, value) for name, value in sorted(options.items()) if name in self.static_names),
+        )
+        dynamic = tuple(value for k, value in enumerate(args) if k not in self.static_numbers)
+        named = {name: value for name, value in options.items() if name not in self.static_names}
+        leaves, tree = jax.tree.flatten((dynamic, named))
+        try:
+            kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
+            signature = (form, static, tree, kinds, _settings())
+            program = self.found.setdefault(signature, _Program())
+        except TypeError:
+            # what JAX does not take, of which it tells in its own words
+            return jitted(*args, **options)
+        if not program.is_known:
+            with program.lock:
+                if not program.is_known:
+                    path = self._path(folder, signature)
+                    if path is not None:
+                        program.run = _loaded(path, tree) or _compiled(path, jitted.lower(*args, **options))
+                    program.is_known = True
+        return jitted(*args, **options) if program.run is None else program.run(*dynamic, **named)
+
+    def _path(self, folder: Path, signature: tuple) -> Path | None:
+        """Return the file of a program; None where it cannot be told from others, or where JAX must trace it."""
+        form, static, tree, kinds, settings = signature
+        if not all(_is_simple(sharding) for _, sharding in kinds) or jax.process_count() > 1:
+            return None
+        named = dict(zip(_names(), settings, strict=True))
+        if any(named.get(name) for name in NEED_TRACING):
+            return None
+        kinds = [f"{kind} {getattr(kind, 'weak_type', False)}" for kind, _ in kinds]
+        texts = {name: _text(value) for name, value in named.items()}
+        digest = stable_digest((_environment(), form, self.fun, static, tree, kinds, texts))
+        return None if digest is None else folder / f"{digest[:32]}-whole"
+
+
+_ALL: weakref.WeakSet[Programs] = weakref.WeakSet()
+
+
+def forget() -> None:
+    """Let the programs of this process go, as `jax.clear_caches` does; those on disk stay."""
+    for programs in list(_ALL):
+        programs.found.clear()
+
+
+def own_name(name: str) -> str:
+    """Return the name under which a program goes to XLA, by which JAX's cache finds it.
+
+    What comes out of JAX's cache has lost what it takes to be kept whole. Where the cache was switched on by this
+    package, another source of the package asks it for other programs.
+    """
+    folder = kept_folder()
+    is_ours = folder is not None and jax.config.jax_compilation_cache_dir == str(folder)  # type: ignore[attr-defined]
+    return f"{name}_{IMPORTED}" if is_ours else name
+
+
+def _compiled(path: Path, lowered: jax.stages.Lowered) -> Callable:
+    """Return a program, compiled, and keep it where it can be kept."""
+    hits = []
+    this_thread = threading.get_ident()
+
+    def listen(event: str, **_: object) -> None:
+        if event == FROM_CACHE and threading.get_ident() == this_thread:
+            hits.append(event)
+
+    jax.monitoring.register_event_listener(listen)
+    try:
+        program = lowered.compile()
+    finally:
+        jax.monitoring.unregister_event_listener(listen)
+    if not hits:
+        # such as programs that call back into Python, results of classes that nobody can import, and a full disk
+        with suppress(Exception):
+            content, _, out = serialize(program)
+            # a tree of modules is kept by an example, which is pickled by the names of its classes
+            example = jax.tree.unflatten(out, [0] * out.num_leaves)
+            blob = pickle.dumps((content, example))
+            write_whole(path, hashlib.sha256(blob).digest() + blob)
+    return program
+
+
+def _loaded(path: Path, tree: jax.tree_util.PyTreeDef) -> Callable | None:
+    """Return a program of the disk; None where there is none, and where it is damaged or not the user's."""
+    with suppress(Exception):
+        with open(path, "rb") as file:
+            if hasattr(os, "getuid") and os.fstat(file.fileno()).st_uid != os.getuid():
+                return None
+            content = file.read()
+        digest, blob = content[:32], memoryview(content)[32:]
+        if hashlib.sha256(blob).digest() != digest:
+            return None
+        silence_loader()
+        content, example = pickle.load(io.BytesIO(blob))
+        program = deserialize_and_load(
+            content,
+            tree,
+            jax.tree.structure(example),
+            execution_devices=[_device()],
+        )
+        os.utime(path)  # the longest unused ones go first
+        return program
+    return None
+
+
+@cache
+def _names() -> tuple[str, ...]:
+    """Return the names of JAX's options that may change a program."""
+    return tuple(name for name in jax.config.values if not name.startswith(CHANGE_NO_PROGRAM))
+
+
+def _settings() -> tuple:
+    """Return the values of JAX's options in this thread."""
+    values = jax.config.values
+    # those that a context may change are attributes
+    return tuple(getattr(jax.config, name, values[name]) for name in _names())
+
+
+def _text(value: object) -> str:
+    return str(value) if value is None or isinstance(value, bool | int | float | str) else repr(value)
+
+
+@cache
+def _environment() -> tuple[str, ...]:
+    """Return what programs depend on that does not change while a process runs."""
+    versions = [importlib.metadata.version(name) for name in COMPUTING]
+    device = _device()
+    flags = [os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS")]
+    kind = (device.platform, device.device_kind, str(jax.device_count()), str(device.id))
+    return (sys.version, *versions, IMPORTED, np.dtype(np.intp).str, *kind, *flags)
+
+
+def _device() -> jax.Device:
+    """Return the device on which JAX computes where it is not told one."""
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return chosen if isinstance(chosen, jax.Device) else jax.devices(chosen)[0]
+
+
+def _is_simple(sharding: object) -> bool:
+    """Tell whether an argument is where JAX computes: on one device, and there in its usual memory."""
+    if sharding is None:
+        return True
+    usual = jax.sharding.SingleDeviceSharding(_device())
+    return isinstance(sharding, jax.sharding.SingleDeviceSharding) and sharding == usual
