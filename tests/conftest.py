@@ -148,8 +148,8 @@ def own_cache(monkeypatch):
     jax.config.update("jax_compilation_cache_dir", None)
     # which stays in use where it was used before
     reset_cache()
-    for name in ("is_known", "path"):
-        monkeypatch.setattr(Chosen, name, getattr(Chosen, name))
+    for name, value in (("is_known", False), ("path", None)):
+        monkeypatch.setattr(Chosen, name, value)
     yield
     jax.config.update("jax_compilation_cache_dir", folder)
     reset_cache()

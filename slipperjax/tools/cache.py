@@ -9,6 +9,7 @@ import stat
 import threading
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import platformdirs
@@ -149,21 +150,39 @@ def _refuse_others(path: Path) -> None:
         raise PermissionError(f"{path} must belong to you, and nobody else may write there")
 
 
+class Entry(NamedTuple):
+    """A file of the cache."""
+
+    used: float
+    """When it was used last [s since 1970]."""
+    size: int
+    """Bytes."""
+    path: Path
+
+
+def entries(place: Path) -> list[Entry]:
+    """Return the files of a folder of programs, the one used last first."""
+    found = []
+    for path in place.iterdir():
+        # another process may delete one
+        with contextlib.suppress(FileNotFoundError):
+            status = path.stat()
+            # many disks do not keep the time of the last reading: then that of writing counts
+            found.append(Entry(max(status.st_mtime, status.st_atime), status.st_size, path))
+    return sorted(found, reverse=True)
+
+
 def _prune(place: Path, most: float = 1e9) -> None:
     """Delete empty entries, as crashes leave them, and the longest unused ones if all have more bytes than `most`.
 
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
     """
-    entries = []
-    for path in place.iterdir():
-        status = path.stat()
-        # many disks do not keep the time of the last reading: then that of writing counts
-        entries.append((max(status.st_mtime, status.st_atime), status.st_size, path))
-    is_full = sum(size for _, size, _ in entries) > most
+    found = entries(place)
+    is_full = sum(entry.size for entry in found) > most
     kept = 0
-    # from the entry used last; a full cache is emptied to three quarters
-    for _, size, path in sorted(entries, reverse=True):
+    # a full cache is emptied to three quarters
+    for _, size, path in found:
         kept += size
         if size == 0 or (is_full and kept >= 0.75 * most):
             path.unlink(missing_ok=True)

@@ -241,7 +241,7 @@ def _owner(thing: object) -> object:
 
 @functools.cache
 def _name_of_mark(thing: object) -> str | None:
-    """Return the name of an `object()` by which a library marks what was not given, such as a batch without a name."""
+    """Return the name of an `object()` by which a library marks that nothing was given, such as an axis name."""
     for module in sorted(set(sys.modules) - {"__main__"}):
         if module.partition(".")[0] in LIBRARIES:
             for name, value in list(vars(sys.modules[module]).items()):

@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from datetime import datetime
 from types import SimpleNamespace
 
 import jax
 import pytest
 
+from slipperjax.cli import main
 from slipperjax.tools import cache
 from slipperjax.tools.cache import CacheWarning, compile_cache
 from slipperjax.tools.forms import is_plain
@@ -92,3 +94,32 @@ def test_what_a_crash_or_a_full_disk_leaves_is_not_kept_for_ever(tmp_path, monke
     monkeypatch.setattr(cache.shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
     with pytest.warns(CacheWarning, match="the disk of .* is full"):
         assert compile_cache(tmp_path / "cache") is None
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_the_command_tells_and_deletes_what_is_kept(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SLIPPERJAX_CACHE", str(tmp_path))
+    place = cache.kept_folder()
+    assert place is not None
+    for name, seconds in (("a-whole", 1e9), ("jit_f-cache", 1.5e9)):
+        (place / name).write_bytes(bytes(50_000))
+        os.utime(place / name, (seconds, seconds))
+    assert command(capsys, "cache") == [
+        f"folder    {place}",
+        "programs  2: 1 of the package, 1 of JAX",
+        "size      0.1 MB",
+        f"oldest    used last on {datetime.fromtimestamp(1e9):%Y-%m-%d at %H:%M}",
+    ]
+    assert command(capsys, "cache", "--clear") == [f"deleted 2 programs, 0.1 MB, of {place}"]
+    assert command(capsys, "cache")[1:] == ["programs  0: 0 of the package, 0 of JAX", "size      0.0 MB"]
+    assert command(capsys, "--no-cache", "cache") == [
+        "no programs are kept: the cache is off, or its folder cannot be used"
+    ]
+
+
+def command(capsys, *words):
+    """The lines that a command prints."""
+    with pytest.raises(SystemExit) as ended:
+        main(list(words))
+    assert ended.value.code == 0
+    return capsys.readouterr().out.splitlines()
