@@ -20,7 +20,7 @@ from pathlib import Path
 import platformdirs
 import pytest
 
-# tests leave the user's cache alone
+# tests leave the user's cache alone, see `_share_programs`
 os.environ["SLIPPERJAX_CACHE"] = "off"
 EVERY_DAY = "not benchmark and not slow"
 """The marker expression of pyproject.toml."""
@@ -98,6 +98,7 @@ def _share_programs():
     """Gives one cache to this process and those that it starts, by variables that JAX reads when it is imported."""
     if CACHE not in os.environ:
         os.environ[CACHE] = str(_folder())
+    os.environ["SLIPPERJAX_CACHE"] = str(Path(os.environ[CACHE], "whole"))
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     # XLA logs an error for each program that it takes from the cache on processors with AVX-512 (jax #38445)
@@ -113,7 +114,7 @@ def _folder() -> Path:
     folder = Path(platformdirs.user_cache_dir("slipperjax"), f"tests-{zlib.crc32(features.encode()):x}")
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if sum(file.stat().st_size for file in folder.iterdir()) > MOST:
+        if sum(file.stat().st_size for file in folder.rglob("*")) > MOST:
             shutil.rmtree(folder)
             folder.mkdir(mode=0o700)
     except OSError:
@@ -133,6 +134,20 @@ def _few_programs():
         if Path("/proc/self/maps").read_bytes().count(b"\n") > MOST_MAPPINGS:  # Linux
             jax.clear_caches()
             forget()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_kept_of_what_is_changed(request):
+    """Programs of a package that a test has changed are not those of its source."""
+    if "monkeypatch" not in request.fixturenames:
+        yield
+        return
+    from slipperjax.tools.cache import keep_in, kept_folder
+
+    folder = kept_folder()
+    keep_in(None)
+    yield
+    keep_in(folder)
 
 
 @pytest.fixture

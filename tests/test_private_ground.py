@@ -22,6 +22,7 @@ from slipperjax.tools.cache import keep_programs
 from slipperjax.tools.checks import positive
 from slipperjax.tools.fields import ShapeChecked, field
 from slipperjax.tools.forms import compiler_options
+from slipperjax.tools.kept import FROM_CACHE
 
 NAMES = {
     "jax.extend.core": "ClosedJaxpr Jaxpr Primitive Var get_opaque_trace_state jaxpr_as_fun set_current_trace",
@@ -30,6 +31,7 @@ NAMES = {
     "jax.extend.mlir.dialects.func": "CallOp FuncOp ReturnOp",
     "jax.extend.mlir.dialects.stablehlo": "ComparisonDirectionAttr DotDimensionNumbers OptimizationBarrierOp "
     "ReduceOp ScatterDimensionNumbers add broadcast_in_dim compare constant multiply return_ select",
+    "jax.experimental.serialize_executable": "deserialize_and_load serialize",
     "jax.interpreters.ad": "Zero deflinear2 is_undefined_primal primitive_jvps primitive_transposes",
     "jax.interpreters.batching": "bdim_at_front defvectorized primitive_batchers",
     "jax.interpreters.mlir": "LoweringRuleContext lower_fun register_lowering",
@@ -44,7 +46,7 @@ def test_names_are_there(module):
         parent, _, name = module.rpartition(".")
         found = getattr(importlib.import_module(parent), name)
     missing = [name for name in NAMES[module].split() if not hasattr(found, name)]
-    assert not missing, f"slipperjax.tools (compile, fused, jacobian, one_kernel) need {missing} of {module}"
+    assert not missing, f"slipperjax.tools (compile, fused, jacobian, kept, one_kernel) need {missing} of {module}"
 
 
 def test_the_trace_state_differs_inside_transformations():
@@ -132,6 +134,21 @@ def test_texts_of_cache_warnings(tmp_path, own_cache):
             program()
     finally:
         reset_cache()
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_a_program_tells_whether_it_is_from_the_cache_of_jax(tmp_path):
+    """What comes from there cannot be written again, so that it must not be kept whole."""
+    keep_programs(tmp_path)
+    heard = []
+    program = jax.jit(lambda x: jnp.cos(x) * 0.321)
+    jax.monitoring.register_event_listener(lambda event, **_: heard.append(event))
+    program.lower(2.0).compile()
+    assert FROM_CACHE not in heard
+    jax.clear_caches()
+    program.lower(2.0).compile()
+    assert FROM_CACHE in heard, "slipperjax.tools.kept listens to this event"
+    assert "jax_enable_x64" in jax.config.values, "slipperjax.tools.kept reads all options there"
 
 
 def test_a_bar_of_tqdm_is_wiped_out_when_its_delay_is_set_to_0():

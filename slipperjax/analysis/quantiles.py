@@ -12,8 +12,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
 from jaxtyping import Bool, Float
 
 from ..tools.checks import require
@@ -53,6 +51,8 @@ def quantile_plane(
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
     """Return coefficients such that a share `quantile` of weighted values lies below `system @ coefficients`."""
+    from scipy.optimize import linprog  # here, because importing it takes time
+
     used = weights > 0
     x = system[used]
     w = weights[used]
@@ -61,7 +61,7 @@ def quantile_plane(
     y = values[used] / size
     bounds = np.stack([np.zeros_like(w), w], axis=1)
     # the dual program, whose multipliers are the coefficients
-    dual = scipy.optimize.linprog(
+    dual = linprog(
         -y,
         A_eq=x.T,
         b_eq=(1 - quantile) * (x.T @ w),
@@ -143,7 +143,9 @@ def estimate(
     value, drawn = bootstrap(sample_fit(numbers, quantile), rails, resamples=resamples, seed=seed)
     stderr = standard_error(drawn, rails)
     if quantile is None:
-        reach = scipy.stats.t.ppf(0.975, rails - 1) * stderr
+        from scipy.stats import t  # here, because importing it takes as long as importing JAX
+
+        reach = t.ppf(0.975, rails - 1) * stderr
         low, high = value - reach, value + reach
     else:
         low, high = quantile_interval(numbers, quantile)
@@ -160,7 +162,9 @@ def range_factor(cases: int, rails: int) -> float:
 
     By Tukey's studentized range: of 2, 3, 5 and 10 cases on many rails 1.96, 2.34, 2.73 and 3.16.
     """
-    return float(scipy.stats.studentized_range.ppf(0.95, cases, rails - 1)) / np.sqrt(2)
+    from scipy.stats import studentized_range
+
+    return float(studentized_range.ppf(0.95, cases, rails - 1)) / np.sqrt(2)
 
 
 def quantile_interval(
@@ -174,6 +178,8 @@ def quantile_interval(
 
     **Arguments:** `numbers`: finite, of enough rails for the quantile.
     """
+    from scipy.stats import binom
+
     rails, starts, cases = numbers.shape
     ends = np.empty((2, cases))
     for k in range(cases):
@@ -182,7 +188,7 @@ def quantile_interval(
         scatter = below.var(ddof=1)
         each = starts if scatter == 0 else np.clip(quantile * (1 - quantile) / scatter, 1, starts)
         worth = round(rails * each)
-        low, high = scipy.stats.binom.ppf([0.025, 0.975], worth, quantile)
+        low, high = binom.ppf([0.025, 0.975], worth, quantile)
         # from 1 on, in the order of all runs
         places = np.floor(low * len(ordered) / worth), np.ceil((high + 1) * len(ordered) / worth)
         ends[:, k] = ordered[np.clip(places, 1, len(ordered)).astype(int) - 1]

@@ -14,7 +14,6 @@ import numpy as np
 from ..analysis.attractor import MIN_TEST
 from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..model.scene import Scene
-from ..tools.cache import compile_cache
 from ..tools.checks import require
 from .files import Draw, Outputs, fitting, keeping, kept_in, make_folder
 from .interrupts import on_thread
@@ -254,7 +253,6 @@ def _executor(count: int | None, address: str | None) -> AbstractContextManager:
     except OSError as error:
         need = "be the address of a dask scheduler"
         raise ValueError(f"Option --cluster must {need}, but {address}: {error}") from None
-    client.run(compile_cache)  # its workers keep programs, too
     return client
 
 

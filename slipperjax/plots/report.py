@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from ..flow.status import is_lost, step_error
@@ -298,6 +297,8 @@ def _of_environment(ds: xr.Dataset) -> Report:
 
 def _pdf(made: Report) -> bytes:
     """Return pages: the summary, what happened along the rail, and spectra."""
+    from matplotlib.backends.backend_pdf import PdfPages  # here, because importing it takes time
+
     content = io.BytesIO()
     # fonts are written at the end of the pages
     with styled(), PdfPages(content, metadata={"Title": made.title}) as pages:

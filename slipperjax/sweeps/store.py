@@ -37,7 +37,7 @@ from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
-from ..tools.cache import compile_cache, keep_programs
+from ..tools.cache import keep_in, keep_programs, kept_folder
 from ..tools.checks import TOLD, require, warn, whole, yes_or_no
 from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
@@ -691,8 +691,8 @@ def _pool_of(executor: object) -> object:
 def processes(count: int | None = None) -> ProcessPoolExecutor:
     """Return an executor of new processes that compute the tiles of a `store`, by default one per core.
 
-    They keep compiled programs on disk and share them, see `slipperjax.compile_cache`, and end with the process that
-    made them. In a script the call belongs under `if __name__ == "__main__":`, because new processes import it.
+    They share the compiled programs on disk of the process that made them, and end with it. In a script the call
+    belongs under `if __name__ == "__main__":`, because new processes import it.
 
     ```python
     with sj.processes(2) as pool:
@@ -702,19 +702,21 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     **Raises:** `ValueError` for fewer than one.
     """
     count = cores() if count is None else whole("count", count, 1, 4096)
-    folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+    folders = kept_folder(), jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(folder,))
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=folders)
 
 
-def _begin(folder: str | None) -> None:
-    """Prepare a new process, before JAX starts its threads."""
+def _begin(kept: Path | None, of_jax: str | None) -> None:
+    """Prepare a new process, before JAX starts its threads.
+
+    **Arguments:** folders of programs that are kept whole, and of JAX's cache; None where there is none.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that waits for the results handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if folder is None:
-        compile_cache()
-    else:
-        keep_programs(Path(folder))
+    keep_in(kept)
+    if of_jax is not None:
+        keep_programs(Path(of_jax))
 
 
 def _end_with_parent() -> None:

@@ -55,6 +55,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
         warnings.warn(f"compiled programs are not kept: {error}", CacheWarning, stacklevel=2)
         keep_in(None)
         return None
+    keep_in(place)
     keep_programs(place)
     return place
 
@@ -108,9 +109,8 @@ def _opened(root: Path) -> Path:
 
 
 def keep_programs(place: Path) -> None:
-    """Keep compiled programs in a folder of `compile_cache`, from here on."""
+    """Switch on JAX's cache in a folder of `compile_cache`, from here on."""
     silence_loader()
-    keep_in(place)
     # an entry that cannot be read or written is compiled, of which JAX would warn each time
     warnings.filterwarnings(
         "ignore",

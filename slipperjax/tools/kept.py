@@ -19,7 +19,6 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jaxtyping import PyTree
 
 from .cache import kept_folder, silence_loader
@@ -90,8 +89,8 @@ class Programs:
             kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
             signature = (form, static, tree, kinds, _settings())
             program = self.found.setdefault(signature, _Program())
-        except TypeError:
-            # what JAX does not take, of which it tells in its own words
+        except (TypeError, AttributeError):
+            # what JAX does not take, of which it tells in its own words; or a JAX without the names used here
             return jitted(*args, **options)
         if not program.is_known:
             with program.lock:
@@ -153,6 +152,8 @@ def _compiled(path: Path, lowered: jax.stages.Lowered) -> Callable:
     if not hits:
         # such as programs that call back into Python, results of classes that nobody can import, and a full disk
         with suppress(Exception):
+            from jax.experimental.serialize_executable import serialize  # here, because it may vanish
+
             content, _, out = serialize(program)
             # a tree of modules is kept by an example, which is pickled by the names of its classes
             example = jax.tree.unflatten(out, [0] * out.num_leaves)
@@ -164,6 +165,8 @@ def _compiled(path: Path, lowered: jax.stages.Lowered) -> Callable:
 def _loaded(path: Path, tree: jax.tree_util.PyTreeDef) -> Callable | None:
     """Return a program of the disk; None where there is none, and where it is damaged or not the user's."""
     with suppress(Exception):
+        from jax.experimental.serialize_executable import deserialize_and_load
+
         with open(path, "rb") as file:
             if hasattr(os, "getuid") and os.fstat(file.fileno()).st_uid != os.getuid():
                 return None

@@ -71,7 +71,7 @@ def process(arguments: list[str], folder: Path, **variables: str) -> tuple[float
     call = lambda: subprocess.run([sys.executable, *words], capture_output=True, text=True, env=env, check=False)
     done, time = seconds(call)
     assert not done.returncode, done.stderr
-    return time, re.sub(r"in [\d.]+ m?s", "", done.stdout)
+    return time, re.sub(r"[\d.]+ (ms|s|min)\b", "", done.stdout)
 
 
 @pytest.mark.benchmark
