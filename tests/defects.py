@@ -158,7 +158,7 @@ tests/analysis/test_quantiles.py -k "equal_are_worth"
 
 the best of many designs counts as one that was named before
 tests/analysis/test_quantiles.py -k seldom_called
--    return float(scipy.stats.studentized_range.ppf(0.95, cases, rails - 1)) / np.sqrt(2)
+-    return float(studentized_range.ppf(0.95, cases, rails - 1)) / np.sqrt(2)
 +    return 2.0
 
 a rail with a lost run counts
@@ -752,6 +752,37 @@ a tangent comes from the first argument alone
 tests/tools/test_jacobian.py -k derivatives_are
 -    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
 +    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row[:1], tangents[:1], strict=True))
+
+weak types are no part of the key of a program
+tests/tools/test_kept.py -k each_kind
+-        kinds = [f"{kind} {getattr(kind, 'weak_type', False)}" for kind, _ in kinds]
++        kinds = [f"{kind}" for kind, _ in kinds]
+
+JAX's watch over numbers is not obeyed by kept programs
+tests/tools/test_kept.py -k watch
+-        if any(named.get(name) for name in NEED_TRACING):
++        if False:
+
+what comes out of JAX's cache is kept
+tests/tools/test_kept.py -k comes_out
+-    if not hits:
++    if True:
+
+damaged programs are loaded
+tests/tools/test_kept.py -k damaged
+-        if hashlib.sha256(blob).digest() != digest:
++        if False:
+
+arrays of a function are told by their shape
+tests/tools/test_kept.py -k each_change_of_code
+-    return f"array {array.dtype} {array.shape} {content}"
++    return f"array {array.dtype} {array.shape}"
+
+a decorator's own code is left out
+tests/tools/test_kept.py -k each_change_of_code
+-    cells = [_content(cell) for cell in thing.__closure__ or ()]
++    thing = getattr(thing, "__wrapped__", thing)
++    cells = [_content(cell) for cell in thing.__closure__ or ()]
 
 an orbit compiles its program in every call
 tests/flow/test_compiling.py -k orbit

@@ -1,5 +1,6 @@
 """Programs that are kept whole: found by another process where nothing differs, and by none where anything does."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -149,6 +150,22 @@ def test_each_kind_of_change_is_a_new_program(tmp_path):
     assert len(CHANGES) >= 25
 
 
+def digest_of(case: Case) -> str | None:
+    """The digest of the user's functions and of a law, in this process."""
+    known = {"__name__": "of_a_user", "eqx": eqx, "jax": jax, "jnp": jnp, "np": np, "functools": functools}
+    exec(LAW.replace(case.old, case.new) if case.old else LAW, known)
+    # the classes of its arguments are found in their tree
+    law = jax.tree.structure(known["Law"](jnp.array(3.0)))
+    return stable_digest((known["function"], law))
+
+
+@pytest.mark.parametrize("name", [name for name, change in CHANGES.items() if change.old])
+def test_each_change_of_code_is_another_digest(name):
+    assert digest_of(Case()) == digest_of(Case())
+    assert digest_of(Case()) is not None
+    assert digest_of(CHANGES[name]) not in (digest_of(Case()), None)
+
+
 @pytest.mark.full
 @pytest.mark.usefixtures("own_cache")
 def test_functions_in_modules_of_the_user_count(tmp_path, monkeypatch):
@@ -257,6 +274,22 @@ def test_errors_are_those_of_jit(folder):
         sj.jit(lambda x: x / (1 // 0))(2.0)
     with pytest.raises(TypeError, match="missing"):
         sj.jit(cubed)()
+
+
+def test_what_comes_out_of_jaxs_cache_is_not_kept(folder, tmp_path_factory):
+    """XLA cannot write it again: it would be found, and fail when it runs."""
+    cache.keep_programs(tmp_path_factory.mktemp("jax"))
+    values = []
+    for _ in range(3):
+        values.append(float(sj.jit(cubed)(3.0)["cube"]))
+        for path in folder.glob("*-whole"):
+            path.unlink()
+        jax.clear_caches()
+    # now JAX's cache has it: it is taken from there, and what is kept, if anything, runs
+    sj.jit(cubed)(3.0)
+    kept.forget()
+    values.append(float(sj.jit(cubed)(3.0)["cube"]))
+    assert values == [27.0] * 4
 
 
 def test_two_threads_compile_a_program_once(folder):
