@@ -64,12 +64,13 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
 
         def compiled() -> PyTree:
             plain = is_plain()
-            program = outermost(jax.default_backend(), plain, own_name(traced.__name__))
+            jitted = lambda: outermost(jax.default_backend(), plain, own_name(traced.__name__))
             if not can_keep:
-                return program(*args, **options)
-            if call not in PROGRAMS:
-                PROGRAMS[call] = Programs(fun, **kwargs)
-            return PROGRAMS[call](program, f"plain {plain}", args, options)
+                return jitted()(*args, **options)
+            programs = PROGRAMS.get(call)
+            if programs is None:
+                programs = PROGRAMS.setdefault(call, Programs(fun, **kwargs))
+            return programs("plain" if plain else "fast", jitted, args, options)
 
         try:
             return compiled()

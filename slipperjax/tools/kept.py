@@ -12,7 +12,7 @@ import pickle
 import sys
 import threading
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -70,48 +70,61 @@ class Programs:
         self.found: dict[object, _Program] = {}
         _ALL.add(self)
 
-    def __call__(self, jitted: Callable, form: str, args: tuple, options: Mapping[str, object]) -> PyTree:
-        """Return `jitted(*args, **options)`, by a program that is kept where it can be.
+    def __call__(self, form: str, jitted: Callable[[], Callable], args: tuple, options: dict[str, object]) -> PyTree:
+        """Return the function's result, by a program that is kept where it can be.
 
-        **Arguments:** `jitted`: the function as `jax.jit` returns it; `form`: what its program depends on besides.
+        **Arguments:** `form`: what a program depends on besides its signature; `jitted`: makes the function as
+        `jax.jit` returns it.
         """
         folder = kept_folder()
         if folder is None:
-            return jitted(*args, **options)
-        static = (
-            tuple((k, value) for k, value in enumerate(args) if k in self.static_numbers),
-            tuple((name, value) for name, value in sorted(options.items()) if name in self.static_names),
-        )
-        dynamic = tuple(value for k, value in enumerate(args) if k not in self.static_numbers)
-        named = {name: value for name, value in options.items() if name not in self.static_names}
+            return jitted()(*args, **options)
+        static, dynamic, named = self._split(args, options)
         leaves, tree = jax.tree.flatten((dynamic, named))
         try:
-            kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
-            signature = (form, static, tree, kinds, _settings())
-            program = self.found.setdefault(signature, _Program())
+            signature = (form, static, tree, tuple(map(_kind, leaves)), _context())
+            program = self.found.get(signature) or self.found.setdefault(signature, _Program())
         except (TypeError, AttributeError):
-            # what JAX does not take, of which it tells in its own words; or a JAX without the names used here
-            return jitted(*args, **options)
+            # static arguments that have no hash, of which JAX tells; or a JAX without the names used here
+            return jitted()(*args, **options)
         if not program.is_known:
             with program.lock:
                 if not program.is_known:
-                    path = self._path(folder, signature)
+                    path = self._path(folder, (form, static, tree), leaves)
                     if path is not None:
-                        program.run = _loaded(path, tree) or _compiled(path, jitted.lower(*args, **options))
+                        program.run = _loaded(path, tree) or _compiled(path, jitted().lower(*args, **options))
                     program.is_known = True
-        return jitted(*args, **options) if program.run is None else program.run(*dynamic, **named)
+        return jitted()(*args, **options) if program.run is None else program.run(*dynamic, **named)
 
-    def _path(self, folder: Path, signature: tuple) -> Path | None:
-        """Return the file of a program; None where it cannot be told from others, or where JAX must trace it."""
-        form, static, tree, kinds, settings = signature
-        if not all(_is_simple(sharding) for _, sharding in kinds) or jax.process_count() > 1:
+    def _split(self, args: tuple, options: dict[str, object]) -> tuple[tuple, tuple, dict[str, object]]:
+        """Return static arguments by place and by name, and the others."""
+        if not self.static_numbers and not self.static_names:
+            return (), args, options
+        static = tuple(
+            [(k, value) for k, value in enumerate(args) if k in self.static_numbers]
+            + [(name, value) for name, value in sorted(options.items()) if name in self.static_names]
+        )
+        dynamic = tuple(value for k, value in enumerate(args) if k not in self.static_numbers)
+        return static, dynamic, {name: value for name, value in options.items() if name not in self.static_names}
+
+    def _path(self, folder: Path, parts: tuple, leaves: list) -> Path | None:
+        """Return the file of a program; None where it cannot be told from others, or where JAX must trace it.
+
+        **Arguments:** `parts`: of the signature besides its arrays.
+        """
+        if not all(_is_simple(leaf) for leaf in leaves) or jax.process_count() > 1:
             return None
-        named = dict(zip(_names(), settings, strict=True))
-        if any(named.get(name) for name in NEED_TRACING):
+        options = _options()
+        if any(options.get(name) for name in NEED_TRACING):
             return None
-        kinds = [f"{kind} {getattr(kind, 'weak_type', False)}" for kind, _ in kinds]
-        texts = {name: _text(value) for name, value in named.items()}
-        digest = stable_digest((_environment(), form, self.fun, static, tree, kinds, texts))
+        try:
+            kinds = [jax.typeof(leaf) for leaf in leaves]
+        except TypeError:
+            # what JAX does not take, of which it tells in its own words
+            return None
+        kinds = [f"{kind} {getattr(kind, 'weak_type', False)}" for kind in kinds]
+        texts = {name: repr(value) for name, value in options.items()}
+        digest = stable_digest((_environment(), self.fun, *parts, kinds, texts))
         return None if digest is None else folder / f"{digest[:32]}-whole"
 
 
@@ -187,21 +200,32 @@ def _loaded(path: Path, tree: jax.tree_util.PyTreeDef) -> Callable | None:
     return None
 
 
+def _kind(leaf: object) -> object:
+    """Return what a program takes an argument for, in this process."""
+    if isinstance(leaf, jax.Array):
+        return leaf.aval, leaf.sharding
+    return type(leaf), getattr(leaf, "shape", None), getattr(leaf, "dtype", None)
+
+
 @cache
 def _names() -> tuple[str, ...]:
-    """Return the names of JAX's options that may change a program."""
-    return tuple(name for name in jax.config.values if not name.startswith(CHANGE_NO_PROGRAM))
+    """Return the names of JAX's options that may change a program, and that a context may change."""
+    return tuple(name for name in jax.config.values if _counts(name) and hasattr(jax.config, name))
 
 
-def _settings() -> tuple:
-    """Return the values of JAX's options in this thread."""
-    values = jax.config.values
-    # those that a context may change are attributes
-    return tuple(getattr(jax.config, name, values[name]) for name in _names())
+def _context() -> tuple:
+    """Return what tells one state of JAX's options from another in this process."""
+    return tuple(map(jax.config.__getattribute__, _names()))
 
 
-def _text(value: object) -> str:
-    return str(value) if value is None or isinstance(value, bool | int | float | str) else repr(value)
+def _options() -> dict[str, object]:
+    """Return the values in this thread of all options of JAX that may change a program."""
+    fixed = {name: value for name, value in jax.config.values.items() if _counts(name)}
+    return fixed | dict(zip(_names(), _context(), strict=True))
+
+
+def _counts(name: str) -> bool:
+    return not name.startswith(CHANGE_NO_PROGRAM)
 
 
 @cache
@@ -220,9 +244,9 @@ def _device() -> jax.Device:
     return chosen if isinstance(chosen, jax.Device) else jax.devices(chosen)[0]
 
 
-def _is_simple(sharding: object) -> bool:
+def _is_simple(leaf: object) -> bool:
     """Tell whether an argument is where JAX computes: on one device, and there in its usual memory."""
-    if sharding is None:
+    if not isinstance(leaf, jax.Array):
         return True
     usual = jax.sharding.SingleDeviceSharding(_device())
-    return isinstance(sharding, jax.sharding.SingleDeviceSharding) and sharding == usual
+    return isinstance(leaf.sharding, jax.sharding.SingleDeviceSharding) and leaf.sharding == usual
