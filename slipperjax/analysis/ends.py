@@ -117,4 +117,4 @@ def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
     if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
         return "derivatives grow without bound, as at a grazing"
     # beside a grazing, on the side without a touch, derivatives tell nothing
-    return "the map may jump or have a corner here, as where a motion grazes a surface" if motions else ""
+    return "the map may jump, bend or end here, as where a motion grazes a surface" if motions else ""
