@@ -262,7 +262,7 @@ class _Recurrence:
         return None
 
     def stays(self, n):
-        """Return whether all numbers of the state recur after n periods to the last digit in the end, and are round."""
+        """Return whether all numbers of the state are round in the end, and recur exactly after n periods."""
         there = slice(-self.tail(n), None)
         exact = np.all(self.states[n:][there] == self.states[:-n][there])
         return bool(exact and np.all(self.rounded[there]))

@@ -33,8 +33,8 @@ class Chain(NamedTuple):
     ) -> "Chain":
         """Return what is left of any number of rows, with the columns above.
 
-        The numbers of each window are eliminated in turn by a QR decomposition, which leaves rows of those of the next
-        window and of the levels. Lost motions, some of whose rows are not finite, become as bad as can be.
+        The numbers of each window are eliminated in turn by a QR decomposition, which leaves rows of those of the
+        next window and of the levels. Lost motions, some of whose rows are not finite, become as bad as can be.
         """
         good = np.isfinite(windows).all(axis=(1, 2, 3)) & np.isfinite(levels).all(axis=(1, 2))
         windows, levels = (np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, 0.0) for a in (windows, levels))
@@ -98,7 +98,7 @@ class Chain(NamedTuple):
         return np.sqrt(np.concatenate([of_levels, _flat(of_windows)], axis=1))
 
     def along(self, way: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points rows"]:
-        """Return the changes of the residuals, to first order. One chain serves any number of points, here and below."""
+        """Return the changes of the residuals, to first order. One chain serves many points, here and below."""
         levels, numbers = self._split(way)
         after = np.concatenate([numbers[:, 1:], np.zeros_like(numbers[:, :1])], axis=1)
         each = np.broadcast_to(levels[:, None], (*numbers.shape[:2], levels.shape[1]))

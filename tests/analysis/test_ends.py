@@ -1,5 +1,5 @@
-"""Branches of an oscillator with one stop, rigid or preloaded, beside its closed form: where it grazes, and where it is
-at the stop at the instant of the strobe."""
+"""Branches of an oscillator with one stop, rigid or preloaded, beside its closed form: where it grazes, and where it
+is at the stop at the instant of the strobe."""
 
 import equinox as eqx
 import jax

@@ -1,5 +1,6 @@
 """Least squares of chains of windows, beside all of their rows by all unknowns."""
 
+import functools
 import tracemalloc
 
 import numpy as np
@@ -38,26 +39,26 @@ def test_windows_are_eliminated_one_by_one_without_a_change_of_the_sums(windows)
     given = banded(windows)
     chain = Chain.of(*given)
     way = np.random.default_rng(1).normal(size=(2, OWN + TEN * windows))
-    close = dict(rtol=1e-10)  # measured 2e-14
+    close = functools.partial(np.testing.assert_allclose, rtol=1e-10)  # measured 2e-14
     for k in range(2):
         rows = dense(given[0][k], given[1][k])
         slope, residual, here = rows[:, :-1], rows[:, -1], chain.at(np.array([k]))
-        np.testing.assert_allclose(here.cost[0], residual @ residual, **close)
-        np.testing.assert_allclose(np.sum(here.along(way) ** 2, axis=1), np.sum((slope @ way.T) ** 2, axis=0), **close)
-        np.testing.assert_allclose(here.lengths[0], np.linalg.norm(slope, axis=0), **close)
+        close(here.cost[0], residual @ residual)
+        close(np.sum(here.along(way) ** 2, axis=1), np.sum((slope @ way.T) ** 2, axis=0))
+        close(here.lengths[0], np.linalg.norm(slope, axis=0))
         best, left, *_ = np.linalg.lstsq(slope, -residual)
-        np.testing.assert_allclose(here.solve(-here.residual[:, :-1])[0], best, **close)
-        np.testing.assert_allclose(here.cost[0] - here.distance[0] ** 2, left[0], **close)
+        close(here.solve(-here.residual[:, :-1])[0], best)
+        close(here.cost[0] - here.distance[0] ** 2, left[0])
         covariance = np.linalg.inv(slope.T @ slope)
         every = here.solve(here.solve_transposed(way))
-        np.testing.assert_allclose(every, way @ covariance, rtol=1e-9)
+        close(every, way @ covariance)
         inverse = here.root[0].T @ here.root[0]
-        np.testing.assert_allclose(inverse, np.linalg.inv(covariance[:OWN, :OWN]), **close)
+        close(inverse, np.linalg.inv(covariance[:OWN, :OWN]))
         weight = np.abs(way[k])
         both = np.vstack([slope, np.diag(weight)])
         step = np.linalg.lstsq(both, -np.append(residual, 0 * weight))[0]
         damped = here.damped(weight[None])
-        np.testing.assert_allclose(damped.solve(-damped.residual[:, :-1])[0], step, **close)
+        close(damped.solve(-damped.residual[:, :-1])[0], step)
 
 
 def test_lost_motions_are_far_from_any_record():
@@ -70,7 +71,7 @@ def test_lost_motions_are_far_from_any_record():
 
 
 def following(windows, points):
-    """Circular motions from window to window: the numbers of each are turned by a level into those of the next one."""
+    """Windows whose numbers a level and a sine turn into those of the next one."""
     rng = np.random.default_rng(2)
     signal = np.cos(0.7 * np.arange(windows + 1))[:-1, None] * np.linspace(1.0, 2.0, TEN)
     signal = signal + 0.01 * rng.normal(size=signal.shape)

@@ -195,12 +195,12 @@ def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
 
 def test_windows_that_memory_has_no_room_for_are_refused(monkeypatch):
     """Before anything is compiled; no samples need to be there."""
-    monkeypatch.setattr(limits, "available_memory", lambda: 1_000_000_000)
+    monkeypatch.setattr(limits, "available_memory", lambda: 4_000_000_000)
     period = float(TRUTH.period)
     time = ("time", np.arange(0.0, 4000 * period, period / 8), {"units": "s"})
     long = xr.Dataset({SENSORS[0].name: ("time", np.ones(32_000), {"units": "m/s^2"})}, {"time": time})
     with pytest.raises(ValueError, match=r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
-        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(window=1))
+        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(starts=64, window=1))
 
 
 @pytest.mark.parametrize("name", ["starts", "window", "transient"])
