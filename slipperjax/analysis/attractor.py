@@ -185,7 +185,7 @@ def _classified(states, scales, most, tolerance, floor):
         text = f"non-finite states from period {int(np.argmax(lost))} on"
         return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, text
     motion = _Recurrence(states / scales, _is_round(states), most, tolerance, floor)
-    if (lost_digits := max(map(_lost_digits, states.T))) > 0:
+    if (lost_digits := max(map(_lost_digits, _digits(states).T))) > 0:
         text = f"a number has lost its last {lost_digits} binary digits step by step, {LOST_DIGITS}"
         return motion.result(Regime.UNRESOLVED, motion.best, text)
     return motion.recurrent() or motion.decaying() or motion.irregular()
@@ -315,18 +315,23 @@ def _is_round(values):
     return digits == np.round(digits)
 
 
-def _lost_digits(series):
-    """Return how many binary digits a series loses, some in each step, until all its numbers are round; 0 where it
-    does not, as where it is attracted by a round number or comes to rest there."""
-    mantissa, exponent = np.frexp(series)
+def _digits(states):
+    """Return the binary digits of the numbers of states, from the first one of the greatest to the last that is not
+    zero."""
+    mantissa, exponent = np.frexp(states)
     whole = np.ldexp(mantissa, 53).astype(np.int64)
-    # digits from the first one of the largest number to the last one that is not zero
     last = exponent - 53 + np.frexp(1.0 * (whole & -whole))[1] - 1
-    digits = np.where(series == 0, 0, exponent[np.argmax(np.abs(series))] - last)
+    first = np.frexp(np.abs(states).max(axis=0))[1]
+    return np.where(states == 0, 0, first - last)
+
+
+def _lost_digits(digits):
+    """Return how many binary digits a number loses, some in each step, until it stays round; 0 where it does not, as
+    where it is attracted by a round number or comes to rest there."""
+    if digits[-1] > ROUND:
+        return 0
     # around the first of the round numbers at the end
     begin = end = int(np.max(np.flatnonzero(digits > ROUND), initial=-1)) + 1
-    if end == len(digits):
-        return 0
     loss = -np.diff(digits)
     steady = (loss > 0) & (loss <= AT_ONCE)
     while begin > 0 and steady[begin - 1]:
