@@ -31,7 +31,7 @@ HOPELESS = 2.0
 """Sum of squares over the least of all at which a search is given up once another one has converged."""
 POOR, WELL = 0.01, 0.99
 """Shares of the gain that slopes predict below which a step is not taken, and above which steps become longer; these
-four numbers are those of Gould et al. 2005, doi:10.1007/s10288-005-0067-5."""
+four numbers are those of Gould et al., 4OR 3 (2005) 227."""
 SHORTER, LONGER = 0.25, 3.5
 """What the region of trust is multiplied by then."""
 

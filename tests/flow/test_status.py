@@ -78,6 +78,7 @@ def test_damping_on_the_papers_rail_is_not_doubted():
         with_loads(jnp.zeros((), int), jnp.ones(()), jnp.zeros(()), jnp.zeros(()), jnp.asarray(ratio), scene, 5.0)
     )
     run = sj.simulate(sj.paper_scene(), 1, steps_per_period=40)
+    assert run.loads is not None
     assert float(np.max(run.loads.damping_ratio)) == 0.0
     assert int(run.status) == Status.FINITE
     rough = dataclasses.replace(sj.paper_scene(), track=RAIL)
