@@ -635,13 +635,18 @@ tests/analysis/test_hybrid.py -k comes_to_rest
 
 a touch within a step is not noticed
 tests/analysis/test_ends.py -k grazing
--        return end, self._falls(t, y, self._lowest(t, y, t + self.dt, end)[1])
+-        return end, self._falls(t, y, _lowest(self.field, self.surface, t, y, t + self.dt, end)[1])
 +        return end, self._falls(t, y, self.surface(t + self.dt, end))
 
-a map that loses its digits has a period
-tests/analysis/test_attractor.py -k digits
--            if stays.all() and parted.any():
-+            if False:
+a switch there and back within a step is not noticed
+tests/analysis/test_hybrid.py -k there_and_back
+-        return end, jnp.where(self._near(t, y), gap(t + self.dt, end), least) < 0
++        return end, gap(t + self.dt, end) < 0
+
+a map that loses its digits has a period, and what it drives
+tests/analysis/test_attractor.py -k "digits or drives"
+-    return lost if lost >= LEAST_LOST else 0
++    return 0
 
 one run's error leaves out that it drifts
 tests/analysis/test_lyapunov.py -k one_motion
@@ -824,6 +829,11 @@ derivatives by values in place of those by levels
 tests/fitting/test_trajectories.py -k put_in
 -    found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
 +    found[..., 2 * ten : -1] = slope[..., :own]
+
+searches forget that windows hang together
+tests/fitting/test_chain.py -k eliminated
+-            known = _times(rows[..., size:-1], np.concatenate([after, levels], axis=1))
++            known = _times(rows[..., size:-1], np.concatenate([0 * after, levels], axis=1))
 
 correlated residuals that count as white
 tests/fitting/test_trajectories.py -k whiteness

@@ -22,6 +22,10 @@ ENOUGH = 1000
 """Periods with which tori are told."""
 ROUND = 8
 """Most binary digits of a round number."""
+AT_ONCE = 10
+"""Most binary digits that a map loses in a step, as x -> 1024 x mod 1 does: more at once were not lost by a map."""
+LEAST_LOST = 16
+"""Least binary digits that it loses in successive steps; records of instruments have no more."""
 LOST_DIGITS = "as where a map loses a binary digit in each step"
 
 
@@ -126,8 +130,9 @@ def classify(
       need `ENOUGH`, 1000.
 
     Maps that lose a binary digit in each step, such as x -> 2 x mod 1, stay at zero after 53 steps in floating point
-    (take 1.999999 for 2). A motion that comes to stay at round numbers, from which it parted before, is "unresolved".
-    Where a record shows nothing else than round numbers, as of a motion at rest, its evidence says so.
+    (take 1.999999 for 2), with all that they drive. A motion of which a number loses its digits step by step until it
+    is round is "unresolved". Where a record shows nothing else than round numbers, as of a motion at rest, its
+    evidence says so.
 
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
     that drift by less than the tolerance in a quarter of the record, and settled motions; long chaotic transients,
@@ -180,6 +185,9 @@ def _classified(states, scales, most, tolerance, floor):
         text = f"non-finite states from period {int(np.argmax(lost))} on"
         return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, text
     motion = _Recurrence(states / scales, _is_round(states), most, tolerance, floor)
+    if (lost_digits := max(map(_lost_digits, _digits(states).T))) > 0:
+        text = f"a number has lost its last {lost_digits} binary digits step by step, {LOST_DIGITS}"
+        return motion.result(Regime.UNRESOLVED, motion.best, text)
     return motion.recurrent() or motion.decaying() or motion.irregular()
 
 
@@ -247,33 +255,17 @@ class _Recurrence:
             if growing.fall < -math.log(10) and growing.fit > 0.95:
                 text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
                 return self.result(Regime.UNRESOLVED, n, text)
-            stays = self.stays(n)
-            parted = stays & self.parted(n)
-            if stays.all() and parted.any():
-                text = f"comes to round numbers from which it parted before, {LOST_DIGITS}"
-                return self.result(Regime.UNRESOLVED, n, text)
             text = f"recurs after {n} periods within {self.at_end[n]:.1e}, of an extent of {self.extent:.1e}"
-            if stays.all() or parted.any():
+            if self.stays(n):
                 text += f", at round numbers, as at rest, or {LOST_DIGITS}"
             return self.result(Regime.PERIODIC, n, text)
         return None
 
     def stays(self, n):
-        """Return which numbers of the state recur after n periods to the last digit in the end, and are round."""
+        """Return whether all numbers of the state are round in the end, and recur exactly after n periods."""
         there = slice(-self.tail(n), None)
-        exact = np.all(self.states[n:][there] == self.states[:-n][there], axis=0)
-        return exact & np.all(self.rounded[there], axis=0)
-
-    def parted(self, n):
-        """Return which numbers of the state were farther from where they end n periods after they were nearest.
-
-        They cannot have been attracted; those of a superstable motion come nearest in the period before they arrive.
-        """
-        phase = np.arange(-self.periods, 0) % n - n
-        away = np.abs(self.states - self.states[phase])
-        nearest = np.argmin(np.where(away[:-n] > 0, away[:-n], np.inf), axis=0)
-        number = np.arange(away.shape[1])
-        return away[nearest + n, number] > away[nearest, number]
+        exact = np.all(self.states[n:][there] == self.states[:-n][there])
+        return bool(exact and np.all(self.rounded[there]))
 
     def decaying(self):
         """Return the entries of a motion whose residual over some period decays to zero, or None."""
@@ -321,6 +313,33 @@ def _is_round(values):
     """Return which numbers have no more than `ROUND` binary digits."""
     digits = np.ldexp(np.frexp(values)[0], ROUND)
     return digits == np.round(digits)
+
+
+def _digits(states):
+    """Return the binary digits of the numbers of states, from the first one of the greatest to the last that is not
+    zero."""
+    mantissa, exponent = np.frexp(states)
+    whole = np.ldexp(mantissa, 53).astype(np.int64)
+    last = exponent - 53 + np.frexp(1.0 * (whole & -whole))[1] - 1
+    first = np.frexp(np.abs(states).max(axis=0))[1]
+    return np.where(states == 0, 0, first - last)
+
+
+def _lost_digits(digits):
+    """Return how many binary digits a number loses, some in each step, until it stays round; 0 where it does not, as
+    where it is attracted by a round number or comes to rest there."""
+    if digits[-1] > ROUND:
+        return 0
+    # around the first of the round numbers at the end
+    begin = end = int(np.max(np.flatnonzero(digits > ROUND), initial=-1)) + 1
+    loss = -np.diff(digits)
+    steady = (loss > 0) & (loss <= AT_ONCE)
+    while begin > 0 and steady[begin - 1]:
+        begin -= 1
+    while end < len(steady) and steady[end]:
+        end += 1
+    lost = int(digits[begin] - digits[end])
+    return lost if lost >= LEAST_LOST else 0
 
 
 def _divisors(n):

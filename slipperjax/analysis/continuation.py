@@ -117,7 +117,8 @@ def continue_motion(
         opposite way.
     - `tolerance`: greatest weighted residual. `pace`: of the steps.
     - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing. Without it, branches
-        of `impact_step` that end at a grazing say so, and go on where an impact falls on the strobe ("ST").
+        of `impact_step` and `switched_step` that end at a grazing say so; they go on where an impact falls on the
+        strobe ("ST").
     - `options`: `points`, `until` and `on_point` of `extend`.
 
     **Returns:** a `Branch`; after Ctrl-C the part followed so far.

@@ -10,7 +10,7 @@ import numpy as np
 from ..tools.compile import call_compiled
 from .arclength import Node, Walk, correct
 from .events import Event
-from .hybrid import ImpactStep
+from .hybrid import AbstractCrossingStep
 from .newton import AbstractEquations
 from .shooting import PeriodicMotions
 
@@ -24,14 +24,14 @@ BESIDE = 1e-3
 
 
 class _Touch(NamedTuple):
-    """How near a motion is to a grazing, and to an impact at the strobe."""
+    """How near a motion is to a grazing of a surface, and to an impact at the strobe."""
 
-    gap: np.ndarray
-    """At the strobe."""
     turn: np.ndarray
-    """Least gap at which a flight turns, see `ImpactStep.nearness`."""
-    impact: np.ndarray
-    """Least rate of an impact without which it would turn."""
+    """Least gap at which a flight turns, see `AbstractCrossingStep.nearness`."""
+    touch: np.ndarray
+    """Least rate of a touch without which it would turn."""
+    gap: np.ndarray
+    """At the strobe, NaN where the state does not jump."""
     rate: np.ndarray
     """Of the gap at the strobe."""
     beyond: np.ndarray
@@ -40,16 +40,15 @@ class _Touch(NamedTuple):
 
 def _touch(equations: PeriodicMotions, static: tuple, z: jax.Array) -> _Touch:
     step, state = equations.step(z), equations.state(z)
-    assert isinstance(step, ImpactStep)
+    assert isinstance(step, AbstractCrossingStep)
     ks = jnp.arange(float(equations.intervals))
-    turn, impact = jax.lax.scan(lambda s, k: (step(s, k), step.nearness(s, k)), state, ks)[1]
-    rate, beyond = step.other_side(state, equations.intervals)
-    return _Touch(step.surface(step.t0, state), jnp.min(turn), jnp.min(impact), rate, beyond)
+    turn, touch = jax.lax.scan(lambda s, k: (step(s, k), step.nearness(s, k)), state, ks)[1]
+    return _Touch(jnp.min(turn), jnp.min(touch), *step.other_side(state, equations.intervals))
 
 
 def _touch_of(equations: AbstractEquations, node: Node) -> _Touch | None:
-    """Return the `_Touch` of a point; None for maps other than those of `impact_step`."""
-    if not isinstance(equations, PeriodicMotions) or not isinstance(equations.step(node.z), ImpactStep):
+    """Return the `_Touch` of a point; None for maps that know no surface."""
+    if not isinstance(equations, PeriodicMotions) or not isinstance(equations.step(node.z), AbstractCrossingStep):
         return None
     return jax.device_get(call_compiled(_touch, equations, (), jnp.asarray(node.z)))
 
@@ -84,9 +83,9 @@ def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tu
             ahead = other / (one - other) if np.isfinite(one - other) and one != other else np.nan
             return ahead if abs(ahead) * last.length(chord) <= NEAR * walk.pace.least else np.nan
 
-        for name in ("turn", "impact"):
+        for name in ("turn", "touch"):
             if np.isfinite(ahead := share(name)):
-                note = "the branch ends where a rigid stop is grazed"
+                note = "the branch ends where the motion grazes the surface"
                 return found("GR", note, value + ahead * float(chord[place]), True), None
         if np.isfinite(ahead := share("gap")) and (point := _beyond(walk, last, now)) is not None:
             return found("ST", "", value + ahead * float(chord[place]), True), point
@@ -110,10 +109,12 @@ def _beyond(walk: Walk, last: Node, touch: _Touch) -> Node | None:
 
 def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
     """Return in words why no step converges after the last of some points, as far as these tell."""
+    motions = isinstance(equations, PeriodicMotions)
     # on curves of critical motions a multiplier may be +1 throughout
-    if isinstance(equations, PeriodicMotions) and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
+    if motions and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
         return "a multiplier is +1: branches cross or turn back here, begin beside it"
     sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
     if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
         return "derivatives grow without bound, as at a grazing"
-    return ""
+    # beside a grazing, on the side without a touch, derivatives tell nothing
+    return "the map may jump, bend or end here, as where a motion grazes a surface" if motions else ""

@@ -113,6 +113,10 @@ class AbstractCrossingStep(eqx.Module):
     steps: int = eqx.field(static=True)
 
     @abc.abstractmethod
+    def _flight(self, t, y) -> tuple[Field, Surface]:
+        """Return the field of a motion from (t, y) that does not stick, and its gap, positive off the surface."""
+
+    @abc.abstractmethod
     def _ahead(self, t, y) -> tuple[Array, Bool[Array, ""]]:
         """Return the state after a whole step from (t, y), and whether the step crosses the surface."""
 
@@ -123,6 +127,35 @@ class AbstractCrossingStep(eqx.Module):
     def _stuck(self, t, y) -> Bool[Array, ""] | bool:
         """Return whether the motion sticks to the surface, so that the step from there is not a plain one."""
         return False
+
+    def nearness(self, state: Array, k: Real) -> tuple[Array, Array]:
+        """Return how near the motion of an interval is to a grazing: the least gap at which it turns before it
+        touches the surface, and the least rate of a touch without which it would turn. Infinite where there is none.
+        """
+
+        def one(y, i):
+            t = self.t0 + (k * self.steps + i) * self.dt
+            field, gap = self._flight(t, y)
+            flow = lambda share: rk4(field, t, y, share * self.dt)
+            end, touches = self._ahead(t, y)
+            stuck = self._stuck(t, y)
+            lowest, least = _lowest(field, gap, t, y, t + self.dt, end)
+            share = lowest * share_before(gap, lambda part: flow(part * lowest), t, lowest * self.dt, touches)
+            touch = t + share * self.dt, flow(share)
+            after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
+            rate = _along(field, gap)
+            turns = ~stuck & ~touches & (lowest > 0) & (lowest < 1)
+            grazes = ~stuck & touches & (_along(field, rate)(*touch) > 0)
+            return after, (jnp.where(turns, least, jnp.inf), jnp.where(grazes, jnp.abs(rate(*touch)), jnp.inf))
+
+        gaps, rates = jax.lax.scan(one, state, jnp.arange(self.steps))[1]
+        return jnp.min(gaps), jnp.min(rates)
+
+    def other_side(self, state: Array, intervals: int) -> tuple[Array, Array, Array]:
+        """Return the gap at a state that recurs after some intervals, its rate, and the state on the other side of a
+        jump at that instant; NaN where no crossing makes the state jump."""
+        none = jnp.full_like(self.dt, jnp.nan)
+        return none, none, state
 
     def __call__(self, state: Array, k: Real) -> Array:
         return in_both_modes(self._interval, state, k)
@@ -175,15 +208,29 @@ class SwitchedStep(AbstractCrossingStep):
         above, below = self._rates(t, y)
         return jnp.minimum(-above, below)
 
-    def _ahead(self, t, y):
+    def _flight(self, t, y):
         up = self.surface(t, y) >= 0
-        end = rk4(self._field(up), t, y, self.dt)
-        return end, (self.surface(t + self.dt, end) >= 0) != up
+        return self._field(up), self._gap(up)
+
+    def _gap(self, up):
+        side = jnp.where(up, 1.0, -1.0)
+        return lambda t, y: side * self.surface(t, y)
+
+    def _near(self, t, y):
+        """Return whether the surface is so near that rounding errors may decide on which side of it the motion is."""
+        above, below = self._rates(t, y)
+        return jnp.abs(self.surface(t, y)) <= ON_SURFACE * self.dt * (jnp.abs(above) + jnp.abs(below))
+
+    def _ahead(self, t, y):
+        field, gap = self._flight(t, y)
+        end = rk4(field, t, y, self.dt)
+        least = _lowest(field, gap, t, y, t + self.dt, end)[1]
+        # from the surface itself, the end of the step tells
+        return end, jnp.where(self._near(t, y), gap(t + self.dt, end), least) < 0
 
     def _stuck(self, t, y):
         above, below = self._rates(t, y)
-        near = jnp.abs(self.surface(t, y)) <= ON_SURFACE * self.dt * (below - above)
-        return near & (above < 0) & (below > 0)
+        return self._near(t, y) & (above < 0) & (below > 0)
 
     def _across(self, t, y, crosses):
         at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
@@ -191,13 +238,19 @@ class SwitchedStep(AbstractCrossingStep):
         def to_event(carry):
             # advance to a crossing, to the end of sliding, or to the end of the step
             share, y, up, slides, _, count = carry
-            side = jnp.where(up, 1.0, -1.0)
             # positive until something happens; jit, so that each is traced once
-            ahead = jax.jit(lambda t, y: jnp.where(slides, self._held(t, y), side * self.surface(t, y)))
+            gap = self._gap(up)
+            ahead = jax.jit(lambda t, y: jnp.where(slides, self._held(t, y), gap(t, y)))
             field = jax.jit(self._field(up, slides))
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            happens = crosses & (ahead(at(1.0), flow(1.0)) < 0)
-            part = share_before(ahead, flow, at(share), left(share), happens)
+            # what happens is looked for up to the lowest point, from which the gap may rise within the step
+            lowest = _lowest(field, gap, at(share), y, at(1.0), flow(1.0))[0]
+            reach = jnp.where(slides | self._near(at(share), y), 1.0, lowest)
+            happens = crosses & (ahead(at(share) + reach * left(share), flow(reach)) < 0)
+            reach = jnp.where(happens, reach, 1.0)
+            part = reach * share_before(
+                ahead, lambda part: flow(part * reach), at(share), reach * left(share), happens
+            )
             share, y = share + part * (1 - share), flow(part)
             above, below = self._rates(at(share), y)
             # sliding ends along the field that no longer points to the surface
@@ -229,54 +282,26 @@ class ImpactStep(AbstractCrossingStep):
         """Acceleration of the gap in flight, negative where the motion is pressed into the surface."""
         return _along(self.field, self._rate)
 
+    def _flight(self, t, y):
+        return self.field, self.surface
+
     def _ahead(self, t, y):
         end = rk4(self.field, t, y, self.dt)
-        return end, self._falls(t, y, self._lowest(t, y, t + self.dt, end)[1])
-
-    def _lowest(self, t, y, then, end):
-        """Return the share of a flight at which its gap is least, and that gap, by a cubic."""
-        (start, slope), (last, last_slope) = (
-            (-self.surface(*at), -(then - t) * self._rate(*at)) for at in ((t, y), (then, end))
-        )
-        share, height = highest_point(start, slope, last, last_slope)
-        return jax.lax.stop_gradient(share), -height
+        return end, self._falls(t, y, _lowest(self.field, self.surface, t, y, t + self.dt, end)[1])
 
     def _falls(self, t, y, height):
         # it must fall, because rounding may put a start on the surface below it
         return (height < 0) & (height < self.surface(t, y))
 
-    def nearness(self, state: Array, k: Real) -> tuple[Array, Array]:
-        """Return how near the motion of an interval is to a grazing: the least gap at which it turns before it
-        touches, and the least rate of an impact without which it would turn. Infinite where there is none."""
-
-        def one(y, i):
-            t = self.t0 + (k * self.steps + i) * self.dt
-            flow = lambda share: rk4(self.field, t, y, share * self.dt)
-            end, touches = self._ahead(t, y)
-            stuck = self._stuck(t, y)
-            lowest, gap = self._lowest(t, y, t + self.dt, end)
-            share = lowest * share_before(
-                self.surface, lambda part: flow(part * lowest), t, lowest * self.dt, touches
-            )
-            impact = t + share * self.dt, flow(share)
-            after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
-            turns = ~stuck & ~touches & (lowest > 0) & (lowest < 1)
-            grazes = ~stuck & touches & (self._push(*impact) > 0)
-            return after, (jnp.where(turns, gap, jnp.inf), jnp.where(grazes, jnp.abs(self._rate(*impact)), jnp.inf))
-
-        gaps, rates = jax.lax.scan(one, state, jnp.arange(self.steps))[1]
-        return jnp.min(gaps), jnp.min(rates)
-
-    def other_side(self, state: Array, intervals: int) -> tuple[Array, Array]:
-        """Return the rate of the gap at a state that recurs after some intervals with an impact at its instant, and
-        the state on the other side of the impact."""
+    def other_side(self, state, intervals):
         # up to the last step as it is, which is then taken without the impact
         state_before = jax.lax.fori_loop(0, intervals - 1, lambda k, s: self(s, 1.0 * k), state)
         begin = self.t0 + (intervals - 1) * self.steps * self.dt
         shorter = ImpactStep(self.dt, begin, self.steps - 1, self.field, self.surface, self.reset)
         before = rk4(self.field, begin + (self.steps - 1) * self.dt, shorter(state_before, 0.0), self.dt)
         rate = self._rate(self.t0, state)
-        return rate, jnp.where(rate < 0, self.reset(self.t0, state), before)
+        beyond = jnp.where(rate < 0, self.reset(self.t0, state), before)
+        return self.surface(self.t0, state), rate, beyond
 
     def _stuck(self, t, y):
         gap, rate, push = jnp.maximum(self.surface(t, y), 0.0), jnp.abs(self._rate(t, y)), self._push(t, y)
@@ -301,7 +326,7 @@ class ImpactStep(AbstractCrossingStep):
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
             # the end of the step, if nothing happens before
             end = flow(1.0)
-            lowest = jnp.where(stuck, 1.0, self._lowest(at(share), y, at(1.0), end)[0])
+            lowest = jnp.where(stuck, 1.0, _lowest(self.field, self.surface, at(share), y, at(1.0), end)[0])
             released = self._push(at(1.0), end) > 0
             touches = self._falls(at(share), y, self.surface(at(share) + lowest * left(share), flow(lowest)))
             happens = crosses & jnp.where(stuck, released, touches)
@@ -434,8 +459,8 @@ def switched_step(
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
     Where both fields point to the surface, the motion slides along it until one no longer does, by Filippov
-    (doi:10.1007/978-94-015-7793-9): dry friction sticks. Grazing, and steps longer than the time between two
-    crossings, are not supported.
+    (doi:10.1007/978-94-015-7793-9): dry friction sticks. A crossing there and back within one step is noticed by the
+    lowest point of a cubic.
 
     **Arguments:** `above`, `below`: y' at (t, y) where surface(t, y) >= 0, and elsewhere; `dt`: integration step, in
     the system's unit of time; `steps`: steps in one interval; `t0`: time at which interval 0 starts.
@@ -509,6 +534,14 @@ def return_step(
 
 def _instants(dt, t0, steps):
     return positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1)
+
+
+def _lowest(field: Field, gap: Surface, t: Array, y: Array, then: Array, end: Array) -> tuple[Array, Array]:
+    """Return the share of a flight at which its gap is least, and that gap, by a cubic."""
+    rate = _along(field, gap)
+    (start, slope), (last, last_slope) = ((-gap(*at), -(then - t) * rate(*at)) for at in ((t, y), (then, end)))
+    share, height = highest_point(start, slope, last, last_slope)
+    return jax.lax.stop_gradient(share), -height
 
 
 def _to_surface(surface: Surface, t: Array, y: Array) -> Array:

@@ -123,7 +123,7 @@ class Estimates(NamedTuple):
 def estimate(
     numbers: Float[np.ndarray, "rails starts cases"],
     quantile: float | None,
-    base: int = 0,
+    base: int | None = 0,
     *,
     resamples: int = 400,
     seed: int = 0,
@@ -134,7 +134,8 @@ def estimate(
     the case that is best by chance. Where too few rails are whole, all is NaN.
 
     **Arguments:** `numbers`: of the runs, NaN where one was lost; `quantile`: a share [1], or None for the mean;
-    `base`: the case from which differences count; `resamples`, `seed`: of `bootstrap`.
+    `base`: the case from which differences count, None for that of the lowest value; `resamples`, `seed`: of
+    `bootstrap`.
     """
     numbers = numbers[whole_rails(numbers)]
     rails, _, cases = numbers.shape
@@ -149,6 +150,7 @@ def estimate(
         low, high = value - reach, value + reach
     else:
         low, high = quantile_interval(numbers, quantile)
+    base = int(np.argmin(value)) if base is None else base
     difference = value - value[base]
     # all cases of a resample have the same rails, so that what these have in common cancels
     difference_stderr = standard_error(drawn - drawn[:, base : base + 1], rails)

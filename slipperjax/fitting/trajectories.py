@@ -13,16 +13,17 @@ from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from ..tools.limits import refuse_impossible
+from .chain import LOST, Chain
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Problem
-from .search import LOST, Found, covariance, search
+from .search import Found, search
 from .signals import SignalPosterior
 from .unknowns import spread
 
 START_REACH = 3.0
 """How far starts are from those of the first guess, as standard deviation [scales of the motion]."""
-ARRAYS = 20
-"""Square arrays of derivatives by all unknowns that a search holds for each start; measured at 50 windows."""
+ARRAYS = 6
+"""Arrays of all rows by the unknowns of their windows that a search holds for each start; measured at 400 windows."""
 CONTINUITY = (0.3, 0.03, 1e-3)
 """How far motions may jump where one window ends and the next begins, in one search after the other, as standard
 deviation [scales]."""
@@ -71,9 +72,10 @@ class Trajectories(AbstractFitMethod):
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
         windows = Windows.of(problem.runs, problem.scenes, problem.origin, self.window)
-        size = len(problem.unknowns) + len(SIZES) * windows.count
+        rows = windows.count * (windows.known[0].size + 2 * len(SIZES))
+        columns = 2 * len(SIZES) + len(problem.unknowns) + 1
         slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
-        refuse_impossible(slopes, float(ARRAYS * 8 * self.starts * size**2), 0.0)
+        refuse_impossible(slopes, float(ARRAYS * 8 * self.starts * rows * columns), 0.0)
         model = Model.of(problem, windows)
         given = np.array([np.nan if sensor.noise is None else sensor.noise for sensor in problem.rig.sensors])
         noise = np.where(np.isnan(given), FIRST_NOISE * _rms(model.windows), given)
@@ -104,7 +106,7 @@ class Trajectories(AbstractFitMethod):
             model = model.with_steps(fit.needed(found.point[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
-            kept = found.distinct(LIKELY, len(problem.unknowns))
+            kept = found.distinct(LIKELY)
             shown("errors")
             now = fit.checked(found)
             # more steps and instants, until they are no matter
@@ -149,15 +151,9 @@ class Fitting:
         levels, numbers = self.split(points)
         return self.model.course(self.model.values(levels), numbers)
 
-    def rows(
-        self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray
-    ) -> tuple[Float[np.ndarray, "starts rows"], Float[np.ndarray, "starts rows unknowns"]]:
+    def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
-        `index`: differences from samples, jumps between windows, and what is known of the unknowns before.
-
-        They are rotated to one row more than unknowns, window by window, because all rows of many windows by all
-        unknowns would take gigabytes.
-        """
+        `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
         levels, numbers = self.split(points)
         course = self.course(points)
         per_level = self._per_level(points)
@@ -167,7 +163,8 @@ class Fitting:
             self._jumps(course, numbers, per_level),
             self._reach(numbers - self.guess[index], levels.shape[1]),
         ]
-        return _triangular(np.concatenate(parts, axis=2), levels)
+        known = np.broadcast_to(np.eye(levels.shape[1]), (len(levels), levels.shape[1], levels.shape[1]))
+        return Chain.of(np.concatenate(parts, axis=2), np.concatenate([known, levels[..., None]], axis=2))
 
     def _per_level(self, points: Float[np.ndarray, "starts unknowns"]) -> Float[np.ndarray, "starts parameters"]:
         """Return derivatives of the parameters by their levels."""
@@ -225,16 +222,16 @@ class Fitting:
     def checked(self, found: Found) -> "Checked":
         """Return what the best point leaves, and how exact it is."""
         point = found.point[[found.lead]]
-        slope = found.slope[found.lead]
-        every = covariance(slope)
+        local = found.of_lead
+        errors = np.sqrt(np.diag(_covariance(local)))
         course = self.course(point)
         (slopes,), (per_level,) = self._weighted(course)[1], self._per_level(point)
 
         def shift(other: Course) -> np.ndarray:
             change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
             along = self._along(change.reshape(slopes.shape[:2]), slopes, per_level)
-            moved = every @ along / np.sqrt(np.diag(every))
-            return -moved[: len(self.model.problem.unknowns)]
+            (moved,) = local.solve(local.solve_transposed(along[None]))
+            return -moved[: len(errors)] / errors
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
         levels, numbers = self.split(point)
@@ -251,18 +248,15 @@ class Fitting:
         lead = found.lead
         point = found.point[lead]
         own = len(model.problem.unknowns)
-        slope = found.slope[lead]
-        every = covariance(slope)
-        # of the data alone, with the starts unknown
-        total = slope.T @ slope - np.diag(np.append(np.ones(own), np.zeros(point.size - own)))
-        of_starts = np.linalg.solve(total[own:, own:], total[own:, :own])
-        deviates = np.random.default_rng(0).normal(size=(point.size, DRAWS))
-        draws = point + np.linalg.solve(np.asarray(np.linalg.qr(slope, mode="r")), deviates).T
+        local = found.of_lead
+        (root,) = local.root
+        draws = point + local.solve(np.random.default_rng(0).normal(size=(DRAWS, point.size)))
         likely = self.course(np.vstack([point, draws])).reading
         return SignalPosterior(
             level=point[:own],
-            covariance=every[:own, :own],
-            information=total[:own, :own] - total[:own, own:] @ of_starts,
+            covariance=_covariance(local),
+            # of the data alone, with the starts unknown
+            information=root.T @ root - np.eye(own),
             converged=bool(found.converged[lead]),
             minima=found.point[kept[1:], :own],
             step_change=change,
@@ -274,8 +268,15 @@ class Fitting:
         )
 
 
+def _covariance(local: Chain) -> Float[np.ndarray, "parameters parameters"]:
+    """Return the covariance of the levels at the only point of a chain."""
+    # by a root, so that no variance is negative where slopes in chaos are of any size
+    inverse = np.linalg.inv(local.root[0])
+    return inverse @ inverse.T
+
+
 def _banded(value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> np.ndarray:
-    """Return values (starts, windows, rows) and slopes by a window's own directions as rows of `_triangular`."""
+    """Return values (starts, windows, rows) and slopes by a window's own directions as rows of a `Chain`."""
     starts, windows, rows = value.shape
     own, ten = per_level.shape[1], len(SIZES)
     found = np.zeros((starts, windows, rows, 2 * ten + own + 1))
@@ -283,40 +284,6 @@ def _banded(value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> np.n
     found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
     found[..., -1] = value
     return found
-
-
-def _triangular(
-    rows: Float[np.ndarray, "starts windows rows columns"], levels: Float[np.ndarray, "starts levels"]
-) -> tuple[Float[np.ndarray, "starts few"], Float[np.ndarray, "starts few unknowns"]]:
-    """Return residuals and slopes with one row more than unknowns, and the same sums of squares.
-
-    Each window's start is eliminated in turn by a QR decomposition, which leaves rows of the next one's and of the
-    levels.
-
-    **Arguments:** `rows`: by the numbers of a window's start, those of the next one, the levels, and the residual;
-    `levels`: which are to be small, too.
-    """
-    starts, windows = rows.shape[:2]
-    own, ten = levels.shape[1], len(SIZES)
-    size = own + ten * windows
-    found = np.zeros((starts, size + 1, size + 1))
-    left = np.zeros((starts, 0, ten + own + 1))
-    for k in range(windows):
-        before = np.concatenate([left[..., :ten], np.zeros((*left.shape[:2], ten)), left[..., ten:]], axis=2)
-        few = np.asarray(np.linalg.qr(np.concatenate([before, rows[:, k]], axis=1), mode="r"))
-        here = found[:, ten * k : ten * (k + 1)]
-        # nothing comes after the last window
-        most = min(2 * ten, size - own - ten * k)
-        here[..., own + ten * k : own + ten * k + most] = few[:, :ten, :most]
-        here[..., :own] = few[:, :ten, 2 * ten : -1]
-        here[..., -1] = few[:, :ten, -1]
-        left = few[:, ten:, ten:]
-    known = np.concatenate([np.broadcast_to(np.eye(own), (starts, own, own)), levels[..., None]], axis=2)
-    few = np.asarray(np.linalg.qr(np.concatenate([left[..., ten:], known], axis=1), mode="r"))
-    last = found[:, ten * windows :]
-    last[:, : few.shape[1], :own] = few[..., :-1]
-    last[:, : few.shape[1], -1] = few[..., -1]
-    return found[..., -1], found[..., :-1]
 
 
 def _rms(windows: Windows) -> Float[np.ndarray, " sensors"]:

@@ -593,7 +593,7 @@ class Course:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
         rate = jax.vmap(of_one)(*self._contacts, self.states.memory)
-        # doubted on rough rails alone, see `with_loads`
+        # doubted on rough rails alone
         damping = self.damping_ratio if self.scene.track.is_rough else jnp.zeros(())
         damping = jnp.max(jax.lax.stop_gradient(damping))
         return contact_loads(self.force.values, self.gap.values, store(rate), damping, self.args, self.steps)

@@ -188,12 +188,12 @@ def with_loads(
     scene: Scene,
     most: Real,
 ) -> Int[Array, ""]:
-    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or, on rough rails alone, `DAMPED` where the
-    loads of a whole run show that.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or `DAMPED` where the loads of a whole run show
+    that.
 
     **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
     `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1]; `damping_ratio`: the
-    highest [1].
+    highest [1], zero where it is not doubted.
     """
     # half the smaller one of the section's width and height is as deep as the contact law has a meaning
     points = scene.section.points
@@ -204,8 +204,6 @@ def with_loads(
     code = at(penetration > 0.5 * extent, code, Status.PRESSED_IN)
     # replaces the two above, which too long steps can bring about
     code = _too_few_where(stability_number > most, code)
-    if not scene.track.is_rough:
-        return code
     law = scene.contact
     usual = jnp.asarray(law.damping(jnp.zeros(()), jnp.ones(()) if law.has_memory else None))
     # rounding is no excess

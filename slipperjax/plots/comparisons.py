@@ -12,13 +12,12 @@ import xarray as xr
 from ..analysis.quantiles import Estimates
 from ..flow.status import Status, is_lost
 from ..model.quantities import Quantity, ShownUnits
+from ..tools.files import first_ones
 from .runs import UNITS
 from .style import check_dataset, line_color, name_label, page, quantity_of, with_unit
 
 SOURCE = "slipperjax.compare"
 """What makes such datasets."""
-NAMED = 5
-"""Most runs of a status that are named."""
 
 
 class Comparison(NamedTuple):
@@ -101,8 +100,7 @@ def _lost(view: Comparison) -> Iterator[str]:
     codes = view.ds["status"].transpose("design", "rail", "start").values
     for code in np.unique(codes[is_lost(codes)]):
         runs = [f"{view.labels[k]} rail={rail} start={start}" for k, rail, start in np.argwhere(codes == code)]
-        named = ", ".join(runs[:NAMED]) + f" and {len(runs) - NAMED} more" * (len(runs) > NAMED)
-        yield f"status of {len(runs)} of {codes.size} runs: {Status(int(code))}: {named}"
+        yield f"status of {len(runs)} of {codes.size} runs: {Status(int(code))}: {first_ones(runs)}"
     if not view.ds["counted"].all():
         along = "rail" if view.ds.sizes["rail"] > 1 else "start"
         counted = view.ds["counted"].all({"rail", "start"} - {along}).values

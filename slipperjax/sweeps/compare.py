@@ -29,14 +29,12 @@ from ..model.scene import Scene, check_scene
 from ..model.tracks import AbstractTwoRails
 from ..tools.checks import brief, instance, one_of, require, warn, whole
 from ..tools.columns import column
-from ..tools.files import listed
+from ..tools.files import first_ones
 from .grid import Grid, sample_box
 from .runs import run
 from .windows import run_record, whole_run
 
 RESAMPLES = 400
-NAMED = 5
-"""Most rails that a warning names."""
 SPREAD = {"start_v_y": 0.1, "start_v_z": 0.1, "start_w_x": 0.5, "start_w_y": 0.5, "start_w_z": 0.5}
 """Greatest difference of starts from the first one, either way [m/s], [rad/s]: little, and more than chaos needs."""
 
@@ -184,8 +182,11 @@ def _compared(
     groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
     draws = dict(resamples=RESAMPLES, seed=seed)
     unit = ds[record].attrs["units"]
-    best = int(np.argmin(estimate(groups, shares[-1], **draws).value))
-    each = [_columns(estimate(groups, share, best, **draws), share, unit, "the best design") for share in shares]
+    # the last quantile decides
+    last = estimate(groups, shares[-1], None, **draws)
+    best = int(np.argmin(last.value))
+    found = [*(estimate(groups, share, best, **draws) for share in shares[:-1]), last]
+    each = [_columns(one, share, unit, "the best design") for one, share in zip(found, shares, strict=True)]
     dims = designs.dims
     data = {}
     for name, (_, unit, words) in each[0].items():
@@ -254,8 +255,8 @@ def over_rails(
     check_quantile(quantile, len(numbers))
     lost = rows[dim].values[~whole_rails(numbers)]
     if len(lost):
-        named = listed([f"{number:g}" for number in lost[:NAMED]])
-        warn(f"{len(lost)} of {len(numbers)} rails are left out, because a run is lost there, first {dim} {named}.")
+        named = first_ones([f"{number:g}" for number in lost])
+        warn(f"{len(lost)} of {len(numbers)} rails are left out, because a run is lost there: {dim} {named}.")
     draws = dict(resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0))
     found = estimate(numbers[:, None], quantile, 0, **draws)
     columns = _columns(found, quantile, values.attrs.get("units", ""))

@@ -14,6 +14,8 @@ Content = bytes | memoryview
 """Content of a file."""
 STANDARD_INPUT = Path("standard input")
 """Path at which the readers of a command find its standard input, and by which their errors name it."""
+NAMED = 5
+"""Most of many things that a message names."""
 GIVEN: ContextVar[bytes | None] = ContextVar("GIVEN", default=None)
 """What was read from standard input; None where nothing was, as outside of commands."""
 
@@ -134,6 +136,12 @@ def listed(names: list[str]) -> str:
     """Return names joined: "a, b and c"."""
     first = ", ".join(names[:-1])
     return " and ".join([first, *names[-1:]] if first else names)
+
+
+def first_ones(names: list[str]) -> str:
+    """Return the first names joined, and how many there are beside: "a, b and 7 more"."""
+    more = len(names) - NAMED
+    return listed(names[:NAMED] + [f"{more} more"] * (more > 0))
 
 
 def table_lines(table: Sequence[Mapping[str, object]]) -> list[str]:

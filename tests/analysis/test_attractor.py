@@ -104,9 +104,32 @@ def test_a_map_that_loses_its_digits_has_no_period(step):
     for begin in (0, 10):
         found = classify(strobe[begin:])
         assert (found.kind, found.period) == ("unresolved", 0)
-        assert "from which it parted before, as where a map loses a binary digit" in str(found.evidence)
+        assert "binary digits step by step, as where a map loses a binary digit" in str(found.evidence)
     found = classify(strobe[100:])
     assert "at round numbers, as at rest, or as where a map loses a binary digit" in str(found.evidence)
+
+
+def test_what_such_a_map_drives_has_no_period_either():
+    """A skew product of a doubling map and a contraction, which goes on to decay at numbers that are not round."""
+    x = applied(lambda x: 2 * x % 1, 0.7 / np.pi, 120)[:, 0]
+    for rate in (0.3, 0.9):
+        driven = np.zeros(len(x))
+        for k in range(len(x) - 1):
+            driven[k + 1] = rate * driven[k] + x[k] + 0.1
+        found = classify(np.stack([x, driven], axis=1))
+        assert (found.kind, found.period) == ("unresolved", 0)
+        # without the record of the map that drives it, it is a decay
+        assert classify(driven[60:, None]).kind == "period"
+
+
+@pytest.mark.parametrize("digits", [53, 24, 16])
+def test_coming_to_rest_from_chaos_loses_no_digits(digits):
+    """As by dry friction, and by signals of so many binary digits."""
+    for seed in range(20):
+        x = np.random.default_rng(seed).random(100)
+        x[60:] = 0.5
+        found = classify(np.ldexp(np.round(np.ldexp(x, digits)), -digits)[:, None])
+        assert (found.kind, found.period) == ("period", 1)
 
 
 @pytest.mark.parametrize(

@@ -230,6 +230,7 @@ def test_a_branch_does_not_pass_gaps(family, state):
     assert branch.ended == ("bound", "no convergence")
     event = branch.events[-1]
     assert (event.label, event.converged) == ("MX", False)
+    assert "as where a motion grazes a surface" in event.note
     assert 0 <= 1 - where(event) < 1e-5  # measured: 4e-7, the least step
     assert branch.values.max() < 1
 

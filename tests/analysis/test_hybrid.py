@@ -252,6 +252,21 @@ def test_flights_shorter_than_a_step_are_flights():
     assert np.all(np.isnan(plastic(jnp.array([0.0, -1.0]), 0.0)))  # there is no next impact
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_switch_there_and_back_within_one_step_is_noticed(side):
+    """A parabola that turns just behind the surface, where its curvature is three times as great."""
+    field = lambda curvature: lambda t, s: jnp.stack([s[1], side * curvature * jnp.ones_like(s[1])])
+    near, far = field(1.0), field(3.0)
+    fields = (near, far) if side > 0 else (far, near)
+    step = switched_step(*fields, lambda t, s: s[0], dt=1.0, steps=1)
+    end = step(side * jnp.array([0.1, -0.5]), 0.0)
+    # meets the surface after 1/2 - root at the speed root, and leaves it as fast after 2 root / 3
+    root = 0.05**0.5
+    left = 1 - (0.5 - root) - 2 * root / 3
+    exact = [root * left + left**2 / 2, root + left]
+    np.testing.assert_allclose(side * end, exact, atol=1e-12)  # measured: 6e-17
+
+
 def rubbing(frequency, friction, steps):
     """Den Hartog's oscillator: x'' + x + friction sign(x') = cos(frequency t), which sticks in every period."""
     push = lambda t, s: jnp.cos(frequency * t) - s[0]

@@ -143,7 +143,7 @@ def test_rails_with_a_lost_run_are_left_out_in_all_cases():
     values = sample(100, 0)
     lost = values.copy()
     lost[1, [4, 7]] = np.nan
-    with pytest.warns(sj.ImplausibleWarning, match="2 of 100 rails are left out, .*first track.seed 4 and 7"):
+    with pytest.warns(sj.ImplausibleWarning, match="2 of 100 rails are left out, .*: track.seed 4 and 7"):
         found = over_rails(lost, 0.9)
     xr.testing.assert_identical(found, over_rails(values.drop_isel({"track.seed": [4, 7]}), 0.9))
     assert found.attrs["rails"] == 98

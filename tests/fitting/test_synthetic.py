@@ -5,7 +5,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.fitting import Trajectories, synthetic_record, trajectories
-from slipperjax.fitting.search import LOST, Found
+from slipperjax.fitting.chain import LOST
+from slipperjax.fitting.search import Found
 
 SCENE = sj.paper_scene()
 SENSORS = [sj.Sensor("az"), sj.Sensor("z", "displacement", noise=1e-5)]

@@ -1,7 +1,6 @@
 """Fits of trajectories: what was put in comes out, with intervals, and what does not fit is said."""
 
 import dataclasses
-import tracemalloc
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,8 +11,8 @@ import slipperjax as sj
 from slipperjax.fitting import Trajectories
 from slipperjax.fitting.judged import untold, whiteness
 from slipperjax.fitting.signals import densities
-from slipperjax.fitting.trajectories import _triangular
 from slipperjax.flow.datasets import load_call
+from slipperjax.tools import limits
 
 from .records import record
 
@@ -122,43 +121,6 @@ def test_mass_and_stiffness_are_not_told_apart():
     assert "stiffness" in text
 
 
-def banded(windows, starts=2, own=3, rows=7):
-    """Rows of windows: by ten numbers of each start, ten of the next, the levels, and the residual."""
-    rng = np.random.default_rng(0)
-    made = rng.normal(size=(starts, windows, rows + 20, 21 + own))
-    made[:, -1, :, 10:20] = 0.0
-    return made, rng.normal(size=(starts, own))
-
-
-def test_windows_are_eliminated_one_by_one_without_a_change_of_the_sums():
-    parts, levels = banded(5)
-    residual, slope = _triangular(parts, levels)
-    assert slope.shape == (2, 54, 53)
-    for k in range(2):
-        # all rows by all unknowns
-        dense = np.zeros((5 * 27 + 3, 54))
-        for w, part in enumerate(parts[k]):
-            at = slice(27 * w, 27 * (w + 1))
-            dense[at, 3 + 10 * w : 13 + 10 * w] = part[:, :10]
-            if w < 4:
-                dense[at, 13 + 10 * w : 23 + 10 * w] = part[:, 10:20]
-            dense[at, :3], dense[at, -1] = part[:, 20:-1], part[:, -1]
-        dense[-3:, :3], dense[-3:, -1] = np.eye(3), levels[k]
-        few = np.column_stack([slope[k], residual[k]])
-        np.testing.assert_allclose(few.T @ few, dense.T @ dense, atol=1e-11)  # measured 2e-13
-
-
-def test_slopes_of_many_windows_fit_into_memory():
-    """One array of slopes of 200 windows and 16 starts has 0.5 GB, where all rows by all unknowns had 5 GB. A whole
-    fit has some of them at once: `tests/benchmarks/test_fit_memory.py`."""
-    parts, levels = banded(60, rows=60)
-    tracemalloc.start()
-    _, slope = _triangular(parts, levels)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2 * slope.nbytes  # measured 1.1
-
-
 def test_directions_are_said_in_words():
     names = ["a", "b", "c"]
     assert untold(names, np.diag([1e4, 1e4, 0.1])) == ["the record tells little of c"]
@@ -231,13 +193,14 @@ def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
     assert "\n" not in str(error.value)
 
 
-def test_windows_that_memory_has_no_room_for_are_refused():
+def test_windows_that_memory_has_no_room_for_are_refused(monkeypatch):
     """Before anything is compiled; no samples need to be there."""
+    monkeypatch.setattr(limits, "available_memory", lambda: 4_000_000_000)
     period = float(TRUTH.period)
     time = ("time", np.arange(0.0, 4000 * period, period / 8), {"units": "s"})
     long = xr.Dataset({SENSORS[0].name: ("time", np.ones(32_000), {"units": "m/s^2"})}, {"time": time})
     with pytest.raises(ValueError, match=r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
-        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(window=1))
+        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(starts=64, window=1))
 
 
 @pytest.mark.parametrize("name", ["starts", "window", "transient"])

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
+from slipperjax.analysis import quantiles
 from slipperjax.plots.comparisons import comparison, table, verdict
 from slipperjax.sweeps import over_rails
 from slipperjax.sweeps.compare import _compared, _numbers
@@ -155,6 +156,13 @@ def test_runs_over_one_rail_are_drawn_by_their_starts():
         np.testing.assert_allclose(ds[name].sel(quantile=0.95), alone[name])
 
 
+def test_each_quantile_is_drawn_once(monkeypatch):
+    drawn_of = []
+    own = quantiles.bootstrap
+    monkeypatch.setattr(quantiles, "bootstrap", lambda *args, **options: drawn_of.append(1) or own(*args, **options))
+    assert len(made(drawn(100, 2, 5))["quantile"]) == len(drawn_of) == 2
+
+
 def test_words_say_which_is_better_and_how_sure():
     lines = verdict(made(1e3 * drawn(100, 2, 5)))
     assert lines[0].startswith(
@@ -182,7 +190,7 @@ def test_a_rail_with_a_lost_run_is_left_out_for_all_designs():
     assert np.flatnonzero(~ds["counted"].all("start")).tolist() == [3, 4]
     lines = verdict(ds)
     assert lines[0].startswith("status of 2 of 400 runs: not finite: ")
-    assert lines[0].endswith(": clearance 1.6 mm rail=3 start=0, clearance 1.6 mm rail=4 start=1")
+    assert lines[0].endswith(": clearance 1.6 mm rail=3 start=0 and clearance 1.6 mm rail=4 start=1")
     assert lines[1] == "2 of 100 rails are left out for all designs, because a run is lost there"
     assert lines[2].startswith("clearance 0.8 mm is better than")
     drawn_runs = comparison(ds)[0].lines[0].get_xdata()

@@ -6,7 +6,7 @@ import stat
 
 import pytest
 
-from slipperjax.tools.files import write_each, write_whole
+from slipperjax.tools.files import first_ones, write_each, write_whole
 
 
 def names(folder):
@@ -85,3 +85,9 @@ def test_what_was_done_is_said(tmp_path):
         write_whole(tmp_path / "d", b"new")
     assert names(tmp_path) == list("abcd")
     assert done == f"wrote {tmp_path / 'a'}, {tmp_path / 'b'} and {tmp_path / 'c'}"
+
+
+def test_of_many_names_the_first_five_are_said():
+    assert first_ones(list("abc")) == "a, b and c"
+    assert first_ones(list("abcde")) == "a, b, c, d and e"
+    assert first_ones(list("abcdefgh")) == "a, b, c, d, e and 3 more"

@@ -1,0 +1,170 @@
+"""Least squares of windows that hang together in a chain, block by block.
+
+Each window begins with numbers of its own, and ends near those of the next one; all depend on the same levels of the
+parameters. So memory and time grow as the number of windows, where arrays of all derivatives grow as its square.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+LOST = 1e24
+"""Sum of squares of a motion that is lost."""
+
+
+class Chain(NamedTuple):
+    """Residuals at some points and their derivatives, rotated so that these are triangular; sums of squares are kept.
+
+    The unknowns of a point are the levels first, then the numbers of each window. There may be no windows at all.
+    """
+
+    windows: Float[np.ndarray, "points windows numbers columns"]
+    """As many rows for each window as it has numbers. Columns: its numbers, those of the next window, the levels, and
+    the residual."""
+    levels: Float[np.ndarray, "points more columns"]
+    """One row more than levels. Columns: the levels, and the residual."""
+
+    @classmethod
+    def of(
+        cls,
+        windows: Float[np.ndarray, "points windows rows columns"],
+        levels: Float[np.ndarray, "points some fewer"],
+    ) -> "Chain":
+        """Return what is left of any number of rows, with the columns above.
+
+        The numbers of each window are eliminated in turn by a QR decomposition, which leaves rows of those of the
+        next window and of the levels. Lost motions, some of whose rows are not finite, become as bad as can be.
+        """
+        good = np.isfinite(windows).all(axis=(1, 2, 3)) & np.isfinite(levels).all(axis=(1, 2))
+        windows, levels = (np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, 0.0) for a in (windows, levels))
+        points, count, _, columns = windows.shape
+        own = levels.shape[-1] - 1
+        numbers = (columns - own - 1) // 2
+        found = np.zeros((points, count, numbers, columns))
+        left = np.zeros((points, 0, columns - numbers))
+        for k in range(count):
+            before = np.insert(left, [numbers] * numbers, 0.0, axis=2)
+            few = _rotated(np.concatenate([before, windows[:, k]], axis=1))
+            found[:, k] = few[:, :numbers]
+            left = few[:, numbers:, numbers:]
+        rest = np.concatenate([left[..., numbers:], levels, np.zeros((points, own + 1, own + 1))], axis=1)
+        last = _rotated(rest)
+        last[~good, -1, -1] = np.sqrt(LOST)
+        return cls(found, last)
+
+    @property
+    def numbers(self) -> int:
+        """Numbers of a window."""
+        return self.windows.shape[2]
+
+    def at(self, index: np.ndarray) -> "Chain":
+        """Return those of some of the points."""
+        return Chain(*(array[index] for array in self))
+
+    def put(self, index: np.ndarray, new: "Chain") -> None:
+        """Replace those of some points."""
+        for array, part in zip(self, new, strict=True):
+            array[index] = part
+
+    @property
+    def residual(self) -> Float[np.ndarray, "points rows"]:
+        """By windows, and then by levels."""
+        return np.concatenate([_flat(self.windows[..., -1]), self.levels[..., -1]], axis=1)
+
+    @property
+    def cost(self) -> Float[np.ndarray, " points"]:
+        """Sum of squares."""
+        return np.sum(self.residual**2, axis=1)
+
+    @property
+    def distance(self) -> Float[np.ndarray, " points"]:
+        """From the least squares, as far as the slopes tell [standard errors]."""
+        # no unknown changes the last row
+        return np.linalg.norm(self.residual[:, :-1], axis=1)
+
+    @property
+    def root(self) -> Float[np.ndarray, "points levels levels"]:
+        """R of the inverse covariance R^T R of the levels, whatever the numbers of the windows are."""
+        return self.levels[:, :-1, :-1]
+
+    @property
+    def lengths(self) -> Float[np.ndarray, "points unknowns"]:
+        """Of the columns of the derivatives."""
+        square = np.sum(self.windows[..., :-1] ** 2, axis=2)
+        of_windows = square[..., : self.numbers].copy()
+        of_windows[:, 1:] += square[:, :-1, self.numbers : 2 * self.numbers]
+        of_levels = square[..., 2 * self.numbers :].sum(axis=1) + np.sum(self.root**2, axis=1)
+        return np.sqrt(np.concatenate([of_levels, _flat(of_windows)], axis=1))
+
+    def along(self, way: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points rows"]:
+        """Return the changes of the residuals, to first order. One chain serves many points, here and below."""
+        levels, numbers = self._split(way)
+        after = np.concatenate([numbers[:, 1:], np.zeros_like(numbers[:, :1])], axis=1)
+        each = np.broadcast_to(levels[:, None], (*numbers.shape[:2], levels.shape[1]))
+        columns = np.concatenate([numbers, after, each], axis=2)
+        of_windows = _times(self.windows[..., :-1], columns)
+        return np.concatenate([_flat(of_windows), _times(self.levels[..., :-1], levels)], axis=1)
+
+    def damped(self, weight: Float[np.ndarray, "points unknowns"]) -> "Chain":
+        """Return the same with all unknowns times weights among what is to be small."""
+        levels, numbers = self._split(weight)
+        more = np.zeros((*numbers.shape, self.windows.shape[-1]))
+        k = np.arange(self.numbers)
+        more[:, :, k, k] = numbers
+        rows = np.zeros((*levels.shape, self.levels.shape[-1]))
+        k = np.arange(levels.shape[1])
+        rows[:, k, k] = levels
+        return Chain.of(
+            np.concatenate([self.windows, more], axis=2),
+            np.concatenate([self.levels, rows], axis=1),
+        )
+
+    def solve(self, change: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points unknowns"]:
+        """Return the unknowns along which the residuals change by this, all but the last one."""
+        size = self.numbers
+        count = self.windows.shape[1]
+        of_windows = change[:, : size * count].reshape(len(change), count, size)
+        levels = _solved(self.root, change[:, size * count :])
+        found = np.zeros(of_windows.shape)
+        after = np.zeros((len(found), size))
+        for k in reversed(range(count)):
+            rows = self.windows[:, k]
+            known = _times(rows[..., size:-1], np.concatenate([after, levels], axis=1))
+            after = found[:, k] = _solved(rows[..., :size], of_windows[:, k] - known)
+        return np.concatenate([levels, _flat(found)], axis=1)
+
+    def solve_transposed(self, sums: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points unknowns"]:
+        """Return changes of the residuals, all but the last one, whose products with the slopes are these sums."""
+        size = self.numbers
+        levels, numbers = self._split(sums)
+        left, found = levels.copy(), np.zeros_like(numbers)
+        before = np.zeros((len(left), size))
+        for k in range(numbers.shape[1]):
+            rows = np.swapaxes(self.windows[:, k, :, :-1], 1, 2)
+            found[:, k] = _solved(rows[:, :size], numbers[:, k] - before)
+            before, of_levels = np.split(_times(rows[:, size:], found[:, k]), [size], axis=1)
+            left = left - of_levels
+        return np.concatenate([_flat(found), _solved(np.swapaxes(self.root, 1, 2), left)], axis=1)
+
+    def _split(self, unknowns: Float[np.ndarray, "points unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the levels, and the numbers of windows (points, windows, numbers)."""
+        own = self.levels.shape[-1] - 1
+        return unknowns[:, :own], unknowns[:, own:].reshape(len(unknowns), self.windows.shape[1], self.numbers)
+
+
+def _rotated(rows: Float[np.ndarray, "points rows columns"]) -> Float[np.ndarray, "points few columns"]:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def _flat(array: np.ndarray) -> np.ndarray:
+    """Return an array of two axes."""
+    return array.reshape(len(array), int(np.prod(array.shape[1:])))
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return (matrices @ vectors[..., None])[..., 0]
+
+
+def _solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(matrices, vectors[..., None])[..., 0]
