@@ -16,6 +16,8 @@ from slipperjax.flow.simulate import check_rail
 from slipperjax.model import SurveyedRails, SurveyedTrack
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
+from ..common import among
+
 LEFT = sj.HarmonicTrack((8.0,), 1e-3)
 RIGHT = sj.HarmonicTrack((12.0, 6.0), 2e-4, 1e-3)
 PLACES = jnp.asarray(np.linspace(10.0, 50.0, 401))
@@ -151,8 +153,13 @@ def coherence_of(one, other):
     return np.mean(cross)
 
 
-@pytest.mark.parametrize(("coherence", "correlation"), [(0.0, None), (0.5, 0.6), (0.8, -0.3)])
-def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
+ENSEMBLES = {"independent": (0.0, None), "alike": (0.5, 0.6), "opposed": (0.8, -0.3)}
+"""Coherence of both rails, and correlation of their directions."""
+
+
+@pytest.mark.parametrize("case", among(ENSEMBLES, "alike"))
+def test_pairs_have_their_coherence_and_their_spectra(case):
+    coherence, correlation = case
     (lateral, vertical), k = waves_of(coherence, correlation, roughness=1.5)
     share = 0.0 if correlation is None else correlation
     # the standard error of a mean of 400 pairs and 197 wavenumbers is 1 / sqrt(78800) = 0.0036, real and imaginary

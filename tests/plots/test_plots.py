@@ -15,6 +15,7 @@ from slipperjax.model.quantities import COORDINATES, SECTIONS
 from slipperjax.plots.style import COLORS, MOTION_COLORS, POINT_COLORS, axis_label, case_title, png, quantity_of
 from slipperjax.plots.trajectories import most_loaded
 
+from ..common import among
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
 
@@ -247,7 +248,7 @@ def test_rails_without_waves_are_drawn_over_distance_and_lost_motions_without_nu
     assert "peak" in legend(plots.contact_forces(trajectory(status=int(sj.Status.INACCURATE)), most=1))[0]
 
 
-@pytest.mark.parametrize("steps", [1.0, 1.1], ids=["saved", "over all steps"])
+@pytest.mark.parametrize("steps", among({"saved": 1.0, "over all steps": 1.1}, "over all steps"))
 @pytest.mark.parametrize("part", [slice(0, 150), slice(150, 250), slice(250, None)], ids=["before", "with", "behind"])
 def test_peaks_of_a_part_of_a_run_are_those_of_the_part(part, steps):
     """Of the whole run the peak is at 1, whose saved force is 1 / `steps` of it."""

@@ -216,6 +216,7 @@ def test_adaptive_steps_find_a_contact_that_is_pressed_again():
     np.testing.assert_allclose(found, [gap - 1e-3, rate], rtol=0, atol=1e-4)
 
 
+@pytest.mark.full
 def test_an_impact_without_other_loads_is_the_same_with_both_memories():
     speeds = []
     for memory in (sj.EventLatch(), sj.PeakRateLatch()):
