@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax import analysis, design, flow, model, orbits, sweeps
+from slipperjax import analysis, design, fitting, flow, model, orbits, plots, sweeps
 
 SCENE = sj.paper_scene()
 RAIL = sj.RandomTrack.sled(length=250.0)
@@ -51,7 +51,21 @@ FINE = dict(
     **dict(sampling_rate=100.0, angle=np.ones(20), natural_frequency=[20.0], edges=np.array([10.0, 20.0])),
     # what takes a computation to make
     **dict.fromkeys(("branch", "cases", "design", "ds", "equations", "frame", "matrices", "measured", "motions")),
-    **dict.fromkeys(("least_mean_life", "loads", "runs", "solver", "source", "spectrum", "text", "volume_per_work")),
+    **dict.fromkeys(
+        (
+            "least_mean_life",
+            "loads",
+            "report",
+            "result",
+            "run",
+            "runs",
+            "solver",
+            "source",
+            "spectrum",
+            "text",
+            "volume_per_work",
+        )
+    ),
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
@@ -90,11 +104,15 @@ NOT_ASKED = {
     "critical_motion": ["motions"],
     "event_sensitivities": ["branch"],
     "fit": ["measured", "solver"],
+    "passing": ["branch"],
     "event_margins": ["cases", "design"],
     # "is no parameter; the names are ..."
     "continue_orbit": ["name", "until"],
     "parameter": ["name"],
+    # a context, which answers where it is entered
+    "styled": None,
     # do not answer yet
+    "Features": ["features"],
     "attractors": ["ds"],
     "continue_critical": ["equations"],
     "groups": ["ds"],
@@ -127,7 +145,7 @@ NOT_ASKED = {
 """Arguments by function that need not answer, or None for all of them."""
 NAMED = {"Store": {"path": "store"}, "sensitivities": {"objectives": "objective"}}
 """Other names of arguments in their errors."""
-ROOMS = (sj, analysis, design, flow, model, orbits, sweeps)
+ROOMS = (sj, analysis, design, fitting, flow, model, orbits, plots, sweeps)
 WRONG = (object(), [[1.0], [1.0, 2.0]])
 
 

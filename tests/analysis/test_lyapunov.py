@@ -370,14 +370,10 @@ def test_weighted_mean_of_a_quasi_periodic_series():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (dict(step=3), "Argument `step` must be a function, but is 3."),
-        (dict(scale=2.0), "Argument `scale` must be a function, but is 2."),
         (dict(state={}), "Argument `state` must be a pytree of real numbers, but is {}."),
         (dict(state={"x": np.nan, "y": 0.0}), "Argument `state` must be finite, but is nan."),
         (dict(intervals=0), "Argument `intervals` must be a whole number of 1 or more, but is 0."),
         (dict(count=3), "Argument `count` must be at most 2, the size of the state, but is 3."),
-        (dict(transient=-1), "Argument `transient` must be a whole number of 0 or more, but is -1."),
-        (dict(align=1.5), "Argument `align` must be a whole number of 0 or more, but is 1.5."),
         (dict(period=0.0), "Argument `period` must be positive, but is 0 s."),
     ],
 )

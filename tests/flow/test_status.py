@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -75,7 +76,10 @@ def test_damping_that_dwarfs_the_elastic_force_is_doubted_on_rough_rails(memory)
 
 def test_damping_on_the_papers_rail_is_not_doubted():
     """Where the law itself has more than three times at each touchdown it is none on rough ones, either."""
-    of = lambda scene, ratio: int(with_loads(np.zeros((), int), np.ones(()), *np.zeros(2), ratio, scene, 5.0))
+    code = eqx.filter_jit(
+        lambda scene, ratio: with_loads(np.zeros((), int), np.ones(()), *np.zeros(2), ratio, scene, 5.0)
+    )
+    of = lambda scene, ratio: int(code(scene, np.float64(ratio)))
     assert of(sj.paper_scene(), 9.0) == Status.FINITE
     rough = dataclasses.replace(sj.paper_scene(), track=RAIL)
     law = sj.Flores(1e8, 0.3)  # c is 3.73

@@ -110,7 +110,6 @@ ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
         (lambda: sj.AerodynamicLoad(0.0), "`area` must be positive, but is 0 m.2"),
         (lambda: sj.SumLoad([]), "`loads` must be one or more loads"),
         (lambda: sj.SumLoad([sj.Coulomb(0.1)]), "`loads` must be loads such as"),
-        (lambda: sj.SumLoad(LOAD), "`loads` must be one or more loads"),
         (lambda: sj.WearTable([], []), "`distance` must be 1 or more numbers"),
     ],
 )

@@ -102,11 +102,9 @@ def test_channels_are_those_of_the_equations_of_motion():
     ("arguments", "text"),
     [
         (dict(name="front left"), "`name` must be a word"),
-        (dict(measures="speed"), "`measures` must be one of acceleration"),
         (dict(direction="up"), "`direction` must be one of x, y, z"),
         (dict(direction=(0, 0, 0)), "`direction` must be a vector, but is zero"),
         (dict(measures="force", direction="x"), "`direction` must be across the rail for a force"),
-        (dict(cutoff=0.0), "`cutoff` must be positive"),
         (dict(noise=-1.0), "`noise` must be positive"),
         (dict(place=(0.0, 1.0)), "`place` must be of shape"),
     ],

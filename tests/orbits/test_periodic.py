@@ -54,6 +54,7 @@ def multipliers_by_differences(scene, orbit):
     return leading(np.linalg.eigvals(matrix))
 
 
+@pytest.mark.full
 def test_multipliers_are_those_of_differences(nominal):
     expected = multipliers_by_differences(SCENE, nominal)
     np.testing.assert_allclose(leading(np.asarray(nominal.multipliers)), expected, atol=1e-8)  # measured: 2e-10

@@ -377,10 +377,6 @@ def test_surveys_are_drawn_over_their_own_unit_of_distance():
 
 WRONG = [
     (
-        lambda ds: plots.overview("run"),
-        "`ds` must be a dataset of one case over time, such as run",
-    ),
-    (
         lambda ds: plots.contact_forces(sections()),
         "`ds` must be .* with `period`, but has v_y",
     ),
@@ -388,11 +384,6 @@ WRONG = [
     (lambda ds: plots.bifurcation(sections().expand_dims(mass=2), "v_y"), "`ds` must be swept over 1 parameter"),
     (lambda ds: plots.exponents(sections()), "`ds` must be a dataset of lyapunov_sweep, with `regime`"),
     (lambda ds: plots.regime_map(measured(LINE)), "`ds` must be swept over 2 parameter"),
-    (lambda ds: plots.history(ds, "y", 3), "`ax` must be Axes of matplotlib"),
-    (lambda ds: plots.history(ds, ["y"]), "`name` must be the name of a variable"),
-    (lambda ds: plots.contact_forces(ds, most="all"), "`most` must be a whole number"),
-    (lambda ds: plots.instant(ds, at="end"), "`at` must be finite"),
-    (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be numbers"),
     (lambda ds: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
     (lambda ds: axis_label(ds), "`name` must be the name of a quantity"),
     (lambda ds: case_title(3), "`ds` must be a dataset of a run"),
