@@ -12,7 +12,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status, first_problem, is_lost, with_loads, with_resolution, without_lost
-from slipperjax.sweeps.follow import find_jump
 
 RAIL = sj.RandomTrack.sled(length=250.0)
 
@@ -166,18 +165,3 @@ def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
     found = sj.simulate(scene, 1, solver=GivesUp(diffrax.Euler()), **options)
     assert int(found.status) == Status.NOT_FINITE
     assert np.isnan(found.state.motion.v_y[-1])
-
-
-def test_adaptive_steps_need_an_error_estimate():
-    scene = sj.paper_scene()
-    with pytest.raises(ValueError, match="`solver` must be one with an error estimate"):
-        sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), stepsize_controller=sj.AdaptiveSteps())
-
-
-@pytest.mark.full
-def test_paths_and_bounds_of_jumps_are_checked():
-    with pytest.raises(ValueError, match="`path` must name one parameter"):
-        sj.follow(sj.paper_scene(), {"start_v_y": [0.1, 0.2]})
-    for wrong in (dict(within=0.0), dict(threshold=-1.0)):
-        with pytest.raises(ValueError, match="must be positive"):
-            find_jump(sj.paper_scene(), {"speed": [1000.0, 1100.0]}, **wrong)

@@ -21,7 +21,8 @@ PLACES = jnp.array([3, 1, 3, 0])
 
 
 BODIES = {
-    "products": lambda x: jnp.cos(jnp.outer(x, x) @ jnp.outer(x, x[::-1]))[0] + jnp.cumsum(x),
+    "sums": lambda x: jnp.sin(jnp.cumsum(x)),
+    "products": lambda x: jnp.cos(jnp.outer(x, x) @ jnp.outer(x, x[::-1]))[0],
     # as records keep the states inside a period
     "a window set": lambda x: x.reshape(4, 2).at[jnp.argmax(x) // 2].set(x[:2]).ravel(),
     "a loop": lambda x: jax.lax.while_loop(lambda x: jnp.sum(x) > 3.0, lambda x: x / 2, x),
@@ -29,7 +30,7 @@ BODIES = {
     "a scatter": lambda x: x.at[PLACES].add(x[:4]),
     "a callback": lambda x: jax.pure_callback(lambda x: x, x, x),
 }
-FIT = ("products", "a window set", "a loop")
+FIT = ("sums", "products", "a window set", "a loop")
 """Bodies of loops that fit a kernel: what solvers and records do."""
 X = jnp.linspace(0.1, 0.9, 8)
 
