@@ -16,7 +16,7 @@ from slipperjax.flow.simulate import Probe, _difference
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
 
-from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
+from ..common import FINEST, PERIODS, STEPS, among, compilations, fine, finest
 
 NAMES = ("peak_force", "peak_period", "impulse", "contact_fraction", "penetration")
 
@@ -103,7 +103,9 @@ def test_adaptive_runs_have_the_same_peak():
     assert float(run.probe.error[0]) < 0.1 * float(rough.probe.error[0])
 
 
-@pytest.mark.parametrize("record", ["sections", pytest.param("history", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "record", among({name: name for name in ("loads", "sections", "history")}, "loads", slow=["history"])
+)
 def test_sweeps_have_the_loads_of_simulate(record):
     grid, options = {"speed": [1250.0, 1500.0]}, dict(record=record, transient=0, periods=PERIODS)
     ds = sj.sweep(sj.paper_scene(), grid, steps_per_period=STEPS, **options)
