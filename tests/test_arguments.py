@@ -1,6 +1,7 @@
 """Every argument of the public functions and classes answers what it cannot be in one line that names it.
 
-The table is made from their signatures, so that a new argument stands in it by itself. Nothing is compiled.
+The table is made from their signatures, so that a new argument stands in it by itself, where those without a default
+are known by name. Errors come before anything is simulated.
 """
 
 import functools
@@ -50,22 +51,8 @@ FINE = dict(
     **dict(exponents=[0.1, -0.2], series=np.ones(200), signal=np.ones(64), ensemble=np.ones((3, 4)), rate=100.0),
     **dict(sampling_rate=100.0, angle=np.ones(20), natural_frequency=[20.0], edges=np.array([10.0, 20.0])),
     # what takes a computation to make
-    **dict.fromkeys(("branch", "cases", "design", "ds", "equations", "frame", "matrices", "measured", "motions")),
-    **dict.fromkeys(
-        (
-            "least_mean_life",
-            "loads",
-            "report",
-            "result",
-            "run",
-            "runs",
-            "solver",
-            "source",
-            "spectrum",
-            "text",
-            "volume_per_work",
-        )
-    ),
+    **dict.fromkeys("branch cases design ds equations frame least_mean_life loads matrices measured motions".split()),
+    **dict.fromkeys("report result run runs solver source spectrum text volume_per_work".split()),
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
@@ -111,7 +98,7 @@ NOT_ASKED = {
     "parameter": ["name"],
     # a context, which answers where it is entered
     "styled": None,
-    # do not answer yet
+    # do not answer yet, or not before they compute
     "Features": ["features"],
     "attractors": ["ds"],
     "continue_critical": ["equations"],
@@ -166,9 +153,8 @@ def rows() -> Iterator[tuple[str, str, Callable]]:
         for one in named:
             others = {other: value for other, value in needed.items() if other != one.name}
             is_alone = inspect.isfunction(function) and one.name in known and known[one.name] is None
-            if one.name not in NOT_ASKED.get(name, []) and (
-                all(value is not None for value in others.values()) or is_alone
-            ):
+            is_known = all(value is not None for value in others.values())
+            if one.name not in NOT_ASKED.get(name, []) and (is_known or is_alone):
                 yield name, one.name, functools.partial(function, **others)
 
 

@@ -174,14 +174,12 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
         (lateral[0], vertical[1], share * root),
     ):
         found = coherence_of(one, other)
-        print(coherence, correlation, exact, found - exact)
         assert found.real == pytest.approx(exact, **within)  # measured 2.8e-3 and less
         assert found.imag == pytest.approx(0.0, **within)  # measured 6.7e-3 and less
     # magnitude squared at each wavenumber, less its bias for independent waves, of 400 pairs
     cross = np.mean(np.conj(vertical[0]) * vertical[1], axis=0)
     powers = [np.mean(np.abs(waves) ** 2, axis=0) for waves in vertical]
     squared = np.mean(np.abs(cross) ** 2 / (powers[0] * powers[1]))
-    print(coherence, "squared", squared - (1 - coherence) ** 2 / COUNT)
     assert squared - (1 - coherence) ** 2 / COUNT == pytest.approx(coherence, abs=0.006)  # measured 3e-4
     # each rail alone has its spectrum: 2 * 400 degrees of freedom, standard deviation 0.05 at each wavenumber
     for direction in (lateral, vertical):
@@ -189,7 +187,6 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
             ratio = 2 * 200.0 * np.mean(np.abs(waves) ** 2, axis=0) / (6e-10 * roughness**2 * k**-2.0)
             # the spline changes waves of 1 m by a thousandth; ends of the band have half their share
             inside = ratio[1:-1]
-            print("spectrum", np.mean(inside) - 1, np.mean(np.abs(inside - 1) < 1.96 * 0.05))
             assert np.mean(inside) == pytest.approx(1.0, abs=0.013)  # measured 4.7e-3 and less
             assert np.mean(np.abs(inside - 1) < 1.96 * 0.05) > 0.9  # measured 0.933 and more
 
@@ -280,7 +277,6 @@ def surveyed(seed, coherence=0.64):
 @pytest.mark.full
 def test_rails_like_a_survey_have_the_coherence_of_its_rails():
     found = [float(sj.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
-    print("coherence", np.mean(found), np.std(found))
     # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
     assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
     opposite = surveyed(0)

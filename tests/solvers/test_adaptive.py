@@ -95,7 +95,6 @@ def test_few_implicit_steps_are_rejected_and_have_derivatives():
     truth = [sj.simulate(s, 1, steps_per_period=800, saves_per_period=1).end.motion for s in scenes]
     error = float(np.max(np.abs(ends - np.array([jax.tree.leaves(m) for m in truth])) / LEAST))
     share = np.sum(rejected) / np.sum(steps)
-    print(f"{np.asarray(steps)} steps, {share:.2f} rejected, error {error:.1e}")
     assert np.max(steps) < 300  # measured: 225, and 617 before steps ended at touchdowns
     assert share < 0.35  # measured: 0.29
     # measured: 1.1e-4
