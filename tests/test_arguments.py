@@ -51,8 +51,11 @@ FINE = dict(
     **dict(exponents=[0.1, -0.2], series=np.ones(200), signal=np.ones(64), ensemble=np.ones((3, 4)), rate=100.0),
     **dict(sampling_rate=100.0, angle=np.ones(20), natural_frequency=[20.0], edges=np.array([10.0, 20.0])),
     # what takes a computation to make
-    **dict.fromkeys("branch cases design ds equations frame least_mean_life loads matrices measured motions".split()),
-    **dict.fromkeys("report result run runs solver source spectrum text volume_per_work".split()),
+    **dict.fromkeys(
+        ["branch", "cases", "design", "ds", "equations", "frame", "least_mean_life", "loads", "matrices"]
+    ),
+    **dict.fromkeys(["measured", "motions", "report", "result", "run", "runs", "solver", "source", "spectrum"]),
+    **dict.fromkeys(["text", "volume_per_work"]),
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
