@@ -210,12 +210,6 @@ def test_numbers_do_not_depend_on_neighbours(reduced):
 
 
 @pytest.mark.slow
-def test_chunks_and_threads_change_no_bit():
-    grid = {"speed": np.linspace(900, 2000, 20)}
-    equal_bits(*(swept(RECORD, grid, chunk=n, workers=w) for n, w in ((8, 2), (24, 1))))
-
-
-@pytest.mark.slow
 def test_batches_of_other_sizes_differ_by_rounding_only():
     """Alone in a batch of 8, one of 12 in a batch of 16, and in one of 128, as in a store."""
     grid = {"speed": np.linspace(900, 2000, 12)}
