@@ -24,9 +24,9 @@ FINEST = 3200
 QUICK = {"xla_backend_optimization_level": 0}
 
 
-def among(known, *every_day):
-    """Parameters of a test from a table of them, marked full besides some, by name."""
-    mark = lambda name: () if name in every_day else pytest.mark.full
+def among(known, *every_day, slow=()):
+    """Parameters of a test from a table of them by name, marked full but for those of every day and slow ones."""
+    mark = lambda name: () if name in every_day else pytest.mark.slow if name in slow else pytest.mark.full
     return [pytest.param(value, id=name, marks=mark(name)) for name, value in known.items()]
 
 

@@ -22,7 +22,7 @@ EVENTS = {
 COLUMNS = (*EVENTS.values(), "seconds")
 DEAREST = 20
 """Tests and programs that are printed."""
-BUDGET = 3_000
+BUDGET = 2_200
 """Programs that the default tests may lower, in two workers, with those of single operations."""
 
 

@@ -11,6 +11,7 @@ from slipperjax.analysis.arclength import Observation, Pace
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.floquet import rounding_errors
 
+from ..common import among
 from .systems import (
     HENON_AT,
     Fixed,
@@ -93,9 +94,12 @@ TEXTBOOK = {
 """Families with their start, bounds, events and where they are, and the value below which they are stable."""
 
 
-@pytest.mark.parametrize("name", TEXTBOOK)
-def test_events_of_textbook_maps_are_where_they_should_be(name):
-    family, state, value, bounds, expected, stable = TEXTBOOK[name]
+EVERY_DAY = ("delayed logistic map", "Henon", "within a step", "driven by it", "pitchfork")
+
+
+@pytest.mark.parametrize("case", among(TEXTBOOK, *EVERY_DAY))
+def test_events_of_textbook_maps_are_where_they_should_be(case):
+    family, state, value, bounds, expected, stable = case
     branch = follow(family, state, value, bounds, pace=LONG if family is coupled else Pace())
     inside = sorted((where(event), event.label) for event in branch.events if event.label != "EP")
     assert branch.ended == ("bound", "bound")
@@ -270,7 +274,7 @@ def heun(force, s, t, h):
 
 
 @pytest.mark.parametrize(("method", "steps", "least", "most"), [(leapfrog, 60, 0.0, 1e-14), (heun, 400, 1e-8, 2e-7)])
-@pytest.mark.parametrize("swing", [jnp.sin, lambda x: x + x**3])
+@pytest.mark.parametrize("swing", among({"pendulum": jnp.sin, "stiffening": lambda x: x + x**3}, "pendulum"))
 def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing, method, steps, least, most):
     def family(w):
         h, force = 2 * jnp.pi / w / steps, lambda x, t: 0.1 * jnp.cos(w * t) - swing(x)

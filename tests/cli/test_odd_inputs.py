@@ -51,10 +51,6 @@ def started(**coordinates):
     return simulate(start=sj.Motion(**coordinates))
 
 
-def period_map(case=PAPER, **options):
-    return sj.period_map(case, sj.initial_state(PAPER, REST), **(dict(periods=1, steps_per_period=50) | options))
-
-
 def sweep(grid=AT, case=PAPER, **options):
     return sj.sweep(case, grid, **(SHORT | options))
 
@@ -99,143 +95,81 @@ def each(make, name, need, *cases):
 FINE = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps())
 WHOLE = r"be a whole number of \d+ or more"
 POSITIVE = "be positive"
-MOTION = "be a slipperjax.Motion, a .*"
-SCENE = "be a slipperjax.Scene"
 RISING = "`path` must name one parameter with increasing values"
-LIST = "have a list of one or more values"
-ADAPTIVE = dict(touchdown=0.0, per_contact="4", shortest=-1.0, scales=None)
 
 ERRORS = [
     # counts
-    *each(simulate, "periods", WHOLE, (-1, None), (True, None), ("3", None), (None, None)),
-    *(row for make in (period_map, sweep) for row in each(make, "periods", WHOLE, (2.5, None))),
-    *(row for make in (simulate, jump) for row in each(make, "steps_per_period", WHOLE, (2.5, None))),
-    *(row for make in (spectrum, exponents) for row in each(make, "count", WHOLE, (True, None))),
-    *(row for make in (sweep, spectrum, exponents) for row in each(make, "transient", WHOLE, (-1, None))),
-    *each(spectrum, "align", WHOLE, ("3", None)),
-    *each(sweep, "chunk", WHOLE, (-1, None)),
-    *each(simulate, "probe", WHOLE, (-1, None)),
+    *each(simulate, "periods", WHOLE, (-1, None), (True, None), ("3", None), (2.5, None)),
     refused("`count` must be at most 10", spectrum, count=11),
-    refused("`steps_per_period` must be a whole number", sweep, steps_per_period=[50.0]),
     refused("`steps_per_period` must have one number or one for each case", sweep, steps_per_period=[50, 50]),
     refused("`saves_per_period` must divide steps_per_period = 100", sweep, record="history", saves_per_period=7),
     # parameters of the scene
     *each(sj.paper_scene, "speed", POSITIVE, (None, None), (True, None), (INF, "inf"), (1 + 2j, None)),
     *each(sj.paper_scene, "speed", POSITIVE, ("4500 km/h", "'4500 km/h', not a number in m/s.")),
     refused(r"`speed` must be of shape \(\), but has shape \(2,\)", sj.paper_scene, speed=[1.0, 2.0]),
-    refused("`restitution` must be above 0 and at most 1, but is 90", sj.paper_scene, restitution=90.0),
     refused("`wavelengths` must be a sequence of one or more", sj.paper_scene, wavelengths=8.0),
-    refused("`wavelengths` must be positive, but is -8 m", sj.paper_scene, wavelengths=(-8.0,)),
     refused("`clamp` must be True or False, but is 'no'", sj.paper_scene, clamp="no"),
     *each(sj.paper_scene, "memory", "be .*", ("smooth", None), (sj.SmoothSwitch, "<class")),
     # parts of the scene
     *each(slipper, "inertia", POSITIVE, (np.diag([0.05, 0.06, 0.09]), "0")),
     refused(r"`inertia` must be of shape \(3\), but has shape \(4,\)", slipper, inertia=(1.0, 1.0, 1.0, 1.0)),
     *each(scene, "gravity", "be zero or positive", (-9.81, None), (NAN, None)),
-    *each(scene, "slipper", "be a slipperjax.Slipper or a slipperjax.Sled", (None, None)),
-    *each(scene, "track", "be .*", ("straight", None)),
     *each(scene, "contact", "be .*", (sj.Flores, "<class")),
     refused("`points` must be in an order in which the faces' normals point out", section, points=POINTS[::-1]),
     refused("`points` must have two different corners", section, points=np.zeros((10, 2)) + POINTS[0]),
     refused("`points` must have two points per face", section, points=POINTS.T),
     refused("`points` must be of shape", section, points=POINTS[:, [0, 1, 1]]),
-    refused("`points` must be finite, but is", section, points=[[1, 2], [3]]),
     refused("`play` must have one value per face", section, play=1e-3),
-    refused("`play` must be zero or positive, but is -0.0005", section, play=-PLAY),
     *(refused("`names` must ", section, names=names) for names in (None, ("A", "A", *"CDEFGHIJ"))),
     *(refused("`faces` must ", section, faces=(face, *FACES[1:])) for face in (("J", "A", "B"), FACES[1])),
-    refused("`faces` must ", section, faces=5),
     refused("`faces` must name points, but is [(]'Z'", section, faces=(("Z", "A"), *FACES[1:])),
-    refused("`hysteresis` must be zero or positive, but is -1", sj.ConstantDamping, stiffness=1e8, hysteresis=-1.0),
-    *each(scene, "window", POSITIVE, (0.0, "0")),
-    *each(sj.EventLatch, "slowest", POSITIVE, (0.0, "0")),
-    *each(sj.SmoothSwitch, "width", POSITIVE, (0.0, "0")),
     # other values of named parameters
     refused("`sped` is no parameter; the names are speed", PAPER.replace, sped=1.0),
     refused("`wavelengths` is no parameter", PAPER.replace, wavelengths=(8.0,)),
     refused("`speed` must be ", PAPER.replace, speed=[]),
-    refused("is no parameter; the names are", PAPER.value, name=None),
     # defaults of scenes whose units are wrong
     refused(
         "`steps_per_period` must be given: the default would", sj.simulate, scene=PAPER.replace(restitution=1e-6)
     ),
     # starts
-    *each(simulate, "start", MOTION, ({"y": 0.0}, None), (np.zeros(10), "")),
-    *each(sweep, "start", MOTION, (sj.Motion, "<class")),
-    *each(follow, "start", MOTION, (3, None)),
-    *each(jump, "start", MOTION, ([0.0] * 10, None)),
-    *each(spectrum, "start", MOTION, (PAPER, "Scene")),
     refused("`start` must be finite, but its w_y is inf", started, w_y=INF),
-    refused("`start` must be .* its y is 'left'", started, y="left"),
     refused("`start` must be .* its v_z is", started, v_z=[0.5, 0.5]),
     refused("`start` must be .* its q_x is 'x'", sweep, start=sj.Motion(q_x="x")),
     refused("`start` must be finite, but its q_", lambda: simulate(start=sj.Motion.from_euler(pitch=NAN))),
-    refused("`motion` must be .*", lambda: sj.initial_state(PAPER, None)),
-    *(refused("`state` must be .*, but is", sj.period_map, scene=PAPER, state=state) for state in (None, REST)),
-    # no scenes
-    *(
-        refused("`scene` must be a slipperjax.Scene, but is ", make, case=wrong)
-        for make, wrong in (
-            (simulate, None),
-            (simulate, "paper"),
-            (sweep, [PAPER]),
-            (follow, slipper()),
-            (jump, 3),
-            (spectrum, {}),
-            (exponents, sj.Scene),
-            (period_map, None),
-        )
-    ),
-    *each(sj.default_steps_per_period, "scene", SCENE, (None, None)),
+    refused("`state` must be .*, but is", sj.period_map, scene=PAPER, state=REST),
     # solvers, controllers, other options
     refused("`solver` must be a solver, as in RK4.*, but is the class", simulate, solver=sj.RK4),
-    refused("`solver` must be a diffrax solver or the name of one, but is 4", sweep, solver=4),
     refused("`solver` must be one of RK4, .* but is 'rk4'", follow, solver="rk4"),
     refused("`solver` must be a one-step method .* but is S", simulate, solver=diffrax.SemiImplicitEuler()),
     refused("`solver` must be a one-step method .* but is NoneType", sj.Latching, solver=None),
     refused("`solver` must be one with an error estimate", simulate, stepsize_controller=sj.AdaptiveSteps()),
-    refused("`stepsize_controller` must be a diffrax controller, but is 'a'", period_map, stepsize_controller="a"),
     refused("`adjoint` must be .*, but is 'forward'", simulate, **FINE, adjoint="forward"),
-    *each(sj.AdaptiveSteps, "tolerance", POSITIVE, (NAN, None), ("fine", None)),
-    *(refused(f"`{name}` must be ", sj.AdaptiveSteps, **{name: value}) for name, value in ADAPTIVE.items()),
     refused("`rho_inf` must be from 0 to 1, but is nan", sj.TwoStep, rho_inf=NAN),
-    *each(sj.TwoStep, "iterations", WHOLE, (2.5, None)),
-    refused("`loads` must be True or False, but is 'no'", simulate, loads="no"),
     refused("`probe` must be 0 under jit", lambda: jax.jit(lambda v: simulate(PAPER.replace(speed=v), probe=1))(9.0)),
     refused("`steps_per_period` must be", lambda: jax.jit(lambda n: simulate(steps_per_period=n))(50)),
     # grids
-    *(refused("`grid` must name one or more parameters", sweep, grid=grid) for grid in (None, ["speed"])),
     refused("`grid` must have lists of one length", sweep, grid=AT | {"length": [0.2, 0.3]}, product=False),
     *(
         refused(f"`{name}` {words}", sweep, grid={name: values})
         for name, values, words in (
-            ("speed", [[1250.0, 1300.0]], f"must {LIST}"),
-            ("speed", [1250.0, NAN], "must be positive, but is nan"),
+            ("speed", [[1250.0, 1300.0]], "must have a list of one or more values"),
+            ("speed", [], "must have a list of one or more values"),
             ("speed", {1250.0}, "must be positive, but is {1250.0}"),
-            ("speed", None, "must be positive, but is None"),
-            ("speed", "1250", "must be positive, but is '1250'"),
             ("restitution", [0.9, 1.5], "must be above 0 and at most 1, but is 1.5"),
             ("start_y", [NAN], "must be finite, but is nan"),
             *((name, [1.0], "is no parameter") for name in ("Speed", 1, "roll", "start_roll")),
             ("v_y", [1.0], "is no parameter.* Did you mean start_v_y?"),
         )
     ),
-    refused(f"`speed` must {LIST}", exponents, grid={"speed": []}),
-    refused("`speed` must be positive, but is .*fast", exponents, grid={"speed": ["fast"]}),
-    refused("`product` must be True or False, but is 'no'", sweep, product="no"),
-    refused("`record` must be one of sections, strobe, history, .*but is 'section'", sweep, record="section"),
     refused("`record` must give each variable once, but gives `strobe`", follow, record=["sections", "strobe"]),
-    refused("`record` must name at least one of sections", follow, record=[]),
     # paths
     *(
         refused(RISING, follow, path=path)
         for path in ({"speed": [1300.0, 1250.0]}, {"speed": [1250.0] * 2}, AT | {"length": [0.2]}, {"start_y": [0.0]})
     ),
     refused(RISING, jump, path={"speed": [1300.0, 1250.0]}),
-    refused("`path` must name one parameter", jump, path=None),
     refused("`direction` must be one of up, down, but is 'left'", jump, direction="left"),
     *each(jump, "within", "be .*", (0.0, "0"), ([1.0, 2.0], None)),
-    *each(jump, "threshold", POSITIVE, ("low", None)),
 ]
 
 

@@ -148,6 +148,7 @@ def test_wrong_choices_are_refused():
             make()
 
 
+@pytest.mark.full
 def test_on_a_motion_they_agree_with_its_loads():
     """Peaks, impulses and impulses' sums of `simulate`, over the same steps and cubics."""
     scene = sj.paper_scene()

@@ -22,15 +22,10 @@ BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
         (dict(variables={"clearance": 1e-3}), "Argument `clearance` must be a lower and an upper bound"),
         (dict(variables={"gravity": (1.0, 10.0)}, over={"gravity": [5.0]}), "Argument `over` must name other"),
         (dict(over={"speed": [-5.0]}), "Argument `speed` must be positive"),
-        (dict(over=[1000.0]), "Argument `over` must name parameters"),
         (dict(robust="best"), "Argument `robust` must be one of worst, mean"),
         (dict(constraints={"excursion_roll": (0.2, 0.1)}), "Argument `constraints` must have a highest value"),
-        (dict(constraints=0.1), "Argument `constraints` must map objectives"),
-        (dict(starts=0), "Argument `starts` must be a whole number of 1 or more"),
         (dict(starts=[{"clearance": 1e-3}]), "Argument `starts` must be designs that give clearance, length"),
         (dict(starts=[{"clearance": 1e-3, "length": 5.0}]), "Argument `starts` must lie within the bounds"),
-        (dict(method="adam"), "Argument `method` must be a slipperjax.design method"),
-        (dict(ensemble=3), "Argument `ensemble` must be a slipperjax.design.EnsembleSettings"),
     ],
 )
 def test_a_bad_question_names_what_is_wrong(change, words):
@@ -43,7 +38,6 @@ def test_a_bad_question_names_what_is_wrong(change, words):
     ("change", "words"),
     [
         (dict(objectives="peak"), "Argument `objective` must be one of "),
-        (dict(names="speed"), "Argument `names` must be a list of parameters"),
         (dict(names=["speeed"]), "Argument `speeed` is no parameter"),
         (dict(names=["gravity"]), "Argument `names` must be of numbers that the scene has"),
         (dict(method="adjoint"), "Argument `method` must be one of orbit, ensemble"),

@@ -203,12 +203,6 @@ def test_windows_that_memory_has_no_room_for_are_refused(monkeypatch):
         sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(starts=64, window=1))
 
 
-@pytest.mark.parametrize("name", ["starts", "window", "transient"])
-def test_settings_are_whole_numbers(name):
-    with pytest.raises(ValueError, match=f"`{name}` must be"):
-        Trajectories(**{name: -1})
-
-
 def test_short_windows_have_no_densities():
     data, coords = densities(np.arange(12.0)[None] * 1e-3, np.arange(12)[None] < 7, np.ones((4, 1, 12)))
     assert len(coords["frequency"][1]) == 0

@@ -109,11 +109,12 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     time = np.full((5, 64), np.nan)
     time[:, [5, 20, 40]] = [0.1, 0.3, 0.6]
     course = made_up_course(64, crossings=(jnp.asarray(time), jnp.asarray(10 * time)))
-    found = record.sample(course)
+    found, carried = jax.jit(
+        lambda: (record.sample(course), record.add(record.begin(sj.paper_scene(), None), course))
+    )()
     np.testing.assert_array_equal(found.time[0], [0.1, 0.3])
     np.testing.assert_array_equal(found.velocity[4], [1.0, 3.0])
     assert found.count.tolist() == [3] * 5
-    carried = record.add(record.begin(sj.paper_scene(), None), course)
     status = record.judge(np.array([int(carried), 2]), np.zeros(2, int), None, None)
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
 

@@ -82,16 +82,18 @@ def test_the_fastest_rate_of_a_step_is_kept():
     """At its end, inside it, and never that of a step in which the rate is slower, of an open point, or at rest."""
     memory = -1 / np.array([1.0, 1.0, 1.0, 1.0, np.inf]) - np.array([0, 0, 0, 0, np.finfo(float).tiny])
     rates = Rates(
-        start=jnp.array([-0.9, -0.9, -0.9, 0.5, -0.1]),
-        slope=jnp.array([-0.6, -1.6, 0.1, 0.1, -0.5]),
-        bend=jnp.array([0.0, 1.6, 0.0, 0.0, 0.0]),
-        end=jnp.array([-1.5, -0.9, -0.8, 0.6, -0.6]),
+        start=np.array([-0.9, -0.9, -0.9, 0.5, -0.1]),
+        slope=np.array([-0.6, -1.6, 0.1, 0.1, -0.5]),
+        bend=np.array([0.0, 1.6, 0.0, 0.0, 0.0]),
+        end=np.array([-1.5, -0.9, -0.8, 0.6, -0.6]),
     )
-    found = sj.PeakRateLatch().kept(jnp.asarray(memory), rates, jnp.zeros(5, bool))
+    kept = jax.jit(sj.PeakRateLatch().kept)
+    found = kept(memory, rates, np.zeros(5, bool))
     np.testing.assert_allclose(found[:4], [-1 / 1.5, -1 / 1.3, -1.0, -1.0], rtol=1e-14)
     assert found[4] == memory[4]
-    np.testing.assert_array_equal(sj.PeakRateLatch().kept(jnp.asarray(memory), rates, jnp.ones(5, bool)), memory)
-    ratio = sj.PeakRateLatch().rate_ratio(jnp.array([-1.0, -1.0, -1.0, 0.0]), jnp.array([-0.5, -2.0, 0.5, -3.0]))
+    np.testing.assert_array_equal(kept(memory, rates, np.ones(5, bool)), memory)
+    of_rates = jax.jit(sj.PeakRateLatch().rate_ratio)
+    ratio = of_rates(np.array([-1.0, -1.0, -1.0, 0.0]), np.array([-0.5, -2.0, 0.5, -3.0]))
     np.testing.assert_array_equal(ratio, [0.5, 1.0, -0.5, 1.0])
 
 

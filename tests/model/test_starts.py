@@ -185,7 +185,8 @@ def test_sleds_find_their_rest_on_twisted_rails():
     play = [0.0019260690628046966, 0.00025270422970505656, 0.00021083454427515375, 0.0023114385983423204]
     play += [0.00021975341063131502, 0.0019688869367932293, 0.00047768226917894974, 0.00012087066172731417]
     mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
-    track = sj.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3).prepared()
+    track = sj.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3)
+    track = eqx.filter_jit(sj.RandomRails.prepared)(track)
     sled = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts)
     scene = dataclasses.replace(sj.paper_scene(600.0), slipper=sled, track=track, gravity=9.81)
 

@@ -78,7 +78,6 @@ def test_spectra_and_coherence_are_those_of_what_surveys_were_made_of():
             bands = itertools.pairwise(OCTAVES.tolist())
             errors.append(np.array([float(spectrum.rms(band)) ** 2 for band in bands]) / CLOSED - 1)
         coherence.append(float(like.coherence))
-    print("octaves from", OCTAVES[:-1], "m: mean", np.mean(errors, axis=0), "scatter", np.std(errors, axis=0))
     # the scatter of the mean is a fifth of that of one
     assert np.all(np.abs(np.mean(errors, axis=0)) < 3 * SPREAD / np.sqrt(24))  # measured 2.1 of 3
     np.testing.assert_allclose(np.std(errors, axis=0), SPREAD, rtol=0.4)  # measured 0.83 to 1.15

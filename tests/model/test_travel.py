@@ -130,8 +130,10 @@ def test_starts_are_judged_by_the_speed_at_their_place(place):
 
 def test_a_programme_is_differentiable_and_swept():
     of_scale = lambda scale: dataclasses.replace(PROGRAMME, scale=scale).seconds(np.float64(1000.0))
-    forward, reverse = jax.jacfwd(of_scale)(1.0), jax.grad(of_scale)(1.0)
-    np.testing.assert_allclose([forward, reverse], -float(of_scale(1.0)), rtol=1e-12)  # time is as 1 / scale
+    time, *slopes = jax.jit(lambda scale: [f(scale) for f in (of_scale, jax.jacfwd(of_scale), jax.grad(of_scale))])(
+        1.0
+    )
+    np.testing.assert_allclose(slopes, -float(time), rtol=1e-12)  # time is as 1 / scale
     scene = dataclasses.replace(sj.paper_scene(), speed=PROGRAMME)
     assert float(scene.replace(**{"speed.scale": 2.0}).travel(0.0).speed) == 100.0
     with pytest.raises(ValueError, match="`speed` cannot be set: the scene has no constant travelling speed"):
@@ -163,14 +165,11 @@ def stages(*rows, start=50.0):
         ),
         (lambda: sj.SpeedProgramme.over_time([1.0, 1.0], [5.0, 6.0]), "Argument `time` must increase"),
         (lambda: sj.SpeedProgramme.over_time([0.0, {}], [1.0, 2.0]), "`time` must be finite"),
-        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], "fast"), "`speed` must be finite, but is 'fast'"),
         (stages(sj.Stage(9.0)), "`stages` must have a length, a duration or a speed each"),
         (stages(sj.Stage(-9.0, speed=90.0)), "`stages` must reach their speed from 50 m/s"),
         (stages(sj.Stage(-90.0, length=99.0)), "`stages` must go on to their ends from 50 m/s, and not stop before"),
         (stages(sj.Stage(0.0, length=9.0), start=0.0), "`stages` must go on to their ends from 0 m/s"),
         (stages(sj.Stage(-10.0, duration=9.0)), "`stages` must not turn back from 50 m/s"),
-        (stages(3.0), "`stages` must be a list of slipperjax.Stage, but is 3"),
-        (stages(start=None), "`start` must be zero or positive, but is No"),
     ],
 )
 def test_bad_programmes_name_what_is_wrong(make, words):

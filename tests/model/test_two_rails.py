@@ -16,6 +16,8 @@ from slipperjax.flow.simulate import check_rail
 from slipperjax.model import SurveyedRails, SurveyedTrack
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
+from ..common import among
+
 LEFT = sj.HarmonicTrack((8.0,), 1e-3)
 RIGHT = sj.HarmonicTrack((12.0, 6.0), 2e-4, 1e-3)
 PLACES = jnp.asarray(np.linspace(10.0, 50.0, 401))
@@ -151,8 +153,13 @@ def coherence_of(one, other):
     return np.mean(cross)
 
 
-@pytest.mark.parametrize(("coherence", "correlation"), [(0.0, None), (0.5, 0.6), (0.8, -0.3)])
-def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
+ENSEMBLES = {"independent": (0.0, None), "alike": (0.5, 0.6), "opposed": (0.8, -0.3)}
+"""Coherence of both rails, and correlation of their directions."""
+
+
+@pytest.mark.parametrize("case", among(ENSEMBLES, "alike"))
+def test_pairs_have_their_coherence_and_their_spectra(case):
+    coherence, correlation = case
     (lateral, vertical), k = waves_of(coherence, correlation, roughness=1.5)
     share = 0.0 if correlation is None else correlation
     # the standard error of a mean of 400 pairs and 197 wavenumbers is 1 / sqrt(78800) = 0.0036, real and imaginary
@@ -167,14 +174,12 @@ def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
         (lateral[0], vertical[1], share * root),
     ):
         found = coherence_of(one, other)
-        print(coherence, correlation, exact, found - exact)
         assert found.real == pytest.approx(exact, **within)  # measured 2.8e-3 and less
         assert found.imag == pytest.approx(0.0, **within)  # measured 6.7e-3 and less
     # magnitude squared at each wavenumber, less its bias for independent waves, of 400 pairs
     cross = np.mean(np.conj(vertical[0]) * vertical[1], axis=0)
     powers = [np.mean(np.abs(waves) ** 2, axis=0) for waves in vertical]
     squared = np.mean(np.abs(cross) ** 2 / (powers[0] * powers[1]))
-    print(coherence, "squared", squared - (1 - coherence) ** 2 / COUNT)
     assert squared - (1 - coherence) ** 2 / COUNT == pytest.approx(coherence, abs=0.006)  # measured 3e-4
     # each rail alone has its spectrum: 2 * 400 degrees of freedom, standard deviation 0.05 at each wavenumber
     for direction in (lateral, vertical):
@@ -182,7 +187,6 @@ def test_pairs_have_their_coherence_and_their_spectra(coherence, correlation):
             ratio = 2 * 200.0 * np.mean(np.abs(waves) ** 2, axis=0) / (6e-10 * roughness**2 * k**-2.0)
             # the spline changes waves of 1 m by a thousandth; ends of the band have half their share
             inside = ratio[1:-1]
-            print("spectrum", np.mean(inside) - 1, np.mean(np.abs(inside - 1) < 1.96 * 0.05))
             assert np.mean(inside) == pytest.approx(1.0, abs=0.013)  # measured 4.7e-3 and less
             assert np.mean(np.abs(inside - 1) < 1.96 * 0.05) > 0.9  # measured 0.933 and more
 
@@ -238,14 +242,12 @@ def test_a_number_chooses_one_of_several_pairs():
     ("options", "words"),
     [
         (dict(coherence=1.1), "`coherence` must be from 0 to 1, but is 1.1"),
-        (dict(rail=LEFT), r"`rail` must be a slipperjax\.RandomTrack"),
         (
             dict(rail=dataclasses.replace(SLED, seed=4)),
             "`rail` must have the seed 0, because that of the pair counts",
         ),
         (dict(right_rail=sj.RandomTrack.sled(length=400.0)), "`right_rail` must have the band, length, beginning"),
         (dict(seed=0.5), "`seed` must be a whole number"),
-        (dict(gauge=-1.0), "`gauge` must be positive, but is -1 m"),
     ],
 )
 def test_wrong_pairs_are_named(options, words):
@@ -261,18 +263,20 @@ SAMPLES = np.arange(0.0, 400.0 + SPACING / 2, SPACING)
 def surveyed(seed, coherence=0.64):
     """A survey of a pair of rails, which begins within much longer ones; the right one has joints."""
     rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(0.2, 400.0), length=1600.0, coherence=-0.6)
-    pair = sj.RandomRails(rail, coherence, seed=seed)
     joints = sj.FourierTrack((1.32,), (0.0,), (8e-5,))
-    of = lambda track: track.irregularity(jnp.asarray(400.0 + SAMPLES))[:2]
-    left = sj.SampledTrack(SAMPLES, *of(pair.left), ends="error")
-    right = sj.SampledTrack(SAMPLES, *of(sj.SumTrack(pair.right, joints)), ends="error")
-    return sj.TwoRails(left, right, gauge=1.4)
+
+    @jax.jit
+    def displacements(seed):
+        pair = sj.RandomRails(rail, coherence, seed=seed)
+        return [track.irregularity(400.0 + SAMPLES)[:2] for track in (pair.left, sj.SumTrack(pair.right, joints))]
+
+    rails = [sj.SampledTrack(SAMPLES, *each, ends="error") for each in displacements(float(seed))]
+    return sj.TwoRails(*rails, gauge=1.4)
 
 
 @pytest.mark.full
 def test_rails_like_a_survey_have_the_coherence_of_its_rails():
     found = [float(sj.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
-    print("coherence", np.mean(found), np.std(found))
     # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
     assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
     opposite = surveyed(0)

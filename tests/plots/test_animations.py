@@ -1,5 +1,6 @@
 """The slipper around the rail head: geometry as the model has it, magnified, with forces to scale."""
 
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -66,9 +67,15 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
     angles = dict(roll=0.03, pitch=-0.004, yaw=0.006)
     motion = sj.Motion.from_euler(y=2e-3, z=-1e-3, **angles)
     turn = Rotation.from_euler("ZYX", [angles["yaw"], angles["pitch"], angles["roll"]]).as_matrix()
-    offset, gap = face_offsets(SCENE, 0.3, motion), contacts(rail_frame(SCENE, 0.3), motion).gap
+
+    @jax.jit
+    def found(motion):
+        rails = [SCENE.track.irregularity(jnp.asarray(0.3 * 8.0 - 0.2 * k)) for k in range(2)]
+        return face_offsets(SCENE, 0.3, motion), contacts(rail_frame(SCENE, 0.3), motion).gap, rails
+
+    offset, gap, rails = found(motion)
     for k, x in enumerate((0.1, -0.1)):
-        rail = SCENE.track.irregularity(jnp.asarray(0.3 * 8.0 - 0.2 * k))
+        rail = rails[k]
         c, s = np.cos(rail.roll), np.sin(rail.roll)
         rolled = np.array([[c, -s], [s, c]])
         points = np.column_stack([np.full(10, x), SCENE.section.points])
@@ -158,9 +165,6 @@ def test_wrong_arguments_of_an_animation_are_named(run):
         (dict(run=ds.drop_vars("contact_force")), "`run` must be .*, with `contact_force`, but has"),
         (dict(run=xr.concat([ds, ds], "case")), "`run` must be one case over time, but is over case"),
         (dict(run=ds.assign(y=np.nan * ds["y"])), "`run` must have finite motions"),
-        (dict(magnify=0), "`magnify` must be positive"),
-        (dict(every=0), "`every` must be"),
-        (dict(scene=3), "`scene` must be a slipperjax.Scene"),
     ):
         with pytest.raises(ValueError, match=words):
             plots.animate(**dict(run=ds, scene=SCENE, last=1.0) | arguments)

@@ -188,7 +188,6 @@ def test_a_page_has_margins_to_events_and_a_title(design):
 def test_what_cannot_be_drawn_is_named(design):
     ds = design()
     for draw, words in (
-        (lambda: plots.design_overview("run"), "`ds` must be a dataset of optimise_design, but is str"),
         (lambda: plots.design_overview(surroundings(ds)), "with `trial_design`, but has"),
         (lambda: panel(4, ds, ds), "`surroundings` must be .*, with `total`, but has"),
         (lambda: plots.design_margins(ds, ds), "event_margins"),

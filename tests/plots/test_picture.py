@@ -68,11 +68,6 @@ def test_what_has_no_picture_says_so(ds):
         ds.slipper.plot()
 
 
-def test_only_results_have_pictures():
-    with pytest.raises(ValueError, match="Argument `result` must be a result of slipperjax, but is int"):
-        plots.plot(5)
-
-
 def test_pictures_of_a_trajectory_take_it_as_it_is():
     ds = trajectory()
     run = SimpleNamespace(to_xarray=lambda: ds)

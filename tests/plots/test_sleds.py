@@ -226,8 +226,6 @@ def test_wrong_sleds_are_one_line(run):
             "`ds` must be a dataset of one run, .* with `slipper_force`",
         ),
         (lambda: plots.load_sharing(shared(run), [0.5, 0.5]), "`static` must have a share for each of 4 slippers"),
-        (lambda: plots.load_sharing(shared(run), windows=0), "`windows` must be"),
-        (lambda: plots.plan(3), "`ds` must be a dataset of one run"),
     ):
         with pytest.raises(ValueError, match=words):
             draw()

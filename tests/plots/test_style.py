@@ -5,10 +5,9 @@ import re
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 
 from slipperjax import plots
-from slipperjax.plots.style import COLORS, FILES, label_lowest
+from slipperjax.plots.style import COLORS, FILES
 
 from .shown import drawn, legend, marked
 from .test_plots import LINE, followed, measured, sections, trajectory
@@ -97,29 +96,7 @@ def test_files_keep_text_and_fonts():
     assert plt.get_fignums() == []
 
 
-def test_the_lowest_of_panels_with_the_same_limits_is_labelled():
-    _, panels = plt.subplots(3, 1)
-    for ax, end in zip(panels, (1.0, 1.0, 2.0), strict=True):
-        ax.set(xlim=(0.0, end), xlabel="time [s]")
-    label_lowest(panels[:, None])
-    assert [ax.get_xlabel() for ax in panels] == ["", "time [s]", "time [s]"]
-    assert [ax.xaxis.get_tick_params()["labelbottom"] for ax in panels] == [False, True, True]
-
-
-def test_velocities_of_an_overview_have_their_own_time():
-    panels = plots.overview(trajectory().assign_coords(period=("time", np.linspace(0, 20, 401))))
-    shown = [[ax.xaxis.get_tick_params()["labelbottom"] for ax in column] for column in panels.T]
-    assert shown == [[False] * 6 + [True], [False] * 4 + [True, False, True]]
-    assert panels[4, 1].get_xlabel() == panels[6, 1].get_xlabel() == "time [forcing periods]"
-
-
-def test_both_ways_are_drawn_over_the_parameter():
-    axes = plots.plot(followed([(0, 0, 0, 1), (0,) * 4]))
-    assert legend(axes[0]) == ["followed up", "status not 0", "followed down"]
-    up, down = marked(axes[0], ".")
-    assert [to_hex(line.get_color()) for line in (up, down)] == [COLORS["orange"], COLORS["green"]]
-    assert (drawn(up)[0, 1], drawn(down)[0, 1]) == (0.25, 0.5)
-    # numbers are curves
+def test_numbers_of_both_ways_are_curves_over_the_parameter():
     ds = followed([(0, 0, 0, 1), (0,) * 4]).drop_vars(["v_y", "v_z", "w_x", "w_y", "w_z"])
     ds["impulse"] = (("direction", "clearance"), [[1.0, 2.0, 3.0, 4.0], [1.0, 2.5, 3.5, 4.0]])
     ax = plots.plot(ds)

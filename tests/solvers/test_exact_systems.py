@@ -11,27 +11,16 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.stepping import ConstantSteps
 
-from ..common import QUICK
+from ..common import QUICK, among
 from ..systems.fields import Ball, Smooth, rebound, rebound_slope
 
 pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # a stiffness of one
 
 compiled = functools.partial(jax.jit, compiler_options=QUICK)
 DOPRI = sj.Latching(diffrax.Dopri5())
-SOLVERS = (sj.RK4(), sj.Tsit5(), DOPRI, sj.TwoStep(), sj.Rodas4(), sj.ROS34PW2())
+SOLVERS = {"RK4": sj.RK4(), "Tsit5": sj.Tsit5(), "Dopri5": DOPRI, "TwoStep": sj.TwoStep()}
+SOLVERS |= {"Rodas4": sj.Rodas4(), "ROS34PW2": sj.ROS34PW2()}
 """All of them, with one of diffrax's."""
-
-
-def name(value):
-    return None if isinstance(value, int | float) else getattr(value, "__name__", type(value).__name__)
-
-
-def slow(*values):
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
-def full(*values):
-    return pytest.param(*values, marks=pytest.mark.full)
 
 
 @functools.cache
@@ -65,21 +54,21 @@ def uneven(n):
 
 # Measured: orders 4.06, 4.77, 4.94, 2.00, 1.99, 2.01, 4.12, 3.01;
 # errors at 64 steps 1.2e-8, 3.3e-12, 2.3e-11, 2.3e-4, 4.1e-4, 3.5e-4, 1.0e-9, 2.2e-6
-@pytest.mark.parametrize(
-    ("solver", "times", "order", "most"),
-    [
-        (sj.RK4(), even, 4, 3e-8),
-        (sj.Tsit5(), even, 5, 1e-11),
-        (DOPRI, even, 5, 6e-11),
-        full(sj.TwoStep(), even, 2, 1e-3),
-        full(sj.TwoStep(), uneven, 2, 1e-3),
-        slow(sj.TwoStep(rho_inf=1.0), uneven, 2, 1e-3),
-        full(sj.Rodas4(), even, 4, 3e-9),
-        (sj.ROS34PW2(), even, 3, 5e-6),
-    ],
-    ids=name,
-)
-def test_order_on_a_smooth_motion(solver, times, order, most):
+ORDERS = {
+    "RK4": (sj.RK4(), even, 4, 3e-8),
+    "Tsit5": (sj.Tsit5(), even, 5, 1e-11),
+    "Dopri5": (DOPRI, even, 5, 6e-11),
+    "TwoStep": (sj.TwoStep(), even, 2, 1e-3),
+    "TwoStep, uneven": (sj.TwoStep(), uneven, 2, 1e-3),
+    "TwoStep without damping": (sj.TwoStep(rho_inf=1.0), uneven, 2, 1e-3),
+    "Rodas4": (sj.Rodas4(), even, 4, 3e-9),
+    "ROS34PW2": (sj.ROS34PW2(), even, 3, 5e-6),
+}
+
+
+@pytest.mark.parametrize("case", among(ORDERS, "RK4", "Tsit5", "ROS34PW2", slow=["TwoStep without damping"]))
+def test_order_on_a_smooth_motion(case):
+    solver, times, order, most = case
     error = lambda times: np.abs(np.array(jax.tree.leaves(smooth_end(solver)(times))) - Smooth.exact(times[-1])).max()
     coarse, fine = error(times(32)), error(times(64))
     assert fine < most
@@ -110,16 +99,13 @@ def factor(law):
 
 # Measured: orders 2.5, 2.5, 2.5, 1.9, 2.5, 2.5;
 # errors at 800 steps 4.5e-8, 4.3e-8, 4.5e-8, 1.8e-6, 5.6e-8, 6.2e-8 m/s
-@pytest.mark.parametrize(
-    ("solver", "law"),
-    [
-        *((solver, sj.Flores) for solver in SOLVERS[:3]),
-        *(full(solver, sj.Flores) for solver in SOLVERS[3:]),
-        *((sj.RK4(), law) for law in LAWS[1:]),
-    ],
-    ids=name,
-)
-def test_rebound_of_a_ball(solver, law):
+REBOUNDS = {name: (solver, sj.Flores) for name, solver in SOLVERS.items()}
+REBOUNDS |= {law.__name__: (sj.RK4(), law) for law in LAWS[1:]}
+
+
+@pytest.mark.parametrize("case", among(REBOUNDS, "RK4", "Tsit5", *(law.__name__ for law in LAWS)))
+def test_rebound_of_a_ball(case):
+    solver, law = case
     run = compiled(lambda steps: after_impact(jnp.ones(3), ConstantSteps(None, steps), solver, law))
     exact = AT[2] * rebound(factor(law))
     coarse, fine = (abs(float(run(jnp.asarray(steps))) - exact) for steps in (100.0, 800.0))
@@ -133,18 +119,13 @@ def exact_slopes():
     return np.array([0.0, AT[2] * slope * (-8 / (5 * c_r**2)) * c_r, AT[2] * e])
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("solver", "differentiate"),
-    [
-        (sj.RK4(), jax.jacfwd),
-        (sj.RK4(), jax.jacrev),
-        (sj.TwoStep(), jax.jacfwd),
-        *(slow(solver, jax.jacfwd) for solver in SOLVERS[1:] if not isinstance(solver, sj.TwoStep)),
-        *(slow(solver, jax.jacrev) for solver in SOLVERS[1:]),
-    ],
-    ids=name,
-)
-def test_derivatives_of_a_balls_rebound(solver, differentiate):
+MODES = {"jacfwd": jax.jacfwd, "jacrev": jax.jacrev}
+DERIVATIVES = {f"{name} {mode}": (SOLVERS[name], MODES[mode]) for name in SOLVERS for mode in MODES}
+QUICKLY_COMPILED = {"RK4 jacfwd", "RK4 jacrev", "TwoStep jacfwd"}
+
+
+@pytest.mark.parametrize("case", among(DERIVATIVES, slow=DERIVATIVES.keys() - QUICKLY_COMPILED))
+def test_derivatives_of_a_balls_rebound(case):
+    solver, differentiate = case
     found = compiled(differentiate(lambda x: after_impact(x, ConstantSteps(800), solver)))(jnp.ones(3))
     np.testing.assert_allclose(found, exact_slopes(), atol=1e-4)  # measured: 3e-5 and less

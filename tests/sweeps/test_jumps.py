@@ -129,13 +129,3 @@ def test_a_motion_that_breaks_down_is_no_calm_one(motion):
     found = find_jump(sj.paper_scene(), {"speed": [1500.0, 1700.0, 1800.0, 1900.0]})
     assert (found.found, found.status) == (False, Status.NOT_FINITE)
     assert (found.before, found.after) == (1700.0, 1800.0)
-
-
-def test_paths_are_checked():
-    for make, words in (
-        (lambda: find_jump(sj.paper_scene(), {"speed": [1900.0, 1800.0]}), "name one .* with increasing values"),
-        (lambda: find_jump(sj.paper_scene(), {"speed": [1.8e3, 1.9e3]}, direction="left"), "be one of up, down"),
-        (lambda: sj.follow(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}), "name one parameter"),
-    ):
-        with pytest.raises(ValueError, match=f"`(path|direction)` must {words}"):
-            make()

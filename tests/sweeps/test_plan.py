@@ -10,7 +10,7 @@ import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Cases, Grid
-from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
+from slipperjax.sweeps.plan import Calls, make_plan
 
 HISTORY = RecordSet((History(),))
 
@@ -84,20 +84,12 @@ def test_chunks_hold_every_case_once_with_its_own_steps():
         assert threads == min(len(chunks), threads)
 
 
-def test_chunks_follow_the_cost_model():
-    assert _best_chunk(np.array([50]), np.array([241]), 2) == 128  # half each, filled up
-    many = _best_chunk(np.array([50, 100, 150, 200, 250]), np.array([176, 43, 13, 6, 3]), 2)
-    assert 8 <= many <= 48  # no group of a few cases fills a large chunk
-
-
 def test_calls_make_up_the_run():
     plan = plan_of({"speed": [1250.0]})
     assert plan.transient[:2] == (30, 1)  # rounded up to tens
     assert plan.recorded[:2] == (50, 2)
-    assert [Calls(n, 1).capacity for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
-    # of a prime number of periods the last call is shorter
-    prime = Calls.of(997)
-    assert (prime.lengths, prime.periods, prime.capacity) == ([50] * 19 + [47], 997, 50)
-    assert Calls.of(0).lengths == []
+    # no period is left out, and none is added, of a prime number either
+    for periods in (0, 3, 40, 997):
+        assert sum(Calls.of(periods).lengths) == Calls.of(periods).periods == periods
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1

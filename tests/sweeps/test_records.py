@@ -210,12 +210,6 @@ def test_numbers_do_not_depend_on_neighbours(reduced):
 
 
 @pytest.mark.slow
-def test_chunks_and_threads_change_no_bit():
-    grid = {"speed": np.linspace(900, 2000, 20)}
-    equal_bits(*(swept(RECORD, grid, chunk=n, workers=w) for n, w in ((8, 2), (24, 1))))
-
-
-@pytest.mark.slow
 def test_batches_of_other_sizes_differ_by_rounding_only():
     """Alone in a batch of 8, one of 12 in a batch of 16, and in one of 128, as in a store."""
     grid = {"speed": np.linspace(900, 2000, 12)}
@@ -328,14 +322,9 @@ def drive(course):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (
-            bad("peak"),
-            "`record` must be one of sections, strobe, history, motion, exponent, exponents, orbits, loads",
-        ),
-        (bad(["peak"]), "`record` must be one of sections, "),
+        (bad(["peak"]), "`record` must be one of sections, strobe, history, motion, exponent, exponents, orbits, "),
         (bad([]), "`record` must name at least one of sections, "),
         (bad([["rms"]]), "but is ['rms']"),
-        (bad(3), "but is 3"),
         (bad(["rms", Strobe(from_start=True), "strobe"]), "must give each variable once, but gives `strobe` 2 times"),
         (bad(number(drive, "speed")), "`record` must not give `speed`, a name which the dataset has"),
         (bad(number(drive, "status")), "`record` must not give `status`"),
@@ -344,16 +333,9 @@ def drive(course):
         (bad(number(lambda c: 1j * c.drive_force.mean)), "`function` of `odd` must give real numbers"),
         (bad(number(lambda c: c.force.mean)), "of the shape of `dims`, (), but gives float64[2,10]"),
         (lambda: PowerMean(RECORDS["peak_force"], -1), "`order` must be positive"),
-        (lambda: PoincareSections(0), "`capacity` must be a whole number of 1 or more, but is 0"),
         (lambda: MotionKind(10), "`latest` must be a whole number of 16 or more, but is 10"),
         (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
-        (lambda: number("max"), "`function` must be a function of a course, but is 'max'"),
         (lambda: number(drive, "a b"), "`quantity` must have a name such as spring_force, but has 'a b'"),
-        (lambda: Record("odd", drive), "`quantity` must be a slipperjax.model.Quantity"),
-        (
-            lambda: number(drive, over="median"),
-            "`over` must be one of max, min, extreme, sum, mean, rms, but is 'med",
-        ),
     ],
 )
 def test_bad_records_are_refused(make, words):

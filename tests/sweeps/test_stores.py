@@ -299,27 +299,20 @@ def test_a_tile_of_another_store_or_place_is_none_of_this_one(stored, whole, tmp
 
 
 @pytest.mark.parametrize(
-    "change", [dict(call=None), dict(tile=[0, 10]), dict(tile="large"), dict(dims=["speed"]), dict(more=1)]
+    "content", [b"", b"[" * 100_000, b"3", b'{"attributes": 3}', dict(tile="large"), dict(more=1)]
 )
-def test_a_store_with_another_mark_is_none_of_ours(stored, change):
-    group = json.loads((stored / "zarr.json").read_text())
-    mark = json.loads(group["attributes"][module.MARK]) | change
-    kept = {name: value for name, value in mark.items() if value is not None}
-    group["attributes"][module.MARK] = json.dumps(kept)
-    (stored / "zarr.json").write_text(json.dumps(group))
+def test_what_has_another_mark_or_none_is_no_store_of_ours(stored, content):
+    file = stored / "zarr.json"
+    if isinstance(content, dict):
+        group = json.loads(file.read_text())
+        group["attributes"][module.MARK] = json.dumps(json.loads(group["attributes"][module.MARK]) | content)
+        content = json.dumps(group).encode()
+    file.write_bytes(content)
     before = files(stored)
     for function in (sj.open_store, store_status, check_store, call, lambda path: call(path, fresh=True)):
         with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
             function(stored)
     assert files(stored) == before
-
-
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b"[" * 100_000, b"3", b'{"attributes": 3}'])
-def test_a_store_without_a_mark_is_none_of_ours(stored, content):
-    (stored / "zarr.json").write_bytes(content)
-    for function in (sj.open_store, store_status, check_store):
-        with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
-            function(stored)
 
 
 def test_other_versions_go_on_with_a_warning_and_stand_by_tile(stored, monkeypatch):
@@ -393,10 +386,9 @@ def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stor
     assert files(stored) == before
 
 
-@pytest.mark.parametrize("name", ["v_z", "speed", "point"])
+@pytest.mark.parametrize("name", ["v_z", "speed"])
 def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, name):
     shutil.rmtree(stored / name)
-    (stored / "status" / "c" / "4" / "0").unlink()
     for ask in (call, sj.open_store, check_store):
         with pytest.raises(ValueError, match=f"must be whole, but is without {name}: start over"):
             ask(stored)

@@ -118,6 +118,7 @@ def test_both_forms_have_the_same_functions():
     assert all(hasattr(plain, name) for name in fast.__all__)
 
 
+@pytest.mark.full
 def test_a_period_and_its_derivative_are_the_same_in_both_forms(monkeypatch):
     scene = sj.paper_scene()
     state = sj.initial_state(scene, sj.table_2_start())

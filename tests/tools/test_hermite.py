@@ -74,19 +74,25 @@ GREATEST = {
 }
 
 
+@jax.jit
+def zeros(start, slope, square, cube):
+    """The zeros that the package finds, and the slopes there."""
+    cubic = Cubic(start, slope, square, cube)
+    found = sign_change(cubic, start + slope + square + cube, jnp.ones(start.shape, bool))
+    return found, cubic.slope_at(found)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("kind", GREATEST)
 def test_the_zero_is_that_in_the_direction_of_the_change(kind, sign):
     numbers = np.stack(path(kind, np.random.default_rng(1)))
-    end = numbers.sum(axis=0)
-    assert np.all(end < 0)
-    cubic, last = jax.tree.map(jnp.asarray, (Cubic(*(sign * numbers)), sign * end))
-    found = np.asarray(sign_change(cubic, last, jnp.ones(COUNT, bool)))
+    assert np.all(numbers.sum(axis=0) < 0)
+    found, falling = map(np.asarray, zeros(*(sign * numbers)))
     # where there are two of them, either is one
     error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(numbers.T, found, strict=True)])
     assert np.all(np.quantile(error, (1.0, 0.99, 0.5)) <= GREATEST[kind])
     # nowhere does it go the other way
-    assert np.all(sign * cubic.slope_at(found) <= 0)
+    assert np.all(sign * falling <= 0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -99,8 +105,7 @@ def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless(sign):
     bend = ends[0] + ends[1] - ends[2]
     guess = (ends[1] + np.sqrt(ends[1] ** 2 + 4 * bend * ends[0])) / (2 * bend)
     assert np.mean(cubic.slope_at(guess) > 0) > 0.3  # measured 0.39
-    signed = Cubic(*(jnp.asarray(sign * part) for part in cubic))
-    found = np.asarray(sign_change(signed, jnp.asarray(sign * ends[2]), jnp.ones(COUNT, bool)))
+    found, _ = map(np.asarray, zeros(*(sign * part for part in cubic)))
     error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(np.stack(cubic).T, found, strict=True)])
     # measured 0.0026 and 0.017; by Newton's method 0.32 and 1
     assert np.median(error) < 0.01
@@ -114,17 +119,17 @@ def test_a_path_that_nearly_touches_zero_before_it_crosses(sign):
     Two steps of Newton's method from the first guess end at 0.67, where it falls more than three times as fast.
     """
     ends = 8.47446, -16.6054, -0.0424738, 0.982105
-    cubic = Cubic(*(jnp.asarray(sign * part) for part in Cubic.through(*ends)))
-    found = sign_change(cubic, jnp.asarray(sign * ends[2]), jnp.array(True))
-    (zero,) = right_zeros(*Cubic.through(*ends))
+    cubic = Cubic.through(*ends)
+    found, _ = zeros(*(np.full(COUNT, sign * part) for part in cubic))
+    (zero,) = right_zeros(*cubic)
     np.testing.assert_allclose(found, zero, rtol=1e-8)  # measured 1.6e-9
 
 
 def test_no_zero_is_looked_for_where_none_is_wanted():
     cubic = Cubic(jnp.array([1.0, 0.0, jnp.nan]), jnp.array([-2.0, 0.0, 0.0]), jnp.zeros(3), jnp.zeros(3))
     end, wanted = jnp.array([-1.0, 0.0, 1.0]), jnp.array([False, True, False])
-    assert np.all(sign_change(cubic, end, wanted) == 0)
-    slopes = jax.grad(lambda c: sign_change(c, end, wanted).sum())(cubic)
+    total, slopes = jax.jit(jax.value_and_grad(lambda c: sign_change(c, end, wanted).sum()))(cubic)
+    assert total == 0
     assert all(np.all(part == 0) for part in slopes)
 
 

@@ -20,34 +20,18 @@ MARK = "xla_cpu_small_call"
 PLACES = jnp.array([3, 1, 3, 0])
 
 
-def squares(x):
-    return jnp.outer(x, x).reshape(2, 4, 8)
-
-
-FITS = {
+BODIES = {
     "sums": lambda x: jnp.sin(jnp.cumsum(x)),
-    "products": lambda x: jnp.sin(jnp.outer(x, x) @ x),
-    "products of matrices": lambda x: jnp.cos(jnp.outer(x, x) @ jnp.outer(x, x[::-1]))[0],
-    "products of batches": lambda x: jnp.einsum("kab,kcb->kac", *2 * [jnp.outer(x, x).reshape(2, 4, 8)])[0, 0].repeat(
-        2
-    ),
-    "scalar products": lambda x: x / (1 + jnp.vdot(x, x)),
-    "deviates": lambda x: x + jax.random.normal(jax.random.key(0), x.shape),
-    "an entry set": lambda x: x.at[jnp.argmax(x)].set(0.1),
+    "products": lambda x: jnp.cos(jnp.outer(x, x) @ jnp.outer(x, x[::-1]))[0],
     # as records keep the states inside a period
     "a window set": lambda x: x.reshape(4, 2).at[jnp.argmax(x) // 2].set(x[:2]).ravel(),
     "a loop": lambda x: jax.lax.while_loop(lambda x: jnp.sum(x) > 3.0, lambda x: x / 2, x),
-}
-DOES_NOT_FIT = {
     "LAPACK": lambda x: jnp.linalg.solve(jnp.outer(x, x) + 3 * jnp.eye(x.size), x),
-    "a sort": jnp.sort,
-    "an order": lambda x: x[jnp.argsort(-x)],
-    "the largest": lambda x: jax.lax.top_k(x, x.size)[0],
-    "a transform": lambda x: jnp.abs(jnp.fft.fft(x)),
     "a scatter": lambda x: x.at[PLACES].add(x[:4]),
-    "a window added": lambda x: x.reshape(4, 2).at[jnp.argmax(x) // 2].add(x[:2]).ravel(),
     "a callback": lambda x: jax.pure_callback(lambda x: x, x, x),
 }
+FIT = ("sums", "products", "a window set", "a loop")
+"""Bodies of loops that fit a kernel: what solvers and records do."""
 X = jnp.linspace(0.1, 0.9, 8)
 
 
@@ -61,11 +45,11 @@ def calls_of(fun, *args):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("body", [*FITS.values(), *DOES_NOT_FIT.values()], ids=[*FITS, *DOES_NOT_FIT])
-def test_what_is_in_a_kernel(body):
-    loop = repeated(body)
+@pytest.mark.parametrize("name", BODIES)
+def test_what_is_in_a_kernel_or_not_has_the_same_numbers(name):
+    loop = repeated(BODIES[name])
     marked = lambda x: in_one_kernel(loop, x)
-    assert bool(calls_of(marked, X)) == (body in FITS.values())
+    assert bool(calls_of(marked, X)) == (name in FIT)
     # measured: 0, and 2e-14 of products with JAX 0.12, which sums them in another order
     np.testing.assert_allclose(jax.jit(marked)(X), jax.jit(loop)(X), rtol=1e-13)
 
@@ -88,8 +72,7 @@ def test_arguments_without_use_and_constants(place):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("reduce", [jnp.sum, jnp.max, jnp.min, jnp.prod, jnp.any, jnp.argmax])
-@pytest.mark.parametrize("size", [8, 128])
+@pytest.mark.parametrize(("reduce", "size"), [(jnp.sum, 128), (jnp.max, 8)])
 def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
     """Since JAX 0.11 a library computes them elsewhere, in kernels not."""
     loop = repeated(lambda x: jnp.sin(x) + 1e-3 * reduce(x, axis=1)[:, None])
@@ -100,8 +83,7 @@ def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
     np.testing.assert_allclose(jax.jit(marked)(x), right, rtol=1e-13)  # measured: 2e-15
     found = jax.jit(marked)(x.at[3, 4].set(jnp.nan))  # which the library's extremes leave out
     np.testing.assert_allclose(np.delete(found, 3, axis=0), np.delete(right, 3, axis=0), rtol=1e-13)
-    if reduce in (jnp.sum, jnp.max, jnp.min, jnp.prod):
-        assert np.all(np.isnan(found[3]))
+    assert np.all(np.isnan(found[3]))
 
 
 @pytest.mark.full

@@ -1,4 +1,7 @@
-"""Units of whatever brings its own: texts, pint, xarray, pandas, durations; and numbers that are masked."""
+"""Units of whatever brings its own: texts, pint, xarray, pandas, durations; and numbers that are masked.
+
+tests/test_silent_inputs.py has them in the arguments of the package.
+"""
 
 import datetime
 import math
@@ -11,10 +14,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.model.parameters import check_units
-from slipperjax.model.scene_files import scene_from_toml
-from slipperjax.sweeps.grid import Grid
-from slipperjax.tools.checks import finite, number, numbers, positive
+from slipperjax.tools.checks import finite, numbers
 from slipperjax.tools.units import in_unit, parsed
 
 SCENE = sj.paper_scene()
@@ -65,19 +65,6 @@ def test_cycles_are_no_radians(given, unit, exact):
             assert way() == pytest.approx(exact, rel=1e-14)
 
 
-def test_quantities_that_count_neither_cycles_nor_radians_are_refused():
-    with pytest.raises(ValueError, match="it must say whether it counts cycles or radians"):
-        positive("wavenumber", "cycles/m")(Q([1.0, 2.0], "1/m"))
-
-
-def test_scenes_know_cycles_from_radians():
-    environment = '[environment]\nplaces = { values = [[0, 0, 0]], unit = "m" }\nlow = "1200 rpm"\n'
-    found = scene_from_toml(f'base = "paper"\n[start]\nw_x = "10 Hz"\n{environment}')
-    assert found.start.w_x == pytest.approx(20 * math.pi, rel=1e-14)
-    assert found.environment["low"] == pytest.approx(20.0, rel=1e-14)
-    assert sj.Motion(w_x=Q(10.0, "Hz")).w_x == pytest.approx(20 * math.pi, rel=1e-14)
-
-
 @pytest.mark.parametrize(
     ("given", "unit", "exact"),
     [
@@ -118,56 +105,13 @@ def test_other_units_and_dates_are_refused(given, unit):
         finite("x", unit)(given)
 
 
-def test_series_of_pandas_may_have_a_unit():
-    series = pd.Series([1.0, 2.0])
-    series.attrs["units"] = "mm"
-    np.testing.assert_allclose(numbers("x", series, 1, "m"), [1e-3, 2e-3], rtol=1e-14)
-
-
-def test_arguments_have_their_units_everywhere():
-    assert float(sj.paper_scene(speed=of_unit(900.0, "km/h")).speed) == 250.0
-    np.testing.assert_allclose(Grid(SCENE, {"clearance": of_unit([1.0, 2.0], "mm")}).axes["clearance"], [1e-3, 2e-3])
-    survey = sj.SampledTrack(of_unit(np.arange(5.0), "ft"), of_unit(np.full(5, 0.5), "mm"), 0.0)
-    np.testing.assert_allclose(survey.lateral, 0.5e-3, rtol=1e-14)
-    np.testing.assert_allclose(survey.distance, [0.0, 4 * 0.3048], rtol=1e-14)
-    times = sj.SpeedProgramme.over_time(np.array([0, 1, 2], "timedelta64[s]"), of_unit([36.0, 36.0, 36.0], "km/h"))
-    np.testing.assert_allclose(times.distance, [0.0, 10.0, 20.0], rtol=1e-14)
-    assert number(positive, "rate", Q(60000.0, "rpm"), "Hz") == pytest.approx(1000.0, rel=1e-14)
-
-
 HIDDEN = np.ma.masked_equal([1.0, 2.0, -9999.0, 4.0, 5.0], -9999.0)
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: sj.SampledTrack(np.arange(5.0), 1e-4 * HIDDEN, 0.0),
-        lambda: sj.SampledTrack(HIDDEN, np.zeros(5), 0.0),
-        lambda: sj.TabulatedLoad(np.ma.masked_greater([[1, 0, 0], [99, 0, 0]], 50), time=[0.0, 1.0]),
-        lambda: sj.SpeedProgramme.over_time(np.arange(5.0), HIDDEN),
-        lambda: Grid(SCENE, {"speed": HIDDEN}),
-        lambda: sj.paper_scene(speed=np.ma.masked),
-        lambda: finite("x", "m")(Q(HIDDEN, "mm")),
-        lambda: finite("x", "m")([HIDDEN, HIDDEN]),
-    ],
-)
-def test_numbers_under_a_mask_are_missing(call):
-    with pytest.raises(ValueError, match=r"but is nan"):
-        call()
 
 
 def test_histories_have_no_number_under_a_mask():
     np.testing.assert_array_equal(numbers("series", HIDDEN), [1.0, 2.0, np.nan, 4.0, 5.0])
     with pytest.raises(ValueError, match=r"`series` must be numbers, but is <?Quantity"):
         numbers("series", Q([1.0, 2.0], "mm"))
-
-
-def test_results_in_other_units_are_refused():
-    ds = xr.Dataset({"peak_force": ("speed", [1.0], {"units": "N"})}, {"speed": ("speed", [1.0], {"units": "m/s"})})
-    check_units(ds, "ds")
-    ds["speed"].attrs["units"] = "km/h"
-    with pytest.raises(ValueError, match="`ds` must have speed in m/s, as slipperjax makes it, but has it in km/h"):
-        check_units(ds, "ds")
 
 
 @pytest.mark.parametrize(
