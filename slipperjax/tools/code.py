@@ -4,10 +4,12 @@ import dataclasses
 import enum
 import functools
 import hashlib
+import inspect
 import sys
 import types
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
+from typing import Any
 
 import jax
 import numpy as np
@@ -19,6 +21,8 @@ LIBRARIES |= {"numpy", "scipy"} | sys.stdlib_module_names
 """Packages whose version tells their code."""
 PLAIN = (type(None), bool, int, float, complex, str, bytes, range, slice, type(...), type(NotImplemented))
 """Classes of values that their text tells."""
+BUILTIN: tuple[Any, ...] = (tuple, list, dict, int, float, complex, str, bytes)
+"""Classes that are told with the classes that inherit from them."""
 MADE_BY_PYTHON = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__", "__replace__"}
 """Methods that dataclasses get."""
 
@@ -95,9 +99,8 @@ def _is_found_in_library(thing: object) -> bool:
     """Tell whether a library has a function or class under its name, so that the name tells its code."""
     if not callable(thing) or isinstance(thing, functools.partial):
         return False
-    code = thing
-    while not isinstance(code, types.FunctionType) and hasattr(code, "__wrapped__"):
-        code = code.__wrapped__  # such as the function inside jax.jit
+    # such as the function inside jax.jit
+    code = thing if isinstance(thing, types.FunctionType) else inspect.unwrap(thing)
     if not (_of_library(thing) and _of_library(code)):
         return False
     found = sys.modules.get(getattr(thing, "__module__", None) or "")
@@ -105,7 +108,7 @@ def _is_found_in_library(thing: object) -> bool:
         found = getattr(found, name, None)
     # or one that is decorated, such as the function inside `jit`
     while found is not thing and hasattr(found, "__wrapped__"):
-        found = found.__wrapped__
+        found = getattr(found, "__wrapped__")  # noqa: B009
     return found is thing
 
 
@@ -147,7 +150,7 @@ def _parts(thing: object, known: Mapping[str, object]) -> list:
         return [thing.__module__, thing.__qualname__]
     if isinstance(thing, enum.Enum):
         return [type(thing), thing.name]
-    for kind in (tuple, list, dict, int, float, complex, str, bytes):
+    for kind in BUILTIN:
         if isinstance(thing, kind):
             # a named tuple may have methods of the user
             own = [] if type(thing) is kind else [type(thing), getattr(thing, "__dict__", None)]

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -50,7 +51,7 @@ class _Program:
     """The program of one signature, which one thread finds or compiles while others wait."""
 
     def __init__(self):
-        self.lock = threading.Lock()
+        self.lock = threading.RLock()
         self.run: Callable | None = None
         self.is_known = False
 
@@ -101,8 +102,9 @@ class Programs:
         if not self.static_numbers and not self.static_names:
             return (), args, options
         static = tuple(
-            [(k, value) for k, value in enumerate(args) if k in self.static_numbers]
-            + [(name, value) for name, value in sorted(options.items()) if name in self.static_names]
+            # 1, 1.0 and True are equal
+            [(k, type(value), value) for k, value in enumerate(args) if k in self.static_numbers]
+            + [(name, type(value), value) for name, value in sorted(options.items()) if name in self.static_names]
         )
         dynamic = tuple(value for k, value in enumerate(args) if k not in self.static_numbers)
         return static, dynamic, {name: value for name, value in options.items() if name not in self.static_names}
@@ -175,7 +177,7 @@ def _compiled(path: Path, lowered: jax.stages.Lowered) -> Callable:
     return program
 
 
-def _loaded(path: Path, tree: jax.tree_util.PyTreeDef) -> Callable | None:
+def _loaded(path: Path, tree: Any) -> Callable | None:
     """Return a program of the disk; None where there is none, and where it is damaged or not the user's."""
     with suppress(Exception):
         from jax.experimental.serialize_executable import deserialize_and_load
@@ -238,7 +240,7 @@ def _environment() -> tuple[str, ...]:
     return (sys.version, *versions, IMPORTED, np.dtype(np.intp).str, *kind, *flags)
 
 
-def _device() -> jax.Device:
+def _device() -> Any:
     """Return the device on which JAX computes where it is not told one."""
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
     return chosen if isinstance(chosen, jax.Device) else jax.devices(chosen)[0]

@@ -205,6 +205,11 @@ def test_a_kept_program_gives_what_jit_gives(folder, value):
         assert (found[name].weak_type, found[name].committed) == (plain[name].weak_type, plain[name].committed)
 
 
+def test_static_arguments_that_are_equal_are_told_apart_by_their_type(folder):
+    call = sj.jit(cubed, static_argnames="how")
+    assert [call(2, how=how)["cube"].dtype for how in (1, 1.0)] == [np.int64, np.float64]
+
+
 def damaged(content: bytes) -> list[bytes]:
     """What crashes, disks and others may leave in place of a file's content."""
     flipped = bytearray(content)
