@@ -136,8 +136,8 @@ tests/sweeps/test_runs.py -k "times_and_steps or standstill"
 -        least = jax.vmap(scene.speed.least)(edges[:-1], edges[1:])
 +        least = jnp.full(len(edges) - 1, scene.speed.least(edges[0], edges[-1]))
 
-runs over one rail are drawn one by one
-tests/sweeps/test_compare.py -k two_errors
+runs of a comparison over one rail are drawn one by one
+tests/sweeps/test_compare.py -k share_their_rails
 -    groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
 +    groups = grouped.reshape(-1, 1, count)
 
@@ -270,7 +270,7 @@ tests/model/test_travel.py -k integrals
 +        here = self.speed[k] + share * (self.speed[k + 1] - self.speed[k])
 
 a sled that nothing drives
-tests/model/test_sled.py -k at_rest_on_its_spring
+tests/model/test_payload.py -k at_rest_on_its_spring
 -    return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
 +    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
 

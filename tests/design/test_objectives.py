@@ -105,6 +105,7 @@ def test_the_greatest_of_several_periods_counts_and_means_are_taken():
     np.testing.assert_allclose(softer[1] / 20 ** (1 / 128), 98, rtol=0.03)
 
 
+@pytest.mark.full
 def test_without_contact_forces_are_zero_and_have_a_derivative():
     force, acceleration = spread(wave(50.0, 1.0), (2, 10)), spread(wave(100.0), (5,))
 

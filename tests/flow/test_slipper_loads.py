@@ -139,6 +139,7 @@ def test_an_applied_load_is_part_of_the_static_load():
     assert float(static_loads(scene, scene.travel(0.0))) == pytest.approx(14 * 9.81 + 100)
 
 
+@pytest.mark.full
 def test_net_forces_are_mass_times_acceleration():
     """Friction included, of a single slipper without weight."""
     scene = dataclasses.replace(sj.paper_scene(), friction=sj.Coulomb(0.3))

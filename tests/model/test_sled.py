@@ -119,7 +119,7 @@ def rates_of(scene):
     field, args = sj.vector_field(scene), sj.Args(scene)
     rates = lambda x: field.evaluate(0.0, sj.State(unflatten(x), state.memory), args).motion
     evaluate = lambda x: jax.flatten_util.ravel_pytree(rates(x))[0]
-    eigenvalues = np.linalg.eigvals(np.asarray(jax.jacfwd(evaluate)(flat))) / float(scene.period)
+    eigenvalues = np.linalg.eigvals(np.asarray(jax.jit(jax.jacfwd(evaluate))(flat))) / float(scene.period)
     found = np.sort(eigenvalues.imag)
     return found[found > 1.0]
 

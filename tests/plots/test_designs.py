@@ -141,6 +141,7 @@ def test_one_variable_has_the_objective_upwards(design):
     assert len(trials.figure.axes) == 5  # no colour bar
 
 
+@pytest.mark.full
 def test_panels_of_a_design_are_as_wide_as_their_row_allows(design):
     ds = design()
     axes = plots.design_overview(ds, surroundings(ds), margins=margins())

@@ -71,6 +71,7 @@ def test_shaded_is_what_is_within_6_db():
     assert legend(axes[0, 0]) == []
 
 
+@pytest.mark.full
 def test_a_direction_without_acceleration_is_an_empty_panel(report):
     axes = plots.vibration(report, 1)
     assert not np.any(axes[0, 0].lines[0].get_ydata())

@@ -66,7 +66,7 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("case", among(ORDERS, "RK4", "Tsit5", "ROS34PW2", slow=["TwoStep without damping"]))
+@pytest.mark.parametrize("case", among(ORDERS, "RK4", "ROS34PW2", slow=["TwoStep without damping"]))
 def test_order_on_a_smooth_motion(case):
     solver, times, order, most = case
     error = lambda times: np.abs(np.array(jax.tree.leaves(smooth_end(solver)(times))) - Smooth.exact(times[-1])).max()

@@ -152,6 +152,7 @@ def test_a_history_keeps_its_times():
     assert coords["period"][1].tolist() == [0.25, 0.5, 0.75, 1.0]
 
 
+@pytest.mark.full
 def test_a_followed_motion_is_kept_as_far_as_it_came(interrupt_after):
     interrupt_after(2)
     path = {"speed": [1240.0, 1250.0, 1260.0, 1270.0]}
