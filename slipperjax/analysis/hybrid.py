@@ -118,7 +118,7 @@ class AbstractCrossingStep(eqx.Module):
 
     @abc.abstractmethod
     def _ahead(self, t, y) -> tuple[Array, Bool[Array, ""]]:
-        """Return the state after a whole step from (t, y), and whether the step crosses the surface."""
+        """Return the state after a whole step from (t, y), and whether the step may cross the surface."""
 
     @abc.abstractmethod
     def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Array, Bool[Array, ""]]:
@@ -137,9 +137,11 @@ class AbstractCrossingStep(eqx.Module):
             t = self.t0 + (k * self.steps + i) * self.dt
             field, gap = self._flight(t, y)
             flow = lambda share: rk4(field, t, y, share * self.dt)
-            end, touches = self._ahead(t, y)
+            end, split = self._ahead(t, y)
             stuck = self._stuck(t, y)
-            lowest, least = _lowest(field, gap, t, y, t + self.dt, end)
+            lowest = _lowest(field, gap, t, y, t + self.dt, end)[0]
+            least = gap(t + lowest * self.dt, flow(lowest))
+            touches = split & (least < 0)
             share = lowest * share_before(gap, lambda part: flow(part * lowest), t, lowest * self.dt, touches)
             touch = t + share * self.dt, flow(share)
             after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
@@ -224,9 +226,11 @@ class SwitchedStep(AbstractCrossingStep):
     def _ahead(self, t, y):
         field, gap = self._flight(t, y)
         end = rk4(field, t, y, self.dt)
-        least = _lowest(field, gap, t, y, t + self.dt, end)[1]
-        # from the surface itself, the end of the step tells
-        return end, jnp.where(self._near(t, y), gap(t + self.dt, end), least) < 0
+        rate, then = _along(field, gap), t + self.dt
+        fall, rise, last = rate(t, y), rate(then, end), gap(then, end)
+        # a gap that falls and rises may be below zero between, unless one of its tangents at the ends is not
+        dips = (fall < 0) & (rise > 0) & (gap(t, y) + self.dt * fall < 0) & (last - self.dt * rise < 0)
+        return end, (last < 0) | dips
 
     def _stuck(self, t, y):
         above, below = self._rates(t, y)

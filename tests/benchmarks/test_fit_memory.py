@@ -2,8 +2,8 @@
 
 pytest -m benchmark -s tests/benchmarks/test_fit_memory.py
 
-Derivatives are kept by windows, so that memory grows as the number of windows and starts. The greatest case takes
-hours.
+Derivatives are kept by windows, so that memory grows as the number of windows and starts. The greatest case takes a
+quarter of an hour.
 """
 
 import pytest
