@@ -165,6 +165,7 @@ def own_cache(monkeypatch):
 
     folder = jax.config.jax_compilation_cache_dir
     monkeypatch.delenv(CACHE, raising=False)
+    monkeypatch.setenv("SLIPPERJAX_CACHE", "off")
     jax.config.update("jax_compilation_cache_dir", None)
     # which stays in use where it was used before
     reset_cache()

@@ -55,6 +55,7 @@ def test_what_is_made_of_shared_leaves_is_shared():
     assert (same.varied, same.shared.tolist()) == (None, [3, 4])
 
 
+@pytest.mark.usefixtures("own_cache")
 def test_calls_compile_once_for_other_numbers():
     traced = []
 
