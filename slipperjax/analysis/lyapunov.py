@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..tools.checks import finite, numbers, positive, require, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.forms import in_one_kernel
+from ..tools.texts import brief
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .kinds import Regime
@@ -281,7 +282,7 @@ def map_spectrum(
 
 def _spectrum(functions, static, state, index, transient):
     """Return the history after the intervals of alignment, and the state and tangents at the end."""
-    step, scale = functions
+    step, scale = steady(functions[0]), functions[1]
     count, align, intervals, runs, fixed = static
     if runs:
         most = transient if fixed is None else fixed
@@ -303,6 +304,20 @@ def check_state(state: PyTree) -> PyTree:
     """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
+
+
+def steady(step: Step) -> Step:
+    """Return `step`, which raises `ValueError`, when it is traced, where it returns no state like that it gets."""
+    shapes = lambda tree: (jax.tree.structure(tree), [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)])
+    shown = lambda tree: brief(jax.tree.map(lambda leaf: f"f{list(jnp.shape(leaf))}", tree)).replace("'", "")
+
+    def checked(state, k):
+        end = step(state, k)
+        need = f"be like the state that `step` returns, {shown(end)}"
+        require(shapes(end) == shapes(state), "state", need, shown=shown(state))
+        return end
+
+    return checked
 
 
 def check_real(name: str, value: object) -> Any:

@@ -17,7 +17,7 @@ from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .floquet import linearise, product, solve
-from .lyapunov import Scale, Step, check_functions, check_state, weights_of
+from .lyapunov import Scale, Step, check_functions, check_state, steady, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
 Consistent = Callable[[Step, PyTree, PyTree], PyTree]
@@ -67,6 +67,7 @@ def shoot(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, scale)
+    require(consistent is None or callable(consistent), "consistent", "be a function", consistent)
     state = check_state(state)
     count = whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
@@ -80,7 +81,7 @@ def _shoot(functions, static, state, tolerance):
     intervals, limit, differentiable = static
 
     def motions(step, scale, consistent):
-        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, intervals, consistent)
+        return PeriodicMotions(lambda: steady(step), state, jnp.zeros(0), scale, intervals, consistent)
 
     # the iteration itself is not differentiated
     constant, guess = without_derivatives((functions, ravel_pytree(state)[0]))
@@ -118,7 +119,7 @@ def minimal_period(
 
 
 def _residuals(functions, static, state):
-    step, scale = functions
+    step, scale = steady(functions[0]), functions[1]
     (intervals,) = static
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)

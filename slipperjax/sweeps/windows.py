@@ -27,7 +27,7 @@ from ..flow.records import (
 )
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
-from ..tools.checks import one_of, require, whole
+from ..tools.checks import instance, one_of, require, whole
 from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
@@ -223,6 +223,7 @@ def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distanc
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
+    instance("ds", ds, xr.Dataset, "a dataset of slipperjax.run")
     known = run_record(record)
     require(known is not None and known.name in ds, "record", "be a number of the run's windows", record)
     assert known is not None
