@@ -4,6 +4,7 @@ The table is made from their signatures, so that a new argument stands in it by 
 are known by name. Errors come before anything is simulated.
 """
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator
@@ -59,6 +60,7 @@ FINE = dict(
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
+    "compare": dict(scene=dataclasses.replace(SCENE, track=RAIL)),
     "OnePoint": dict(record=flow.RECORDS["peak_force"]),
     "RandomTrack": dict(lateral=None, vertical=model.CornerSpectrum(1e-7, 0.02, 0.8)),
     "Store": dict(path="map.zarr"),
@@ -102,7 +104,7 @@ NOT_ASKED = {
     "sensitivities": ["names"],
     # a context, which answers where it is entered
     "styled": None,
-    # answers where it is entered
+    # has none for all that is no TOML file
     "load_environment": ["source"],
 }
 """Arguments by function that need not answer, or None for all of them."""
@@ -118,7 +120,11 @@ def public() -> dict[str, Callable]:
     # of a function and a module of the same name, the function
     found = {name: f for name, f in members if callable(f) and f.__module__.startswith("slipperjax.")}
     # the tests' own checks of types would answer first
-    return {name: inspect.unwrap(f) for name, f in found.items() if not inspect.isabstract(f) and NOT_ASKED.get(name, []) is not None}
+    return {
+        name: inspect.unwrap(f)
+        for name, f in found.items()
+        if not inspect.isabstract(f) and NOT_ASKED.get(name, []) is not None
+    }
 
 
 def rows() -> Iterator[tuple[str, str, Callable]]:

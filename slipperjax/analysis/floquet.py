@@ -13,7 +13,7 @@ from ..tools.checks import finite, numbers, whole
 from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
-from .lyapunov import Step, check_functions, check_state, steady
+from .lyapunov import Step, check_functions, check_state, returns_its_state
 
 
 def solve(
@@ -56,7 +56,9 @@ def jacobians(
     check_functions(step, None)
     state = check_state(state)
     intervals = whole("intervals", intervals, 1)
-    return linearise(steady(step), state, intervals, index=finite("index")(index))[1]
+    index = finite("index")(index)
+    with returns_its_state(step, state, index):
+        return linearise(step, state, intervals, index=index)[1]
 
 
 def linearise(

@@ -9,7 +9,8 @@ state in a differentiable way. If the force jumps at the end of the integration 
 derivative lacks the saltation term, and the exponents are wrong however short the steps.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import equinox as eqx
@@ -276,13 +277,14 @@ def map_spectrum(
     # As an argument of the program, any transient runs without compiling again; reverse mode needs it as a constant.
     fixed = transient if is_traced((step, state)) else None
     settings = count, align, intervals, transient > 0, fixed
-    history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
+    with returns_its_state(step, state, index):
+        history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
 def _spectrum(functions, static, state, index, transient):
     """Return the history after the intervals of alignment, and the state and tangents at the end."""
-    step, scale = steady(functions[0]), functions[1]
+    step, scale = functions
     count, align, intervals, runs, fixed = static
     if runs:
         most = transient if fixed is None else fixed
@@ -306,18 +308,22 @@ def check_state(state: PyTree) -> PyTree:
     return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
 
 
-def steady(step: Step) -> Step:
-    """Return `step`, which raises `ValueError`, when it is traced, where it returns no state like that it gets."""
-    shapes = lambda tree: (jax.tree.structure(tree), [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)])
-    shown = lambda tree: brief(jax.tree.map(lambda leaf: f"f{list(jnp.shape(leaf))}", tree)).replace("'", "")
-
-    def checked(state, k):
-        end = step(state, k)
+@contextmanager
+def returns_its_state(step: Step, state: PyTree, index: Real = 0.0) -> Iterator[None]:
+    """Raise `ValueError` where a computation fails because `step` returns no state like the one it gets."""
+    failure = None
+    try:
+        yield
+    except TypeError as error:
+        failure = error
+    # only then, because it traces `step` once more
+    if failure is not None:
+        end = jax.eval_shape(lambda s, k: step(s, k), state, index)
+        kinds = lambda tree: jax.tree.map(lambda leaf: f"{leaf.dtype}{list(leaf.shape)}", tree)
+        shown = lambda tree: brief(kinds(tree)).replace("'", "")
         need = f"be like the state that `step` returns, {shown(end)}"
-        require(shapes(end) == shapes(state), "state", need, shown=shown(state))
-        return end
-
-    return checked
+        require(kinds(end) == kinds(state), "state", need, shown=shown(state))
+        raise failure
 
 
 def check_real(name: str, value: object) -> Any:

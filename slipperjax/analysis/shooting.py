@@ -17,7 +17,7 @@ from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .floquet import linearise, product, solve
-from .lyapunov import Scale, Step, check_functions, check_state, steady, weights_of
+from .lyapunov import Scale, Step, check_functions, check_state, returns_its_state, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
 Consistent = Callable[[Step, PyTree, PyTree], PyTree]
@@ -73,7 +73,8 @@ def shoot(
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
+    with returns_its_state(step, state):
+        return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, tolerance):
@@ -81,7 +82,7 @@ def _shoot(functions, static, state, tolerance):
     intervals, limit, differentiable = static
 
     def motions(step, scale, consistent):
-        return PeriodicMotions(lambda: steady(step), state, jnp.zeros(0), scale, intervals, consistent)
+        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, intervals, consistent)
 
     # the iteration itself is not differentiated
     constant, guess = without_derivatives((functions, ravel_pytree(state)[0]))
@@ -112,14 +113,18 @@ def minimal_period(
     **Arguments:** as for `shoot`.
 
     **Returns:** residuals, as in `Shot`, by divisor; the first divisor with a small one is the minimal period.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    return call_compiled(_residuals, (step, scale), (count,), check_state(state))
+    state = check_state(state)
+    with returns_its_state(step, state):
+        return call_compiled(_residuals, (step, scale), (count,), state)
 
 
 def _residuals(functions, static, state):
-    step, scale = steady(functions[0]), functions[1]
+    step, scale = functions
     (intervals,) = static
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)

@@ -140,7 +140,7 @@ def named_records(name: object) -> tuple[object, ...]:
 
 def run_record(name: Any) -> AbstractNumber | None:
     """Return the record of numbers of a name, or one that is given itself; None for an unknown one."""
-    found = WINDOW_RECORDS.get(name, RECORDS.get(name, name))
+    found = WINDOW_RECORDS.get(name, RECORDS.get(name)) if isinstance(name, str) else name
     return found if isinstance(found, AbstractNumber) else None
 
 
