@@ -101,6 +101,7 @@ def compare(
     for share in shares:
         check_quantile(share, rails if rails > 1 else starts)
     scene, of_rails = _on_rails(scene, rails)
+    require(isinstance(designs, Mapping), "designs", "name parameters with their values", designs)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
     count = designs_of.count
