@@ -4,6 +4,7 @@ The table is made from their signatures, so that a new argument stands in it by 
 are known by name. Errors come before anything is simulated.
 """
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator
@@ -59,6 +60,7 @@ FINE = dict(
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
+    "compare": dict(scene=dataclasses.replace(SCENE, track=RAIL)),
     "OnePoint": dict(record=flow.RECORDS["peak_force"]),
     "RandomTrack": dict(lateral=None, vertical=model.CornerSpectrum(1e-7, 0.02, 0.8)),
     "Store": dict(path="map.zarr"),
@@ -97,40 +99,13 @@ NOT_ASKED = {
     "passing": ["branch"],
     "event_margins": ["cases", "design"],
     # "is no parameter; the names are ..."
-    "continue_orbit": ["name", "until"],
+    "continue_orbit": ["name"],
     "parameter": ["name"],
+    "sensitivities": ["names"],
     # a context, which answers where it is entered
     "styled": None,
-    # do not answer yet, or not before they compute
-    "Features": ["features"],
-    "attractors": ["ds"],
-    "continue_critical": ["equations"],
-    "groups": ["ds"],
-    "strobe_states": ["ds"],
-    "surroundings": ["design"],
-    "whole_run": ["ds"],
-    "RocketSled": ["brakes"],
-    "contact_duration": ["travel"],
-    "environment": ["runs"],
-    "envelope": ["share", "confidence"],
-    "explain": ["function", "store"],
-    "explore": ["grid", "start"],
-    "find_jump": ["most_holds", "steps_per_period"],
-    "jacobians": ["step", "state", "intervals", "index"],
+    # has none for all that is no TOML file
     "load_environment": ["source"],
-    "map_spectrum": ["state"],
-    "minimal_period": ["state"],
-    "optimise_design": ["objective"],
-    "period_map": ["adjoint"],
-    "rail_frame": ["points"],
-    "run": ["executor"],
-    "sensitivities": ["names"],
-    "shock_response_spectrum": ["quality", "rest"],
-    "shoot": ["state", "consistent"],
-    "simulate": ["adjoint"],
-    "tolerance_factor": ["samples", "share", "confidence"],
-    "window_densities": ["highest"],
-    "with_step_error": ["finer"],
 }
 """Arguments by function that need not answer, or None for all of them."""
 NAMED = {"Store": {"path": "store"}, "sensitivities": {"objectives": "objective"}}
@@ -141,10 +116,15 @@ WRONG = (object(), [[1.0], [1.0, 2.0]])
 
 def public() -> dict[str, Callable]:
     """Functions and classes of the rooms, by name."""
-    found = {name: getattr(room, name) for room in ROOMS for name in dir(room) if name[0] != "_"}
-    ours = lambda f: callable(f) and f.__module__.startswith("slipperjax.") and not inspect.isabstract(f)
+    members = [(name, getattr(room, name)) for room in ROOMS for name in dir(room) if name[0] != "_"]
+    # of a function and a module of the same name, the function
+    found = {name: f for name, f in members if callable(f) and f.__module__.startswith("slipperjax.")}
     # the tests' own checks of types would answer first
-    return {name: inspect.unwrap(f) for name, f in found.items() if ours(f) and NOT_ASKED.get(name, []) is not None}
+    return {
+        name: inspect.unwrap(f)
+        for name, f in found.items()
+        if not inspect.isabstract(f) and NOT_ASKED.get(name, []) is not None
+    }
 
 
 def rows() -> Iterator[tuple[str, str, Callable]]:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from ..tools.checks import one_of
+from ..tools.checks import instance, one_of
 from ..tools.compile import call_compiled
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
@@ -264,6 +264,7 @@ def continue_critical(
 
     **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
     """
+    instance("equations", equations, (CriticalMotions, ConditionedMotions), "CriticalMotions or ConditionedMotions")
     size = equations.motions.size
     limits = [checked_bounds(pair) for pair in bounds]
     angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []

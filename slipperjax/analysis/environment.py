@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import finite, number, numbers, positive, require
+from ..tools.checks import finite, number, numbers, positive, require, whole
 from ..tools.types import Numbers
 from .spectra import power_spectral_density
 
@@ -116,6 +116,9 @@ def window_densities(
     edges = numbers("edges", edges, 1, "Hz")
     widths = np.diff(edges)
     require(edges.size > 1 and (widths > 0).all(), "edges", "be two frequencies or more that increase", edges)
+    if highest is not None:
+        highest = numbers("highest", highest, 1, "Hz")
+        require(highest.shape == x.shape[-1:], "highest", f"have shape {x.shape[-1:]}", shown=str(highest.shape))
     duration = 1 / widths.min() if window is None else number(positive, "window", window, "s")
     size = min(max(math.ceil(duration * rate * (1 - _ROUNDING)), 8), x.shape[-1])
     hops = math.ceil((x.shape[-1] - size) / (size / 2))
@@ -216,6 +219,9 @@ def shock_response_spectrum(
     pulse from rest.
     """
     x, rate = _histories(acceleration, rate)
+    # here, because no oscillator may be slow enough to be computed
+    quality = check_quality(quality)
+    rest = None if rest is None else number(finite, "rest", rest, "m/s^2")
     frequencies = numbers("natural_frequency", natural_frequency, 1, "Hz")
     peaks = np.full((*x.shape[:-1], frequencies.size), np.nan)
     for k, frequency in enumerate(frequencies):
@@ -248,6 +254,13 @@ def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) ->
     return (middles - 0.5) / rate, np.sqrt(np.maximum(variance, 0.0))
 
 
+def _share(name: str, value: float) -> float:
+    """Return a number above 0 and below 1; raises `ValueError` otherwise."""
+    value = number(finite, name, value)
+    require(0 < value < 1, name, "be above 0 and below 1", value)
+    return value
+
+
 def tolerance_factor(samples: int, *, share: float = 0.95, confidence: float = 0.5) -> float:
     """Return k such that mean + k times standard deviation of normal samples exceeds a share of all values.
 
@@ -257,6 +270,8 @@ def tolerance_factor(samples: int, *, share: float = 0.95, confidence: float = 0
     """
     import scipy.stats
 
+    samples = whole("samples", samples, 1)
+    share, confidence = _share("share", share), _share("confidence", confidence)
     if samples < 2:
         return math.nan
     shift = math.sqrt(samples) * scipy.stats.norm.ppf(share)

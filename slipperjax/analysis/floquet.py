@@ -9,11 +9,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Complex, Float, Inexact, PyTree
 
-from ..tools.checks import numbers
+from ..tools.checks import finite, numbers, whole
 from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
-from .lyapunov import Step
+from .lyapunov import Step, check_functions, check_state, returns_its_state
 
 
 def solve(
@@ -50,8 +50,15 @@ def jacobians(
 
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
     of floats with `size` values in all; `index`: index of the first interval.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
-    return linearise(step, state, intervals, index=index)[1]
+    check_functions(step, None)
+    state = check_state(state)
+    intervals = whole("intervals", intervals, 1)
+    index = finite("index")(index)
+    with returns_its_state(step, state, index):
+        return linearise(step, state, intervals, index=index)[1]
 
 
 def linearise(

@@ -9,7 +9,8 @@ state in a differentiable way. If the force jumps at the end of the integration 
 derivative lacks the saltation term, and the exponents are wrong however short the steps.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import equinox as eqx
@@ -22,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..tools.checks import finite, numbers, positive, require, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.forms import in_one_kernel
+from ..tools.texts import brief
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from .kinds import Regime
@@ -275,7 +277,8 @@ def map_spectrum(
     # As an argument of the program, any transient runs without compiling again; reverse mode needs it as a constant.
     fixed = transient if is_traced((step, state)) else None
     settings = count, align, intervals, transient > 0, fixed
-    history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
+    with returns_its_state(step, state, index):
+        history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
@@ -303,6 +306,24 @@ def check_state(state: PyTree) -> PyTree:
     """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
+
+
+@contextmanager
+def returns_its_state(step: Step, state: PyTree, index: Real = 0.0) -> Iterator[None]:
+    """Raise `ValueError` where a computation fails because `step` returns no state like the one it gets."""
+    failure = None
+    try:
+        yield
+    except TypeError as error:
+        failure = error
+    # only then, because it traces `step` once more
+    if failure is not None:
+        end = jax.eval_shape(lambda s, k: step(s, k), state, index)
+        kinds = lambda tree: jax.tree.map(lambda leaf: f"{leaf.dtype}{list(leaf.shape)}", tree)
+        shown = lambda tree: brief(kinds(tree)).replace("'", "")
+        need = f"be like the state that `step` returns, {shown(end)}"
+        require(kinds(end) == kinds(state), "state", need, shown=shown(state))
+        raise failure
 
 
 def check_real(name: str, value: object) -> Any:

@@ -17,7 +17,7 @@ from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .floquet import linearise, product, solve
-from .lyapunov import Scale, Step, check_functions, check_state, weights_of
+from .lyapunov import Scale, Step, check_functions, check_state, returns_its_state, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
 Consistent = Callable[[Step, PyTree, PyTree], PyTree]
@@ -67,12 +67,14 @@ def shoot(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, scale)
+    require(consistent is None or callable(consistent), "consistent", "be a function", consistent)
     state = check_state(state)
     count = whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
+    with returns_its_state(step, state):
+        return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, tolerance):
@@ -111,10 +113,14 @@ def minimal_period(
     **Arguments:** as for `shoot`.
 
     **Returns:** residuals, as in `Shot`, by divisor; the first divisor with a small one is the minimal period.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    return call_compiled(_residuals, (step, scale), (count,), check_state(state))
+    state = check_state(state)
+    with returns_its_state(step, state):
+        return call_compiled(_residuals, (step, scale), (count,), state)
 
 
 def _residuals(functions, static, state):

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from ..tools.checks import require, whole
+from ..tools.checks import require, tuple_of, whole
 
 FINER = 3, 6, 12
 """Multiples of a motion's steps with which its derivatives are taken. Derivatives converge an order later than
@@ -30,9 +30,15 @@ def with_step_error(
     difference of results, or the one before divided by the square of the ratio of steps, if that is greater: the last
     may be small by chance. Read them as standard errors: nearly all true errors lie within three of them, see the
     pages on orbits and design.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
     require(callable(function), "function", "be a function of the number of steps", function)
     steps = whole("steps", steps, 1)
+    need = "two whole numbers or more in rising order"
+    multiples = tuple_of("finer", finer, (int, np.integer), need)
+    rises = len(multiples) > 1 and multiples[0] > 0 and all(a < b for a, b in itertools.pairwise(multiples))
+    require(rises, "finer", f"be {need}", finer)
     results = [function(times * steps) for times in finer]
     # errors of second order fall by this ratio from one difference to the next
     ratio = (finer[-1] / finer[-2]) ** 2

@@ -14,7 +14,7 @@ from ..orbits.periodic import periodic_orbit
 from ..sweeps.attractors import LAST
 from ..sweeps.records import LEAST_PERIODS, MotionKind
 from ..sweeps.sweep import sweep
-from ..tools.checks import number, positive, require, whole
+from ..tools.checks import instance, number, positive, require, whole
 from ..tools.columns import column
 from .optimise import Design
 from .problem import Problem
@@ -46,7 +46,7 @@ def surroundings(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    problem = design.problem
+    problem = instance("design", design, Design, "a result of optimise_design").problem
     count = whole("points", points, 1) | 1
     far = number(positive, "width", width)
     grid: dict[str, np.ndarray] = {}

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
-from ..analysis.floquet import jacobians
+from ..analysis.floquet import linearise
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
@@ -146,7 +146,7 @@ def matrix_slopes(
 
         def matrix(x: Array, p: Array) -> Array:
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
-            return jacobians(step, unravel(x), 1, index=epoch)[0]
+            return linearise(step, unravel(x), 1, index=epoch)[1][0]
 
         # along each parameter, with what it changes at the start
         p = values_of(scene, names)

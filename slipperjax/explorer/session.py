@@ -15,7 +15,7 @@ import xarray as xr
 
 from ..analysis.attractor import classify
 from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_start, varied_names
-from ..flow.simulate import Trajectory, simulate
+from ..flow.simulate import Trajectory, first_of, simulate
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
 from ..model.dynamics import State
@@ -162,6 +162,8 @@ class Session:
 
         **Raises:** `ValueError` where it is none of these, or `grid` is wrong; `OSError` for what cannot be read.
         """
+        start = None if start is None else first_of(start)
+        require(grid is None or isinstance(grid, Mapping), "grid", "name parameters with their values", grid)
         path = None
         if isinstance(source, str | Path):
             path = user_path(source).resolve()

@@ -24,7 +24,7 @@ from ..orbits.motions import recurs
 from ..sweeps.grid import Cases
 from ..sweeps.plan import PERIODS_PER_CALL
 from ..sweeps.run import heed_interrupts
-from ..tools.checks import instance, require, warn, whole
+from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
 from .channels import begin
@@ -76,9 +76,9 @@ class Features(AbstractFitMethod):
     """Forcing periods before a run is like the record: transients may take 70 to halve."""
 
     def __post_init__(self):
-        require(len(self.features), "features", "have one kind or more", shown="none")
-        for one in self.features:
-            instance("features", one, AbstractFeature, "kinds of features of slipperjax.fitting")
+        features = tuple_of("features", self.features, AbstractFeature, "kinds of features of slipperjax.fitting")
+        require(features, "features", "have one kind or more", shown="none")
+        object.__setattr__(self, "features", features)  # frozen for others
         for name, least in (("members", 4), ("proposals", 16), ("rounds", 1), ("transient", 0)):
             whole(name, getattr(self, name), least)
 

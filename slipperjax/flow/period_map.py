@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
-from ..analysis.floquet import jacobians
+from ..analysis.floquet import linearise
 from ..analysis.lyapunov import first_tangents, push_tangents
 from ..model.contact import AbstractMemory
 from ..model.dynamics import Args, State, vector_field
@@ -309,10 +309,10 @@ def batch_jacobians(
     periods: int,
 ) -> Float[Array, "cases periods size size"]:
     """Return Jacobians of a batch's successive period maps, for Floquet multipliers."""
-    of_one = lambda scene, state: jacobians(
+    of_one = lambda scene, state: linearise(
         PeriodMap(scene, stepping, solver),
         state,
         periods,
         index=epoch,
-    )
+    )[1]
     return scenes.map(of_one, states)

@@ -132,13 +132,14 @@ def period_map(
     origin = beginning_of(scene, begin)
     epoch = scene.epoch_at(origin)
     instance("state", state, State, "a slipperjax.State")
+    adjoint = _resolved_adjoint(adjoint)
     periods = whole("periods", periods, 1)
     check_rail(scene, periods, origin)
     steps = default_steps(_at_slowest(scene, epoch, periods), steps_per_period)
     refuse_periods(periods, steps)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
-    stepping = ConstantSteps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
+    stepping = ConstantSteps(steps) if controller is None else ControlledSteps(1, steps, controller, adjoint)
     epochs = (epoch,) if is_traced(origin) or origin else ()  # zero is a constant of the program
     mapped = PeriodMap(scene, stepping, solver, periods)
     return call_compiled(_mapped, mapped, (), state, *epochs)
@@ -226,12 +227,10 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     return ConstantSteps(most and capacity_for(most), as_argument(steps))
 
 
-def _controlled(
-    samples: int, first_steps: int, controller: diffrax.AbstractStepSizeController, adjoint: object
-) -> ControlledSteps:
+def _resolved_adjoint(adjoint: object) -> diffrax.AbstractAdjoint:
+    """Return how runs with a step size controller are differentiated, by default in forward mode."""
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
-    instance("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint")
-    return ControlledSteps(samples, first_steps, controller, adjoint)
+    return instance("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint")
 
 
 class Peak(NamedTuple):
@@ -402,6 +401,7 @@ def simulate(
     scene = check_scene(scene)
     periods = whole("periods", periods, 1)
     loads = yes_or_no("loads", loads)
+    adjoint = _resolved_adjoint(adjoint)
     origin, start = beginning(scene, begin, start)
     probe = whole("probe", probe, 0)
     traced = is_traced((scene, start, origin))
@@ -419,7 +419,7 @@ def simulate(
     records = RecordSet((record,))
     refuse_periods(periods, steps, record.values(scene, periods))
     if controller is not None:
-        stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
+        stepping = ControlledSteps(steps if loads else saves, steps, controller, adjoint)
     elif traced:  # for both modes of derivatives
         stepping = ConstantSteps(steps)
     else:

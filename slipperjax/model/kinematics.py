@@ -391,7 +391,9 @@ def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailF
     """
     need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
     instance("scene", scene, Scene, "a slipperjax.Scene")
-    points = contact_points(scene) if points is None else points
+    if points is None:
+        points = contact_points(scene)
+    instance("points", points, Points, "of `contact_points`")
     front, rear = _nodes(scene, points, real("phase", phase))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     along_y = rear.y - front.y

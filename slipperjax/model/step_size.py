@@ -39,6 +39,8 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
     and to check that steps resolve impacts.
     """
     instance("scene", scene, Scene, "a slipperjax.Scene")
+    if travel is not None:
+        instance("travel", travel, Travel, "of `Scene.travel`")
     # Hertz's impact of a sphere: 2.94 times the greatest depth over the approach speed
     return 2.94 * contact_depth(scene, travel) / _approach(scene, travel)
 

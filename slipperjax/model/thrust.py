@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, not_negative, positive, require
+from ..tools.checks import finite, not_negative, positive, require, tuple_of
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.files import content_of, readable, user_path
 from ..tools.tables import read_rows
@@ -52,6 +52,10 @@ class WaterBrake(ShapeChecked):
         return float(self.density * self.area * (1 - np.cos(self.turn)))
 
 
+def _brakes(value: object) -> tuple[WaterBrake, ...]:
+    return tuple_of("brakes", value, WaterBrake, "a list of slipperjax.WaterBrake(...)")
+
+
 class RocketSled(ShapeChecked):
     """A whole sled with its forces along the rail, from which the programme of its speed follows.
 
@@ -75,7 +79,7 @@ class RocketSled(ShapeChecked):
     """Of the air [kg/m^3]."""
     friction: Float[Array, ""] = field("", not_negative, default=0.0)
     """Friction on the rail over the weight [1]."""
-    brakes: tuple[WaterBrake, ...] = eqx.field(converter=tuple, default=())
+    brakes: tuple[WaterBrake, ...] = eqx.field(converter=_brakes, default=())
     """Water brakes along the rail."""
     begin: Float[Array, ""] = field("m", finite, default=0.0)
     """Distance along the rail where the sled stands at the beginning [m]."""
@@ -94,8 +98,6 @@ class RocketSled(ShapeChecked):
     def __check_init__(self):
         check_table(self, "time", "thrust", least=2)
         require(self.propellant < self.mass, "propellant", "be less than the mass", float(self.propellant))
-        for brake in self.brakes:
-            instance("brakes", brake, WaterBrake, "slipperjax.WaterBrake(...)")
 
     def programme(self) -> SpeedProgramme:
         """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` and no thrust is left, or

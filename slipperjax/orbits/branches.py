@@ -37,7 +37,7 @@ from ..model.scene import Scene, check_scene
 from ..model.starts import initial_state
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import known, number, positive, require, whole
+from ..tools.checks import known, number, positive, require, tuple_of, whole
 from ..tools.compile import call_compiled
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
@@ -546,9 +546,10 @@ def labels(until: Sequence[str]) -> tuple[str, ...]:
     """Return `until` as a tuple; raise `ValueError` unless all are labels of events."""
     # at two others a way ends anyway, and slippers have no impacts at once
     choices = [label for label in MEANINGS if label not in ("EP", "MX", "ST")]
-    known_labels = not isinstance(until, str) and all(label in choices for label in until)
-    require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)
-    return tuple(until)
+    need = f"a tuple of labels of {', '.join(choices)}"
+    given = tuple_of("until", until, str, need)
+    require(set(given) <= set(choices), "until", f"be {need}", until)
+    return given
 
 
 def steps_of_branch(

@@ -35,7 +35,9 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
 
     **Returns:** the Axes, in m.
     """
-    view = None if isinstance(source, Scene) else RunView.of(source, units=units)
+    view = None
+    if not isinstance(source, Scene):
+        view = RunView.of(check_dataset(source, RUN_SOURCE, argument="source"), units=units)
     scene = check_scene(source if view is None else view.scene)
     slippers = scene.mounted
     names = list(scene.slipper.names or ["slipper"])

@@ -46,7 +46,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
     **Raises:** `ValueError` for other datasets.
     """
     require(
-        "strobe" in ds,
+        isinstance(ds, xr.Dataset) and "strobe" in ds,
         "ds",
         "come from a sweep that recorded sections or strobe",
         shown="another dataset",

@@ -27,7 +27,7 @@ from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
 from ..model.tracks import AbstractTwoRails
-from ..tools.checks import brief, instance, one_of, require, warn, whole
+from ..tools.checks import brief, finite, instance, number, one_of, require, warn, whole
 from ..tools.columns import column
 from ..tools.files import first_ones
 from .grid import Grid, sample_box
@@ -88,19 +88,20 @@ def compare(
     scene = check_scene(scene)
     rails = whole("rails", rails, 1)
     starts = whole("starts", starts, 1)
+    seed = whole("seed", seed, 0)
     of_windows = run_record(record)
     if of_windows is None:
         raise ValueError(
             f"Argument `record` must be the name of a number, such as peak_slipper_force, but is {brief(record)}."
         )
     require(of_windows.join is not ONE_PERIOD, "record", "be a number that several windows have in common", record)
-    shares = [
-        float(share) for share in instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
-    ]
+    given = instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
+    shares = [number(finite, "quantiles", share) for share in given]
     one_of("mean_over", mean_over, ("distance", "time"))
     for share in shares:
         check_quantile(share, rails if rails > 1 else starts)
     scene, of_rails = _on_rails(scene, rails)
+    require(isinstance(designs, Mapping), "designs", "name parameters with their values", designs)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
     count = designs_of.count
@@ -121,9 +122,9 @@ def compare(
     if len(lost):
         again = {name: values[lost] for name, values in cases.items()}
         # of steps that are given, or of those that the scenes need
-        number = "refine" if options.get("steps_per_period") is None else "steps_per_period"
+        factor = "refine" if options.get("steps_per_period") is None else "steps_per_period"
         more = {name: value for name, value in options.items() if name not in ("store", "executor")}
-        more[number] = 2 * whole(number, more.get(number, 1), 1)
+        more[factor] = 2 * whole(factor, more.get(factor, 1), 1)
         finer = run(scene, again, **of_runs, **more)
         numbers[lost] = _numbers(of_windows, finer, mean_over)
         status[lost] = finer["status"].values

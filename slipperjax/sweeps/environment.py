@@ -11,7 +11,7 @@ from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, c
 from ..flow.datasets import load_base, varied_names
 from ..flow.status import is_lost
 from ..model.scene import Scene
-from ..tools.checks import finite, number, positive, require, warn
+from ..tools.checks import finite, number, positive, require, tuple_of, warn
 from ..tools.columns import column
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
@@ -67,12 +67,12 @@ def environment(
     **Raises:** `ValueError` for runs without the record, places that the modes do not know, runs of different
     speeds, and runs that are all lost.
     """
-    given = [runs] if isinstance(runs, xr.Dataset) else list(runs)
-    require(given, "runs", "be one run or more", runs)
     name = AccelerationHistory.quantity.name
+    need = f'datasets of slipperjax.run with the record "{name}"'
+    given = (runs,) if isinstance(runs, xr.Dataset) else tuple_of("runs", runs, xr.Dataset, need)
+    require(given, "runs", "be one run or more", runs)
     for one in given:
-        has = isinstance(one, xr.Dataset) and name in one
-        require(has, "runs", f'be datasets of slipperjax.run with the record "{name}"', shown="others")
+        require(name in one, "runs", f"be {need}", shown="others")
     scene, _ = load_base(given[0])
     at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window)
     histories, seconds, steps = _histories(given, name)
@@ -124,7 +124,7 @@ def check_environment(
 
 
 def _histories(
-    runs: list[xr.Dataset], name: str
+    runs: Sequence[xr.Dataset], name: str
 ) -> tuple[
     Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]
 ]:

@@ -10,7 +10,7 @@ import xarray as xr
 from ..flow.simulate import first_of
 from ..model.scene import Scene, at_speed
 from ..model.step_size import LEAST_STEPS
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 from ..tools.limits import cores, shown_time
 from .call import refined
 from .estimate import Estimate
@@ -45,6 +45,8 @@ def explain(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
+    require(callable(function), "function", "be a function such as slipperjax.sweep", function)
+    target = None if store is None else Store.of(store)
     scene = at_speed(scene, options.pop("speed", None))
     cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
@@ -78,8 +80,7 @@ def explain(
         ds = function(scene, grid=cases.spread(LARGEST_CHUNK), **options)
         seconds.append(time.perf_counter() - begin)
     of_store: dict[str, object] = {}
-    if store is not None:
-        target = Store.of(store)
+    if target is not None:
         of_store["tiles"] = Tiling.of(cases.shape, target.tile)
         of_store["free"] = target.free_bytes
         of_store["shared"] = workers > cores()

@@ -16,7 +16,8 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_steady
-from ..tools.checks import number, one_of, positive, require
+from ..model.step_size import given_steps
+from ..tools.checks import number, one_of, positive, require, whole
 from .call import Call
 from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
@@ -183,6 +184,9 @@ def find_jump(
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within = number(positive, "within", within)
     threshold = number(positive, "threshold", threshold)
+    most_holds = whole("most_holds", most_holds, 0)
+    if steps_per_period is not None:
+        steps_per_period = given_steps(steps_per_period)
     call = Call(transient, periods, begin=begin, steps_per_period=steps_per_period)
     lanes = filled(np.zeros(1, int), 1)
     epoch = 0

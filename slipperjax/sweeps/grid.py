@@ -18,7 +18,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.tracks import AbstractTrack
 from ..tools.batching import Batched
-from ..tools.checks import known, require, whole, yes_or_no
+from ..tools.checks import known, numbers, require, whole, yes_or_no
 from ..tools.compile import jit
 from ..tools.limits import refuse_impossible
 
@@ -75,6 +75,9 @@ class Grid:
 
     def check_steps(self, steps: Any) -> None:
         """Raise `ValueError` where steps per period are neither one number nor one for each case."""
+        if isinstance(steps, list | tuple):
+            # rows of different lengths have no shape
+            numbers("steps_per_period", steps)
         good = np.ndim(steps) == 0 or np.shape(steps) == self.shape
         need = f"have one number or one for each case, {self.shape}"
         require(good, "steps_per_period", need, shown=f"shape {np.shape(steps)}")

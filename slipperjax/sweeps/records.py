@@ -189,7 +189,8 @@ def _outputs(record: object) -> tuple[AbstractOutput, ...]:
     """Return the records and stages that a name stands for, or a record itself."""
     if isinstance(record, AbstractOutput):
         return (record,)
-    need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
+    short = ", ".join((*OTHERS, *ALIASES))
+    need = f"be one of {short}, peak_force and others of slipperjax.flow.RECORDS, a record, or a list of these"
     require(record in NAMES, "record", need, record, names=NAMES)
     record = str(record)
     return OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

@@ -165,7 +165,8 @@ def run(
     )
     how: dict[str, object] = dict(chunk=chunk, workers=workers, progress=progress)
     if grid is None:
-        require(store is None, "store", "come with a grid", store)
+        for name, value in (("store", store), ("executor", executor)):
+            require(value is None, name, "come with a grid", value)
         # a grid of one case, whose dimension the dataset drops
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
     return run_or_store(

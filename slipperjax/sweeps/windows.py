@@ -27,7 +27,7 @@ from ..flow.records import (
 )
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
-from ..tools.checks import one_of, require, whole
+from ..tools.checks import instance, one_of, require, whole
 from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
@@ -140,7 +140,7 @@ def named_records(name: object) -> tuple[object, ...]:
 
 def run_record(name: Any) -> AbstractNumber | None:
     """Return the record of numbers of a name, or one that is given itself; None for an unknown one."""
-    found = WINDOW_RECORDS.get(name, RECORDS.get(name, name))
+    found = WINDOW_RECORDS.get(name, RECORDS.get(name)) if isinstance(name, str) else name
     return found if isinstance(found, AbstractNumber) else None
 
 
@@ -223,6 +223,7 @@ def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distanc
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
+    instance("ds", ds, xr.Dataset, "a dataset of slipperjax.run")
     known = run_record(record)
     require(known is not None and known.name in ds, "record", "be a number of the run's windows", record)
     assert known is not None

@@ -145,10 +145,24 @@ def yes_or_no(name: str, value: object) -> bool:
     return bool(value)
 
 
-def instance(name: str, value: Any, kind: type[Value], text: str) -> Value:
+def instance(name: str, value: Any, kind: type[Value] | tuple[type[Value], ...], text: str) -> Value:
     """Return `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
     require(isinstance(value, kind), name, f"be {text}", value)
     return value
+
+
+def tuple_of(
+    name: str, value: Any, kind: type[Value] | tuple[type[Value], ...], text: str, *, shown: str = ""
+) -> tuple[Value, ...]:
+    """Return a sequence of some of a class, called `text` in the `ValueError` otherwise, as a tuple."""
+    # a text is one, although its letters are texts
+    try:
+        parts = None if isinstance(value, str) else tuple(value)
+    except TypeError:
+        parts = None
+    ok = parts is not None and all(isinstance(part, kind) for part in parts)
+    require(ok, name, f"be {text}", value, shown=shown)
+    return parts or ()
 
 
 def _kind(value: object) -> str:
