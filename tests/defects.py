@@ -770,13 +770,15 @@ tests/tools/test_kept.py -k watch
 
 what comes out of JAX's cache is kept
 tests/tools/test_kept.py -k comes_out
--    if not hits:
-+    if True:
+-    found = _tried(content, tree, call)
+-    if found is None:
++    found = compiled, call(compiled)
++    if not content:
 
 damaged programs are loaded
 tests/tools/test_kept.py -k damaged
--        if hashlib.sha256(blob).digest() != digest:
-+        if False:
+-        if hashlib.sha256(content).digest() == digest:
++        if content:
 
 arrays of a function are told by their shape
 tests/tools/test_kept.py -k each_change_of_code

@@ -6,7 +6,6 @@ JAX's own cache of compiled programs saves the work of XLA; tracing and lowering
 import hashlib
 import importlib.metadata
 import inspect
-import io
 import os
 import pickle
 import sys
@@ -41,8 +40,6 @@ CHANGE_NO_PROGRAM = (
     "jax_explain",
 )
 """Beginnings of the names of JAX's options that change messages and files alone."""
-FROM_CACHE = "/jax/compilation_cache/cache_hits"
-"""Event of JAX: a program was in its cache."""
 NEED_TRACING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 """JAX's options under which a call goes the way that JAX goes."""
 
@@ -93,7 +90,11 @@ class Programs:
                 if not program.is_known:
                     path = self._path(folder, (form, static, tree), leaves)
                     if path is not None:
-                        program.run = _loaded(path, tree) or _compiled(path, jitted().lower(*args, **options))
+                        call = lambda run: jax.block_until_ready(run(*dynamic, **named))
+                        lowered = lambda: jitted().lower(*args, **options)
+                        program.run, result = _first(path, tree, lowered, call)
+                        program.is_known = True
+                        return result
                     program.is_known = True
         return jitted()(*args, **options) if program.run is None else program.run(*dynamic, **named)
 
@@ -150,56 +151,72 @@ def own_name(name: str) -> str:
     return f"{name}_{IMPORTED}" if is_ours else name
 
 
-def _compiled(path: Path, lowered: jax.stages.Lowered) -> Callable:
-    """Return a program, compiled, and keep it where it can be kept."""
-    hits = []
-    this_thread = threading.get_ident()
+def _first(
+    path: Path, tree: Any, lowered: Callable[[], jax.stages.Lowered], call: Callable[[Callable], PyTree]
+) -> tuple[Callable, PyTree]:
+    """Return a program and its first result: that of the disk, or else one that is compiled and kept.
 
-    def listen(event: str, **_: object) -> None:
-        if event == FROM_CACHE and threading.get_ident() == this_thread:
-            hits.append(event)
+    Only a program that has been read back and has run is kept, and one of the disk that does not run is replaced:
+    what comes out of JAX's cache, for one, cannot be written again, which shows when it runs.
+    """
+    found = _tried(_read(path), tree, call)
+    if found is not None:
+        with suppress(OSError):
+            os.utime(path)  # the longest unused ones go first
+        return found
+    compiled = lowered().compile()
+    content = _written(compiled)
+    found = _tried(content, tree, call)
+    if found is None:
+        return compiled, call(compiled)
+    # a full disk, for one
+    with suppress(OSError):
+        write_whole(path, hashlib.sha256(content).digest() + content)
+    return found
 
-    jax.monitoring.register_event_listener(listen)
-    try:
-        program = lowered.compile()
-    finally:
-        jax.monitoring.unregister_event_listener(listen)
-    if not hits:
-        # such as programs that call back into Python, results of classes that nobody can import, and a full disk
+
+def _tried(content: bytes, tree: Any, call: Callable[[Callable], PyTree]) -> tuple[Callable, PyTree] | None:
+    """Return the program that is made of some bytes, and its result; None where it is none, or does not run."""
+    if content:
         with suppress(Exception):
-            from jax.experimental.serialize_executable import serialize  # here, because it may vanish
+            from jax.experimental.serialize_executable import deserialize_and_load  # here, because it may vanish
 
-            content, _, out = serialize(program)
-            # a tree of modules is kept by an example, which is pickled by the names of its classes
-            example = jax.tree.unflatten(out, [0] * out.num_leaves)
-            blob = pickle.dumps((content, example))
-            write_whole(path, hashlib.sha256(blob).digest() + blob)
-    return program
-
-
-def _loaded(path: Path, tree: Any) -> Callable | None:
-    """Return a program of the disk; None where there is none, and where it is damaged or not the user's."""
-    with suppress(Exception):
-        from jax.experimental.serialize_executable import deserialize_and_load
-
-        with open(path, "rb") as file:
-            if hasattr(os, "getuid") and os.fstat(file.fileno()).st_uid != os.getuid():
-                return None
-            content = file.read()
-        digest, blob = content[:32], memoryview(content)[32:]
-        if hashlib.sha256(blob).digest() != digest:
-            return None
-        silence_loader()
-        content, example = pickle.load(io.BytesIO(blob))
-        program = deserialize_and_load(
-            content,
-            tree,
-            jax.tree.structure(example),
-            execution_devices=[_device()],
-        )
-        os.utime(path)  # the longest unused ones go first
-        return program
+            silence_loader()
+            program, example = pickle.loads(content)
+            run = deserialize_and_load(
+                program,
+                tree,
+                jax.tree.structure(example),
+                execution_devices=[_device()],
+            )
+            return run, call(run)
     return None
+
+
+def _written(compiled: jax.stages.Compiled) -> bytes:
+    """Return a program as bytes; none of one that cannot be written.
+
+    Such as one that calls back into Python, and one with results of classes that nobody can import.
+    """
+    with suppress(Exception):
+        from jax.experimental.serialize_executable import serialize
+
+        program, _, out = serialize(compiled)
+        # a tree of modules is kept by an example, which is pickled by the names of its classes
+        return pickle.dumps((program, jax.tree.unflatten(out, [0] * out.num_leaves)))
+    return b""
+
+
+def _read(path: Path) -> bytes:
+    """Return the bytes of a file; none where there is no file, and where it is damaged or not the user's."""
+    with suppress(OSError), open(path, "rb") as file:
+        if hasattr(os, "getuid") and os.fstat(file.fileno()).st_uid != os.getuid():
+            return b""
+        digest = file.read(32)
+        content = file.read()
+        if hashlib.sha256(content).digest() == digest:
+            return content
+    return b""
 
 
 def _kind(leaf: object) -> object:

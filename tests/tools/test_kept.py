@@ -1,7 +1,9 @@
 """Programs that are kept whole: found by another process where nothing differs, and by none where anything does."""
 
 import functools
+import hashlib
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -226,7 +228,7 @@ def test_damaged_files_are_compiled_anew_and_written_again(folder):
         with compilations() as seconds:
             assert float(sj.jit(cubed)(2.0)["cube"]) == 8.0
         assert len(seconds) == 1
-        assert kept._loaded(path, jax.tree.structure(((2.0,), {}))) is not None
+        assert kept._read(path)
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="files have no owner here")
@@ -284,17 +286,29 @@ def test_errors_are_those_of_jit(folder):
 def test_what_comes_out_of_jaxs_cache_is_not_kept(folder, tmp_path_factory):
     """XLA cannot write it again: it would be found, and fail when it runs."""
     cache.keep_programs(tmp_path_factory.mktemp("jax"))
-    values = []
-    for _ in range(3):
-        values.append(float(sj.jit(cubed)(3.0)["cube"]))
-        for path in folder.glob("*-whole"):
-            path.unlink()
-        jax.clear_caches()
-    # now JAX's cache has it: it is taken from there, and what is kept, if anything, runs
+    cache.keep_in(None)
     sj.jit(cubed)(3.0)
+    jax.clear_caches()
+    compiled = sj.jit(cubed)
+    # from JAX's cache, and then the same program of this process
+    for place in (None, folder, folder):
+        cache.keep_in(place)
+        assert float(compiled(3.0)["cube"]) == 27.0
+        kept.forget()
+    assert not kept_in(folder)
+
+
+def test_a_program_that_does_not_run_is_replaced(folder):
+    sj.jit(cubed)(2.0)
+    (path,) = folder.glob("*-whole")
+    other = sj.jit(lambda x: {"cube": x, "twice": x})
+    other(2.0)
+    (second,) = set(folder.glob("*-whole")) - {path}
+    broken = pickle.dumps((b"no program", 0))
+    second.write_bytes(hashlib.sha256(broken).digest() + broken)
     kept.forget()
-    values.append(float(sj.jit(cubed)(3.0)["cube"]))
-    assert values == [27.0] * 4
+    assert float(other(5.0)["cube"]) == 5.0
+    assert kept._read(second) not in (b"", broken)
 
 
 def test_two_threads_compile_a_program_once(folder):
