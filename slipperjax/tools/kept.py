@@ -121,11 +121,11 @@ class Programs:
         if any(options.get(name) for name in NEED_TRACING):
             return None
         try:
-            kinds = [jax.typeof(leaf) for leaf in leaves]
+            # such as ~float64[3], where ~ is a weak type
+            kinds = [str(jax.typeof(leaf)) for leaf in leaves]
         except TypeError:
             # what JAX does not take, of which it tells in its own words
             return None
-        kinds = [f"{kind} {getattr(kind, 'weak_type', False)}" for kind in kinds]
         texts = {name: repr(value) for name, value in options.items()}
         digest = stable_digest((_environment(), self.fun, *parts, kinds, texts))
         return None if digest is None else folder / f"{digest[:32]}-whole"
