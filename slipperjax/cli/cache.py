@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from ..tools.cache import entries, kept_folder
+from ..tools.cache import OF_JAX, WHOLE, entries, kept_folder
 from .options import app, flag
 
 
@@ -15,14 +15,14 @@ def cache(clear: bool) -> None:
         print("no programs are kept: the cache is off, or its folder cannot be used")
         return
     # the sign of a passed self-test is a file, too
-    found = [entry for entry in entries(folder) if entry.path.name.endswith(("-whole", "-cache"))]
+    found = [entry for entry in entries(folder) if entry.path.name.endswith((WHOLE, OF_JAX))]
     size = f"{sum(entry.size for entry in found) / 1e6:.1f} MB"
     if clear:
         for entry in found:
             entry.path.unlink(missing_ok=True)
         print(f"deleted {len(found)} programs, {size}, of {folder}")
         return
-    whole = sum(entry.path.name.endswith("-whole") for entry in found)
+    whole = sum(entry.path.name.endswith(WHOLE) for entry in found)
     print(f"folder    {folder}")
     print(f"programs  {len(found)}: {whole} of the package, {len(found) - whole} of JAX")
     print(f"size      {size}")

@@ -16,6 +16,9 @@ import platformdirs
 
 from .files import user_path
 
+WHOLE, OF_JAX = "-whole", "-cache"
+"""Endings of the files of programs: those that are kept whole, and those of JAX's cache."""
+
 
 class CacheWarning(UserWarning):
     """The cache of compiled programs cannot be used; programs are compiled in each process."""

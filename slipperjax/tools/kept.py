@@ -21,7 +21,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from .cache import kept_folder, silence_loader
+from .cache import WHOLE, kept_folder, silence_loader
 from .code import IMPORTED, stable_digest
 from .files import write_whole
 
@@ -85,17 +85,17 @@ class Programs:
         except (TypeError, AttributeError):
             # static arguments that have no hash, of which JAX tells; or a JAX without the names used here
             return jitted()(*args, **options)
-        if not program.is_known:
-            with program.lock:
-                if not program.is_known:
-                    path = self._path(folder, (form, static, tree), leaves)
-                    if path is not None:
-                        call = lambda run: jax.block_until_ready(run(*dynamic, **named))
-                        lowered = lambda: jitted().lower(*args, **options)
-                        program.run, result = _first(path, tree, lowered, call)
-                        program.is_known = True
-                        return result
+        # which is free but at the first call
+        with program.lock:
+            if not program.is_known:
+                path = self._path(folder, (form, static, tree), leaves)
+                if path is not None:
+                    call = lambda run: jax.block_until_ready(run(*dynamic, **named))
+                    lowered = lambda: jitted().lower(*args, **options)
+                    program.run, result = _first(path, tree, lowered, call)
                     program.is_known = True
+                    return result
+                program.is_known = True
         return jitted()(*args, **options) if program.run is None else program.run(*dynamic, **named)
 
     def _split(self, args: tuple, options: dict[str, object]) -> tuple[tuple, tuple, dict[str, object]]:
@@ -128,7 +128,7 @@ class Programs:
             return None
         texts = {name: repr(value) for name, value in options.items()}
         digest = stable_digest((_environment(), self.fun, *parts, kinds, texts))
-        return None if digest is None else folder / f"{digest[:32]}-whole"
+        return None if digest is None else folder / f"{digest[:32]}{WHOLE}"
 
 
 _ALL: weakref.WeakSet[Programs] = weakref.WeakSet()
