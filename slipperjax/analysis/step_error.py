@@ -36,7 +36,7 @@ def with_step_error(
     require(callable(function), "function", "be a function of the number of steps", function)
     steps = whole("steps", steps, 1)
     need = "two whole numbers or more in rising order"
-    finer = tuple_of("finer", finer, (int, np.integer), need)
+    finer = [int(number) for number in tuple_of("finer", finer, (int, np.integer), need)]
     rises = len(finer) > 1 and finer[0] > 0 and all(a < b for a, b in itertools.pairwise(finer))
     require(rises, "finer", f"be {need}", finer)
     results = [function(times * steps) for times in finer]
