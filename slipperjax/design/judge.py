@@ -78,13 +78,13 @@ def judge_on_orbits(
     options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
     settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
     # fewer periods do not show whether an orbit was reached
-    transient = settling.strobes(max(plan.transient, 20))
+    transient = settling.strobes(0, max(plan.transient, 20))
     cases = transient.cases
     # the last chunk is filled with copies
     chunks = []
     for first in range(0, cases.count, LANES_PER_CALL):
         index = np.arange(first, min(first + LANES_PER_CALL, cases.count))
-        chunks.append(Chunk(filled(index, LANES_PER_CALL), len(index), plan.steps))
+        chunks.append(Chunk(filled(index, LANES_PER_CALL), len(index), settling.schedules[0]))
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
@@ -193,7 +193,7 @@ class _Batch:
         scenes = self.scenes.take(lanes)
         # rows of numbers become states again
         states = self.maps(cases.period).states(cases.state[lanes])
-        part = Part(transient, scenes, states, lanes, lanes, count, plan.steps, self.on_progress)
+        part = Part(transient, scenes, states, lanes, lanes, count, transient.schedules[0], self.on_progress)
         run = run_chunk(part, states)
         strobe = run.record[0][:, -LAST:]
         ends = jax.tree.map(np.asarray, run.state)

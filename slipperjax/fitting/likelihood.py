@@ -22,8 +22,8 @@ from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
 from ..sweeps.grid import Cases
-from ..sweeps.plan import PERIODS_PER_CALL
 from ..sweeps.run import heed_interrupts
+from ..sweeps.schedule import ROOM, Span
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
@@ -394,11 +394,12 @@ class _Ensemble:
             epoch = np.full(len(index), problem.origin)
             states = begin(scenes, State(starts, None), epoch, names=problem.names).state
             # nothing is recorded until the motion has settled
-            for passed in range(0, settle, PERIODS_PER_CALL):
+            at = problem.origin
+            for used in Span(settle, 0).calls:
                 heed_interrupts()
-                used = as_argument(min(PERIODS_PER_CALL, settle - passed))
-                how = dict(solver=problem.solver, periods=PERIODS_PER_CALL, used=used)
-                states = advance(scenes, states, problem.origin + passed, model.stepping, **how).state
+                how = dict(solver=problem.solver, periods=ROOM, used=as_argument(used))
+                states = advance(scenes, states, at, model.stepping, **how).state
+                at += used
             epoch = epoch + settle
             now = begin(scenes, states, epoch, names=problem.names)
             seen = model.followed(scenes, now, float(epoch[0]), 0, model.windows.periods)

@@ -43,6 +43,8 @@ class RecordedSpan(NamedTuple):
     """Forcing periods from distance zero to the instant from which results count."""
     status: Int[np.ndarray, " cases"]
     """`slipperjax.Status` codes."""
+    scenes: Batched[Scene]
+    """The scenes with which the run began."""
 
 
 class AbstractOutput(abc.ABC):
@@ -81,6 +83,10 @@ class AbstractRecord(AbstractOutput):
     """Whether it looks at states inside periods, and not only at their ends."""
     from_start: bool = False
     """Whether it samples the periods before the recorded ones, too."""
+    goes_on: bool = False
+    """Whether its carry goes on from one stretch of a run to the next."""
+    each_period: bool = False
+    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
 
     def last(self, periods: int) -> int:
         """Return how many periods at the end of the recorded ones need their samples kept."""
@@ -120,6 +126,7 @@ class Unlabelled(AbstractRecord):
     """A record without variables in datasets, whose samples are used as they are."""
 
     name = ""
+    goes_on = True
 
     @property
     def variables(self):
@@ -147,6 +154,16 @@ class RecordSet:
     def from_start(self) -> "RecordSet":
         """The records that sample the transient, too."""
         return RecordSet(tuple(r for r in self.records if r.from_start))
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether any changes the scene by what earlier periods have left in its carry."""
+        return any(type(r).feed_back is not AbstractRecord.feed_back for r in self.records)
+
+    def renewed(self, carried: tuple[PyTree, ...], begun: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
+        """Return the carries with which the next stretch begins, from those of this one and of a beginning."""
+        parts = zip(self.records, carried, begun, strict=True)
+        return tuple(mine if r.goes_on else new for r, mine, new in parts)
 
     def begin(self, scene: Scene, state: State) -> tuple[PyTree, ...]:
         """Return initial carries of one case."""

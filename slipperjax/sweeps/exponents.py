@@ -36,7 +36,7 @@ from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, classify_motions
 from .orbits import Maps, rows_of
-from .plan import PERIODS_PER_CALL, AbstractStage, Calls, Part, Plan
+from .plan import AbstractStage, Part, Plan
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
 from .run import run_cases, run_chunk
 
@@ -135,8 +135,7 @@ def run_longer_motions(
 
     **Returns:** the longer motions, and whether the run was interrupted.
     """
-    before = Calls(PERIODS_PER_CALL, (HOLD - LAST) // PERIODS_PER_CALL)
-    plan = replace(plan.strobes(LAST), transient=before)
+    plan = plan.strobes(HOLD - LAST, LAST)
 
     def work(part: Part) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
@@ -417,7 +416,7 @@ class LyapunovExponents(AbstractStage):
         no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
-        blocks = counted_blocks(self.periods, plan.recorded.periods)
+        blocks = counted_blocks(self.periods, plan.recorded)
         measured = self._unmeasured(after, blocks)
         measured.status[by_orbit] = Status.FINITE
         measured.kind[by_orbit] = Regime.PERIODIC

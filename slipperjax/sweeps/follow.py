@@ -53,8 +53,7 @@ def follow(
     **Arguments:**
 
     - `path`: one parameter's name and values, in increasing order.
-    - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
-        rounded up to tens if above ten.
+    - `transient`, `periods`: forcing periods at each value, before recording and recorded.
     - `start`: where each direction starts at its first value; `begin`: the place on the rail where it does [m], from
         which one value follows another along the rail.
     - others: as for `sweep`. Up and down advance together, both with the larger of their step counts.
@@ -90,7 +89,8 @@ def follow(
     for column in columns:
         # where the cases at each value stand in the list of all directions and values
         index = column + len(values) * np.arange(ways)
-        chunks.append(Chunk(index, ways, int(plan.steps[column].max())))
+        schedules = [plan.schedules[k] for k in plan.which[column]]
+        chunks.append(Chunk(index, ways, max(schedules, key=lambda one: one.work)))
     # where the chunk before ended, and how many chunks have passed
     states: State | None = None
     passed = 0
@@ -109,7 +109,7 @@ def follow(
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
     steps = np.empty(len(run.finished), int)
     for chunk in chunks:
-        steps[chunk.index] = chunk.steps
+        steps[chunk.index] = chunk.schedule.steps
     first = {"direction": list(DIRECTIONS)}
     more = dict(values=len(values), steps_per_period=call.steps_per_period)
     return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, first, **more))
@@ -194,7 +194,7 @@ def find_jump(
     def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch  # the rail goes on, whatever the value
         plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
-        part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.most_steps, heed_interrupts)
+        part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.schedules[0], heed_interrupts)
         state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
         done = run_chunk(part, state, epoch)
         epoch += plan.periods

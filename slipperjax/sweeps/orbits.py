@@ -34,7 +34,8 @@ from ..tools.checks import number, positive, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .grid import filled
-from .plan import PERIODS_PER_CALL, AbstractStage, OnProgress, Part
+from .plan import AbstractStage, OnProgress, Part
+from .schedule import FEW
 
 # --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
 
@@ -139,7 +140,7 @@ class Maps(NamedTuple):
             stepping,
             records=RecordSet((ContactChecks(),)),
             solver=self.solver,
-            periods=PERIODS_PER_CALL,
+            periods=FEW,
         )
         return np.asarray(
             judged_by_contacts(

@@ -1,7 +1,8 @@
 """Plans: steps, records and stages of a list of cases, and how the list is cut into chunks."""
 
 import abc
-import math
+import functools
+import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +13,10 @@ import numpy as np
 from diffrax import AbstractSolver
 from jaxtyping import Bool, Int, PyTree
 
-from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
-from ..flow.simulate import beginning_of, check_rail, step_plan
+from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordSet, Strobe, Unlabelled
+from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
-from ..flow.stepping import capacity_for
+from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
@@ -23,63 +24,23 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, require, whole
+from ..tools.compile import as_argument
 from ..tools.limits import cores
 from .call import Call
 from .estimate import Estimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
+from .schedule import FEW, ROOM, STEP_IN_LANES, Schedule, Span, shared_capacity
 
 LARGEST_CHUNK = 128
 """Most cases in one call by default: enough for vectors to pay, few enough to stay in a core's cache. A step of a
 case takes 0.43 us of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
 CHUNK_OF_DEVICE = 131_072
 """The same on devices other than CPUs, where each kernel costs a launch, and one call uses the whole device."""
-PERIODS_PER_CALL = 10
-"""Forcing periods in one call of strobes; transients above it are rounded up to its multiples."""
+CAPACITY_OF_A_PROGRAM = 100_000
+"""Capacity for steps, of all periods of a program together, below which these share the next larger one: to compile
+takes longer."""
 OnProgress = Callable[[float], Any]
 """Report progress in forcing periods; raise to stop."""
-
-
-def shared_capacity(most: int, steps: int) -> int:
-    """Return the steps that a recording program has capacity for: `most` / 8^k, the least that is not below `steps`.
-
-    So cases share one program unless their steps differ by more than a factor of 8.
-    """
-    while most // 8 >= steps:
-        most //= 8
-    return most
-
-
-class Calls(NamedTuple):
-    """A span of forcing periods as equal calls of one compiled program, the last of which may be shorter."""
-
-    length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
-    count: int  # of equal calls
-    most: int = 0  # forcing periods in the longest call of the same program, where that is longer
-    rest: int = 0  # forcing periods in one more, shorter call
-
-    @classmethod
-    def of(cls, periods: int) -> "Calls":
-        """Return calls of 50 periods at most, of equal length where `periods` has a divisor from 10 to 50."""
-        length = max(periods, 1)  # of no periods, none is called
-        if periods > 50:
-            length = next((k for k in range(50, 9, -1) if periods % k == 0), 50)
-        return cls(length, periods // length, rest=periods % length)
-
-    @property
-    def periods(self) -> int:
-        """Forcing periods in all."""
-        return self.length * self.count + self.rest
-
-    @property
-    def lengths(self) -> list[int]:
-        """Forcing periods in each call."""
-        return [self.length] * self.count + [self.rest] * (self.rest > 0)
-
-    @property
-    def capacity(self) -> int:
-        """Forcing periods for which the program of one call is compiled; it serves shorter calls, too."""
-        # most transients and all searches have calls of this length, and a program of their own
-        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(max(self.length, self.most))
 
 
 class Chunk(NamedTuple):
@@ -87,7 +48,7 @@ class Chunk(NamedTuple):
 
     index: Int[np.ndarray, " lanes"]  # indices into the list of all cases; the last is repeated to fill the batch
     cases: int  # how many of them count
-    steps: int  # integration steps per forcing period, the same for all
+    schedule: Schedule
 
 
 @dataclass(frozen=True)
@@ -97,41 +58,119 @@ class Plan:
     cases: Cases
     solver: AbstractSolver
     records: RecordSet
-    steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
-    transient: Calls  # periods that pass before anything is recorded
-    recorded: Calls
+    schedules: tuple[Schedule, ...]
+    which: Int[np.ndarray, " cases"]  # the schedule of each case
     stages: "tuple[AbstractStage, ...]" = ()  # what is measured after the recorded periods
-    probed: bool = False  # whether the first recorded period is repeated with half the step, for its error
     epoch: float = 0.0  # forcing periods from distance zero to where the run begins
+    stretched: bool = False  # whether values of stretches follow one another along an axis
+
+    @classmethod
+    def of(
+        cls,
+        cases: Cases,
+        solver: AbstractSolver,
+        records: RecordSet,
+        steps: int | Int[np.ndarray, " cases"],
+        settled: int,
+        recorded: int,
+        stages: "tuple[AbstractStage, ...]" = (),
+        epoch: float = 0.0,
+    ) -> "Plan":
+        """Return the plan of cases that pass a transient and recorded periods.
+
+        **Arguments:** `steps`: integration steps per forcing period, one number or one of each case; `settled`,
+        `recorded`: forcing periods.
+        """
+        different, which = np.unique(np.atleast_1d(steps), return_inverse=True)
+        schedules = tuple(Schedule.of(settled, recorded, int(number)) for number in different)
+        return cls(cases, solver, records, schedules, which, stages, epoch)
 
     @property
     def outputs(self) -> tuple[AbstractOutput, ...]:
         """All that becomes variables of a dataset."""
         return (*self.records.records, *self.stages)
 
+    @functools.cached_property
+    def early(self) -> RecordSet:
+        """The records that see the transient, too."""
+        return self.records.from_start
+
     @property
-    def most_steps(self) -> int:
-        """The most steps of any case."""
-        return int(self.steps.max())
+    def steps(self) -> Int[np.ndarray, " cases"]:
+        """The most integration steps in a forcing period of each case."""
+        return np.array([one.steps for one in self.schedules])[self.which]
+
+    @property
+    def settled(self) -> int:
+        """Forcing periods before the recorded ones of one case."""
+        return self.schedules[0].settled
+
+    @property
+    def recorded(self) -> int:
+        """Recorded forcing periods of one case."""
+        return self.schedules[0].recorded
 
     @property
     def periods(self) -> int:
         """Forcing periods of one case."""
-        return self.transient.periods + self.recorded.periods
+        return self.settled + self.recorded
 
     @property
     def periods_after(self) -> int:
         """Forcing periods for which motions run on after the recorded ones, for the stages."""
-        return max((one.periods_after(self.recorded.periods) for one in self.stages), default=0)
+        return max((one.periods_after(self.recorded) for one in self.stages), default=0)
+
+    def seen(self, span: Span) -> RecordSet:
+        """Return the records that see a span."""
+        return self.records if span.recorded else self.early
+
+    def room(self, records: RecordSet) -> int:
+        """Return the forcing periods for which programs with these records are compiled."""
+        # where states inside periods are recorded, unused periods cost memory
+        longest = max(span.periods for one in self.schedules for span in one.spans if span.recorded)
+        return FEW if records.inside and longest <= FEW else ROOM
+
+    def stepping(self, steps: int, records: RecordSet) -> ConstantSteps:
+        """Return the stepping of periods of so many steps, with few programs, because each is compiled."""
+        if not records.inside:
+            return dynamic_steps(steps)
+        # the ends of steps are arrays, whose length a program must know: the most steps that it serves
+        capacity = self._capacities[steps]
+        return ConstantSteps(steps) if len(self._capacities) == 1 else ConstantSteps(capacity, as_argument(steps))
+
+    @functools.cached_property
+    def _capacities(self) -> dict[int, int]:
+        """The steps for which the programs of recorded periods have room, by the steps in a period."""
+        cases = np.bincount(self.which, minlength=len(self.schedules))
+        periods: Counter[int] = Counter()
+        for one, count in zip(self.schedules, cases.tolist(), strict=True):
+            for span in one.spans:
+                periods[span.steps] += span.recorded * span.periods * count
+        most = max(periods)
+        own = {steps: shared_capacity(most, steps) for steps in periods}
+        # a few periods run with more capacity than they need
+        for size, larger in itertools.pairwise(sorted(set(own.values()))):
+            members = [steps for steps in own if own[steps] == size]
+            if larger * sum(periods[steps] for steps in members) < CAPACITY_OF_A_PROGRAM:
+                own |= dict.fromkeys(members, larger)
+        return own
+
+    def capacity(self, steps: int) -> int:
+        """Return the steps for which a program has room that records periods of so many steps."""
+        return self._capacities[steps]
+
+    def probing(self) -> "Plan":
+        """Return the same plan, with the first recorded period of each case probed."""
+        return replace(self, schedules=tuple(one.probing() for one in self.schedules))
 
     def estimate(self, count: int) -> Estimate:
         """Return the estimate of `count` cases such as these."""
         periods = self.periods + self.periods_after
-        steps = periods * float(np.mean(self.steps))
-        early = self.records.from_start.records  # which sample the transient, too
+        each = np.array([one.mean_steps for one in self.schedules])[self.which]
+        steps = periods * float(np.mean(each))
         values = 0
         for one in self.outputs:
-            kept = self.periods if one in early else self.recorded.periods
+            kept = self.periods if one in self.early.records else self.recorded
             values += one.values(self.cases.scene, kept)
         # each thread has a batch
         rails = min(count, LARGEST_CHUNK * cores()) * self.cases.bytes_of_rail
@@ -146,23 +185,38 @@ class Plan:
         """Raise `ValueError` where outputs do not suit the run, or each other."""
         check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *self.cases.axes))
         for one in self.outputs:
-            one.check(self.cases.scene, self.recorded.periods, int(self.steps.min()))
+            one.check(self.cases.scene, self.recorded, int(self.steps.min()))
 
     def label(self, dims: tuple[str, ...], values: tuple[PyTree, ...]) -> Labelled:
         """Return variables and coordinates of a dataset from the values of all outputs, (*dims, ...)."""
         data = {}
         coords = {}
         for one, mine in zip(self.outputs, values, strict=True):
-            more, along = one.label(self.cases.scene, dims, mine)
+            more, along = one.label(self.cases.scene, (*dims, *self._axis(one)), mine)
             data |= more
             coords |= along
         return data, coords
 
-    def strobes(self, periods: int) -> "Plan":
-        """Return the same cases without a transient, of which strobes of `periods` or more are kept."""
-        recorded = Calls(PERIODS_PER_CALL, math.ceil(periods / PERIODS_PER_CALL))
+    def _axis(self, output: AbstractOutput) -> tuple[str, ...]:
+        """Return the dimension along which the values of an output follow one another."""
+        if not self.stretched:
+            return ()
+        return ("distance",) if isinstance(output, AbstractRecord) and output.each_period else ("stretch",)
+
+    def joined(self, made: Sequence[tuple[PyTree, ...]]) -> list[PyTree]:
+        """Return the values of each record, (lanes, ...), from those of each stretch."""
+        if not self.stretched:
+            return list(made[0])
+        found = []
+        for record, *parts in zip(self.records.records, *made, strict=True):
+            join = np.concatenate if record.each_period else np.stack
+            found.append(jax.tree.map(lambda *of_each, join=join: join(of_each, axis=1), *parts))
+        return found
+
+    def strobes(self, settled: int, periods: int) -> "Plan":
+        """Return the same cases with another transient, of which strobes of `periods` are kept."""
         records = RecordSet((Strobe(),))
-        return replace(self, records=records, stages=(), transient=Calls(1, 0), recorded=recorded)
+        return Plan.of(self.cases, self.solver, records, self.steps, settled, periods, epoch=self.epoch)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """Cut the cases into chunks of equal steps, and choose the number of threads. Neither changes any result.
@@ -177,19 +231,20 @@ class Plan:
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
-        # cases of one batch take the same steps
-        counts, sizes = np.unique(self.steps, return_counts=True)
+        # cases of one batch have the same schedule; the longest chunk must not be the last to begin
+        present, sizes = np.unique(self.which, return_counts=True)
+        counts = np.array([self.schedules[k].work for k in present])
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
         # eight lanes round differently from more, so that they are for runs that have no more cases
-        least = 1 if len(self.steps) <= VECTOR_LANES else VECTOR_LANES + 1
+        least = 1 if len(self.which) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
         chunks = []
-        for steps in counts[::-1]:  # the longest chunk must not be the last to begin
-            members = np.flatnonzero(self.steps == steps)
+        for k in present[np.argsort(-counts, kind="stable")]:
+            members = np.flatnonzero(self.which == k)
             for first in range(0, len(members), chunk):
                 index = members[first : first + chunk]
-                chunks.append(Chunk(filled(index, chunk), len(index), int(steps)))
+                chunks.append(Chunk(filled(index, chunk), len(index), self.schedules[k]))
         return chunks, min(workers, len(chunks))
 
 
@@ -199,8 +254,7 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
 
     def duration(lanes):
-        # whatever the lanes, a step takes as long as two of them: measured at 8 to 128 lanes
-        costs = counts * (2 + lanes)
+        costs = counts * (STEP_IN_LANES + lanes)
         total = float(np.sum(-(-sizes // lanes) * costs))
         # a run is not over before its longest chunk
         return max(total / workers, float(costs.max())), lanes
@@ -287,18 +341,14 @@ def sampled_plan(
     """
     cases = grid.sample(start)  # first of all, so that implausible values are told
     grid.check_steps(call.steps_per_period)
-    transient = call.settled
-    if transient > PERIODS_PER_CALL:
-        transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
     steps, saves = _steps_and_saves(cases, call)
     solver = resolve_solver(grid.scene, call.solver)
     # histories leave their saves to the run
     kept = (History(saves) if one == History() else one for one in records.records)
-    lengths = Calls.of(transient), Calls.of(call.measured)
-    plan = Plan(cases, solver, RecordSet(tuple(kept)), np.atleast_1d(steps), *lengths, stages)
+    plan = Plan.of(cases, solver, RecordSet(tuple(kept)), steps, call.settled, call.measured, stages)
     # stages travel further along the rail than the plan itself
     begin = beginning_of(grid.scene, known("begin", call.begin))
-    check_rail(grid.scene, plan.periods, begin, transient, plan.periods_after)
+    check_rail(grid.scene, plan.periods, begin, plan.settled, plan.periods_after)
     return plan
 
 
@@ -315,7 +365,8 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet
         cases = grid.sample(start, grid.count)
         steps, _ = _steps_and_saves(cases, call)
     epoch = _epoch(cases, beginning_of(grid.scene, call.begin))
-    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count), epoch=epoch)
+    steps = np.broadcast_to(steps, cases.count)
+    plan = Plan.of(cases, plan.solver, plan.records, steps, plan.settled, plan.recorded, plan.stages, epoch)
     plan.check()
     return plan
 
@@ -352,13 +403,18 @@ class Part(NamedTuple):
     # Indices into the list of the cases that this run takes; results are in its order.
     row: Int[np.ndarray, " lanes"]
     cases: int  # how many lanes count; the others fill the batch up
-    steps: int  # integration steps per forcing period
+    schedule: Schedule
     on_progress: OnProgress
 
     @property
+    def steps(self) -> int:
+        """The most integration steps in a forcing period."""
+        return self.schedule.steps
+
+    @property
     def capacity(self) -> int:
-        """Steps per period that its recording programs have capacity for."""
-        return shared_capacity(self.plan.most_steps, self.steps)
+        """Steps per period for which its recording programs have room."""
+        return self.plan.capacity(self.steps)
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Return whether each lane is a case, with which nothing is wrong."""

@@ -124,7 +124,7 @@ class LargestExponent(AbstractStage):
         return 2
 
     def of_chunk(self, part, states, epoch, status, strobe):
-        blocks = counted_blocks(self.periods, part.plan.recorded.periods)
+        blocks = counted_blocks(self.periods, part.plan.recorded)
         local = measure(part, states, epoch, blocks, 1)
         found = local.history.mean(axis=1)[:, 0], one_motion_standard_error(local.history)[:, 0]
         return found, first_problem(status, local.status)

@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, PyTree
 
-from ..flow.period_map import advance
+from ..flow.period_map import Passage, advance
 from ..flow.record import RecordedSpan, RecordSet, Samples
+from ..flow.simulate import dynamic_steps
 from ..flow.status import Interrupted, Stop, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
@@ -27,7 +28,9 @@ from ..tools.batching import Batched
 from ..tools.checks import TOLD
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.progress import bar as progress_bar, is_live
-from .plan import Calls, Chunk, LastStrobes, OnProgress, Part, Plan
+from ..tools.types import Real
+from .plan import Chunk, LastStrobes, OnProgress, Part, Plan
+from .schedule import Span
 
 TICK = 0.25
 """Seconds between two checks of a run's threads, and for Ctrl-C."""
@@ -38,8 +41,9 @@ class ChunkRun(NamedTuple):
 
     state: State  # the states at the end, with a leading axis of lanes
     status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
-    record: tuple[PyTree, ...]  # arrays of the plan's outputs, with a leading axis of lanes
-    probe: Float[np.ndarray, " lanes"] | None = None  # errors by half the step [1]; None where not measured
+    # arrays of the plan's outputs, with a leading axis of lanes
+    record: tuple[PyTree, ...]
+    probe: Float[np.ndarray, "lanes probes"]  # errors by half the step [1]
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
@@ -49,129 +53,169 @@ def heed_interrupts(periods: float = 0.0) -> None:
 
 
 def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
-    """Run a chunk of cases through its plan: transient, recorded span, stages.
+    """Run a chunk of cases through its schedule and the stages of its plan.
 
     **Arguments:** `states`: at the start; `epoch`: forcing periods from the place where the plan begins to where this
-    run does, from where the times in records count; `first`: whether it is the first chunk of its run, whose two
-    programs, of the transient and of the recorded span, are compiled at the same time.
+    run does, from where the times in records count; `first`: whether it is the first chunk of its run, whose programs
+    are compiled at the same time.
     """
     plan = part.plan
-    scenes = part.scenes
     records = plan.records
-    at = Passing(states, plan.epoch + epoch, np.zeros(len(states.motion.y), int))
-    samples = Samples(records, plan.recorded.periods)
-    number = as_argument(part.steps)  # an array, so that one compiled program serves every number of steps
-    stepping = recording = ConstantSteps(steps=number)
-    # the ends of steps inside a period are arrays, whose length a program must know: the most steps that it serves
-    if records.inside:
-        alike = bool(np.all(plan.steps == part.steps))
-        recording = ConstantSteps(part.steps) if alike else ConstantSteps(part.capacity, number)
-    early = records.from_start
-    carry = initial_carry(early, scenes, states)
-    # LAPACK must not be called from two threads
-    if first and plan.transient.count and not calls_lapack(plan.solver):
-        # a call of no periods: it compiles the recording program, and costs no steps
-        none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
-        of_record = dict(solver=plan.solver, periods=plan.recorded.capacity, records=records)
-        ahead(lambda: advance(scenes, states, plan.epoch, recording, **none, **of_record))
-    at, _ = run_span(part, scenes, at, plan.transient, stepping, early, carry, samples)
-    probe = None
-    if plan.probed:
-        # the program of the transient, which is there already, serves this one period, too
-        probe = half_step_change(
-            scenes,
-            at.states,
-            at.period,
-            [(part.steps, 1)],
-            earlier=carry,
-            solver=plan.solver,
-            periods=plan.transient.capacity,
-            records=early,
-        )
-    # what was carried through the transient is dropped: only samples are kept from the start on
-    carry = initial_carry(records, scenes, at.states)
-    at, carry = run_span(part, scenes, at, plan.recorded, recording, records, carry, samples)
-    states = at.states
-    status = records.judge(carry, at.status, scenes, plan.solver)
-    if probe is not None:
-        status = with_accuracy(status, probe)
-    span = RecordedSpan(plan.recorded.periods, part.steps, plan.epoch + epoch, status)
-    values = list(records.finish(carry, samples.joined(), span))
+    ride = Ride(part, states, plan.epoch + epoch, np.zeros(len(states.motion.y), int))
+    if first:
+        ride.compile_ahead()
+    values = plan.joined([ride.stretch(k) for k in range(len(part.schedule.stretches))])
+    states = ride.states
+    status = ride.judged
     strobe = next((a for r, a in zip(records.records, values, strict=True) if isinstance(r, LastStrobes)), None)
     # each stage begins from the same states, and adds to the status what it finds
     for stage in plan.stages:
-        measured, status = stage.of_chunk(part, states, at.period, status, strobe)
+        measured, status = stage.of_chunk(part, states, ride.period, status, strobe)
         values.append(measured)
+    probe = np.stack(ride.errors, axis=1) if ride.errors else np.empty((len(status), 0))
     return ChunkRun(states, status, tuple(values), probe)
 
 
-class Passing(NamedTuple):
-    """A chunk of cases on its way: states, place and statuses so far."""
+class Ride:
+    """A chunk of cases on its way through its schedule."""
 
-    states: State
-    period: float  # forcing periods from distance zero
-    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes so far
+    def __init__(self, part: Part, states: State, period: float, status: Int[np.ndarray, " lanes"]):
+        """**Arguments:** `period`: forcing periods from distance zero; `status`: `slipperjax.Status` codes so far."""
+        self.part = part
+        self.states = states
+        self.period = period
+        self.status = status
+        self.errors: list[Float[np.ndarray, " lanes"]] = []
+        """What half the step changes, of each probe [1]."""
+        self.judged = status
+        """The `Status` codes with what records and errors of the last stretch show."""
+        self._records = RecordSet()
+        self._carry: tuple[PyTree, ...] = ()
 
+    def stretch(self, number: int) -> tuple[PyTree, ...]:
+        """Run through a stretch, and return the arrays of its records, (lanes, ...)."""
+        part = self.part
+        schedule = part.schedule
+        spans = schedule.stretches[number]
+        passed = sum(map(len, schedule.stretches[:number]))
+        recorded = sum(span.periods for span in spans if span.recorded)
+        samples = Samples(part.plan.records, recorded)
+        begin = self.period
+        for k, span in enumerate(spans, passed):
+            self._see(part.plan.seen(span))
+            part.on_progress(0)  # stops here after Ctrl-C
+            if span.probed:
+                self.errors.append(self._change(schedule.following(k, span.probed)))
+            self._pass(span, samples)
+        self.judged = self._records.judge(self._carry, self.status, part.scenes, part.plan.solver)
+        if self.errors:
+            self.judged = with_accuracy(self.judged, np.max(self.errors, axis=0))
+        steps = max(span.steps for span in spans)
+        made = RecordedSpan(recorded, steps, begin, self.judged, part.scenes)
+        values = self._records.finish(self._carry, samples.joined(), made)
+        self._carry = self._records.renewed(self._carry, self._begun())
+        return values
 
-def run_span(
-    part: Part,
-    scenes: Batched[Scene],
-    at: Passing,
-    calls: Calls,
-    stepping: ConstantSteps,
-    records: RecordSet,
-    carry: tuple[PyTree, ...],
-    samples: Samples,
-) -> tuple[Passing, tuple[PyTree, ...]]:
-    """Run a chunk over a span with equal steps, call by call.
+    def compile_ahead(self) -> None:
+        """Compile all programs but the first at the same time, by calls of no periods."""
+        plan = self.part.plan
+        # LAPACK must not be called from two threads
+        if calls_lapack(plan.solver):
+            return
+        programs = {}
+        for span in self.part.schedule.spans:
+            if span.periods:
+                seen = plan.seen(span)
+                if span.probed:
+                    programs.setdefault((plan.early, None), (plan.early, dynamic_steps(span.steps)))
+                stepping = plan.stepping(span.steps, seen)
+                programs.setdefault((seen, stepping.most), (seen, stepping))
+        for records, stepping in list(programs.values())[1:]:
+            carry = initial_carry(records, self.part.scenes, self.states)
+            now = self.part.scenes, self.states, self.period
+            ahead(functools.partial(self._advanced, *now, stepping, 0, records, carry))
 
-    **Arguments:** `part`: the chunk; `scenes`: its cases, which wear may have changed; `at`: where the span begins;
-    `calls`: its forcing periods; `stepping`: how each is integrated; `carry`: of the records before it; `samples`:
-    to which those of the span are added.
+    def _see(self, records: RecordSet) -> None:
+        """Let these records see what follows: they begin where others saw what came before."""
+        if records != self._records:
+            self._records = records
+            self._carry = self._begun()
 
-    **Returns:** where the span ended, and the records' carry.
-    """
-    states, period, status = at
-    for used in calls.lengths:
-        part.on_progress(0)  # stops here after Ctrl-C
-        passed = advance(
+    def _begun(self) -> tuple[PyTree, ...]:
+        """Return the carries of records that have seen nothing."""
+        return initial_carry(self._records, self.part.scenes, self.states)
+
+    def _pass(self, span: Span, samples: Samples) -> None:
+        """Run through a span, call by call."""
+        part = self.part
+        stepping = part.plan.stepping(span.steps, self._records)
+        # progress counts equal steps
+        share = span.steps / part.schedule.mean_steps
+        for used in span.calls:
+            part.on_progress(0)
+            passed = self._advanced(part.scenes, self.states, self.period, stepping, used, self._records, self._carry)
+            self.states = passed.state
+            self._carry = passed.carried
+            self.status = first_problem(self.status, passed.status)
+            # samples of periods beyond the used ones are cut off, in a copy that does not hold them
+            samples.add(self._records, jax.tree.map(lambda a, used=used: np.array(a[:, :used]), passed.samples))
+            part.on_progress(used * share)
+            self.period += used
+
+    def _change(self, spans: Sequence[tuple[int, int]]) -> Float[np.ndarray, " lanes"]:
+        """Return what half the step changes over some periods, in multiples of `accuracy_scales` [1].
+
+        **Arguments:** `spans`: steps in each period, and number of periods, one after the other.
+        """
+        part = self.part
+        scenes = part.scenes
+        if self._records.feeds_back:
+            scenes = _fed_back(scenes, self._carry, self.period, records=self._records)
+        # by the program of a transient, which may be there already
+        early = part.plan.early
+        seen = early, initial_carry(early, scenes, self.states)
+        ends = []
+        for finer in (1, 2):
+            states, period = self.states, self.period
+            for steps, periods in spans:
+                for used in Span(periods, steps).calls:
+                    states = self._advanced(scenes, states, period, dynamic_steps(finer * steps), used, *seen).state
+                    period += used
+            ends.append(states.motion)
+        return np.asarray(_distances(scenes, *ends))
+
+    def _advanced(
+        self,
+        scenes: Batched[Scene],
+        states: State,
+        period: float,
+        stepping: ConstantSteps,
+        used: int,
+        records: RecordSet,
+        carry: PyTree,
+    ) -> Passage:
+        """Return the cases after one call."""
+        plan = self.part.plan
+        return advance(
             scenes,
             states,
             period,
             stepping,
             used=as_argument(used),
             earlier=carry,
-            solver=part.plan.solver,
-            periods=calls.capacity,
+            solver=plan.solver,
+            periods=plan.room(records),
             records=records,
         )
-        states = passed.state
-        carry = passed.carried
-        status = first_problem(status, passed.status)
-        # a program serves several numbers of periods: samples of periods beyond its use are cut off
-        samples.add(records, jax.tree.map(lambda a, used=used: np.asarray(a)[:, :used], passed.samples))
-        part.on_progress(used)
-        period += used
-    return Passing(states, period, status), carry
 
 
-def half_step_change(
-    scenes: Batched[Scene], states: State, epoch: float, spans: Sequence[tuple[int, int]], **options: object
-) -> Float[np.ndarray, " lanes"]:
-    """Return what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
-
-    **Arguments:** `spans`: steps in each period, and number of periods, one after the other; `options`: of `advance`.
-    """
-    ends = []
-    for finer in (1, 2):
-        now, period = states, epoch
-        for steps, used in spans:
-            # numbers of steps are arguments of one program
-            stepping = ConstantSteps(steps=as_argument(finer * steps))
-            now = advance(scenes, now, period, stepping, used=as_argument(used), **options).state
-            period += used
-        ends.append(now.motion)
-    return np.asarray(_distances(scenes, *ends))
+@functools.partial(jit, static_argnames=("records",))
+def _fed_back(scenes: Batched[Scene], carry: PyTree, period: Real, *, records: RecordSet) -> Batched[Scene]:
+    """Return the scenes of a period, changed by what earlier periods have left in the carries of records."""
+    nothing = jax.tree.map(lambda _: None, carry)
+    both = Batched((scenes.varied, carry), (scenes.shared, nothing))
+    # so that what does not change is shared
+    return both.apply(lambda pair: records.feed_back(*pair, period))
 
 
 @jit
@@ -229,7 +273,7 @@ def run_cases(
     `Plan.chunks`.
     """
     listed = np.arange(plan.cases.count) if index is None else index
-    chunks, threads = replace(plan, steps=plan.steps[listed]).chunks(chunk, workers, tangents=tangents)
+    chunks, threads = replace(plan, which=plan.which[listed]).chunks(chunk, workers, tangents=tangents)
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> PyTree:
         lanes = listed[chunk.index]  # chunks count within `index`, and parts in the list of all cases
@@ -263,7 +307,7 @@ def run_chunks(
     parts: list[PyTree] = [None] * len(chunks)
     cases = sum(chunk.cases for chunk in chunks)
     # the bar counts steps, to which time is proportional
-    total = periods * sum(chunk.steps * chunk.cases for chunk in chunks)
+    total = periods * sum(chunk.schedule.mean_steps * chunk.cases for chunk in chunks)
     interrupted = False
 
     def one(k: int) -> None:
@@ -271,7 +315,7 @@ def run_chunks(
 
         def on_progress(passed: float) -> None:
             heed_interrupts()
-            shown(chunk.steps * chunk.cases * passed)
+            shown(chunk.schedule.mean_steps * chunk.cases * passed)
 
         parts[k] = work(chunk, on_progress)
         shown(0.0, chunk.cases)

@@ -1,11 +1,8 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
-import functools
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -13,56 +10,53 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Int, PyTree
+from jaxtyping import Int
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.period_map import advance, initial_states
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Unlabelled
+from ..flow.period_map import initial_states
+from ..flow.record import AbstractRecord, RecordSet
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
-from ..flow.status import MEANINGS, Status, with_accuracy, without_lost
-from ..flow.stepping import ConstantSteps, capacity_for
+from ..flow.status import MEANINGS, Status, without_lost
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.layout import StateLayout
 from ..model.quantities import highest_of_points
 from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
-from ..solvers.latching import calls_lapack, solver_name
+from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, number, positive, require, whole
 from ..tools.columns import column
-from ..tools.compile import ahead, as_argument, jit
+from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
 from .grid import Cases, filled
-from .plan import Calls, Part, Plan, check_variables, shared_capacity
+from .plan import Part, Plan, check_variables
 from .records import OF_LOADS
-from .run import Passing, half_step_change, initial_carry, run_cases, run_span
+from .run import ChunkRun, run_cases, run_chunk
+from .schedule import Schedule, joint_profiles
 from .store import Store, run_or_store
 from .windows import (
     PER_STRETCH,
     STRETCH,
     WINDOW_RECORDS,
     PerWindow,
+    StateNumbers,
     ThirdOctaves,
     Wearing,
-    Worn,
     default_records,
     named_records,
     play_added,
     run_record,
     stretch_ends,
+    with_more_play,
 )
 
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
-CAPACITY_OF_A_PROGRAM = 100_000
-"""Capacity for steps, of all windows of a program together, below which these share the next larger one in a single
-run: to compile takes longer."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
 
@@ -171,7 +165,7 @@ def run(
         return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
     return run_or_store(
         _computed,
-        lambda cases: _planned(call, cases.sample(first))[0].estimate(cases.count),
+        lambda cases: _planned(call, cases.sample(first)).estimate(cases.count),
         call,
         scene,
         grid,
@@ -182,16 +176,24 @@ def run(
     )
 
 
-def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
-    """Return the plan of some runs, and the integration steps in each window of each case."""
+def _planned(call: RunCall, cases: Cases) -> Plan:
+    """Return the plan of some runs, whose forcing periods are windows."""
     scene = cases.scene
     windows = _windows(scene, call.length, call.begin, call.window)
     records = _records(scene, call.record)
-    profiles = _step_profiles(cases, call, windows)
-    steps, _ = _keys(profiles)
-    check_variables(records.records, (*cases.dims, "status", "state"))
+    check_variables(records.records, (*cases.dims, "status"))
+    profiles, which = _step_profiles(cases, call, windows)
+    # errors grow over a wavelength of the track
+    length = max(1, round(_probed_length(scene) / call.window))
+    schedules = [Schedule.of_profile(profile, STRETCH, _probed(call, windows), length) for profile in profiles]
     solver = resolve_solver(scene, call.solver)
-    return Plan(cases, solver, records, steps, Calls(1, 0), Calls(windows, 1)), profiles
+    return Plan(cases, solver, records, tuple(schedules), which, epoch=call.begin / call.window, stretched=True)
+
+
+def _probed(call: RunCall, windows: int) -> Int[np.ndarray, " probes"]:
+    """Return the stretches at whose start the error is measured."""
+    stretches = len(stretch_ends(windows))
+    return np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
 
 
 def _computed(
@@ -199,27 +201,18 @@ def _computed(
 ) -> xr.Dataset:
     """Return the results of runs. **Arguments:** `how`: of `run_cases`."""
     cases = Cases(scene, grid, start, product=call.product)
-    plan, profiles = _planned(call, cases)
+    plan = _planned(call, cases)
     plan.estimate(cases.count).check()
-    _, profile_of = _keys(profiles)
-    stretches = len(stretch_ends(plan.periods))
-    probed = np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
 
-    def work(part: Part) -> _Results:
-        return _run_windows(call, profile_of[part.steps], part, probed.tolist())
+    def work(part: Part) -> ChunkRun:
+        scenes = _windowed(part.scenes, call.window)
+        if call.worn is not None:
+            scenes = _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
+        states = initial_states(scenes, part.starts, plan.epoch)
+        return run_chunk(part._replace(scenes=scenes), states, first=bool(part.row[0] == 0))
 
     done = run_cases(plan, work, periods=plan.periods, **how)
-    return done.checked(lambda: _dataset(plan, done.results, profiles, probed, call))
-
-
-class _Results(NamedTuple):
-    """A chunk of cases after its run."""
-
-    status: Int[np.ndarray, " cases"]
-    record: tuple[PyTree, ...]  # arrays of the plan's records, (cases, windows or stretches, ...)
-    marks: np.ndarray  # states at the end of each stretch, (cases, stretches, numbers)
-    play: np.ndarray | None  # of the faces at the end of each stretch, (cases, stretches, faces) [m]; None unworn
-    probe: np.ndarray  # errors, (cases, probes)
+    return done.checked(lambda: _dataset(plan, done.results, call))
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
@@ -253,7 +246,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
     names = {one.name for one in records}
     # each variable once, of windows where the user asks for that
     records += [RECORDS[name] for name in PER_STRETCH if name not in names]
-    records.append(ThirdOctaves())
+    records += [ThirdOctaves(), StateNumbers()]
     if scene.wear is not None:
         records.append(Wearing())
     # statuses that follow from loads come with any load
@@ -262,8 +255,10 @@ def _records(scene: Scene, record: object) -> RecordSet:
     return RecordSet(tuple(records))
 
 
-def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases windows"]:
-    """Return the integration steps in each window of each case."""
+def _step_profiles(
+    cases: Cases, call: RunCall, windows: int
+) -> tuple[Int[np.ndarray, "profiles windows"], Int[np.ndarray, " cases"]]:
+    """Return profiles of integration steps in each window, and the profile of each case."""
     window = call.window
     if call.steps_per_period is None:
         # a batch of one of few sizes, so that programs are shared; what fills it up is cut off below
@@ -277,7 +272,11 @@ def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray,
         steps = np.full((cases.count, windows), given_steps(call.steps_per_period))
     # from steps per wavelength to steps per window; rounding must not add one
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
-    return np.maximum(per_window, LEAST_STEPS_PER_WINDOW)
+    profiles = np.maximum(per_window, LEAST_STEPS_PER_WINDOW)
+    different, which = np.unique(profiles, axis=0, return_inverse=True)
+    which = np.ravel(which)
+    # steps that are given are not changed
+    return joint_profiles(different, which) if call.steps_per_period is None else (different, which)
 
 
 @jit
@@ -295,21 +294,6 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Arra
         return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
     return scenes.map(one, starts)
-
-
-def _keys(profiles: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """Return a key for each case, and the profile of steps by key, so that cases of one profile run as one batch.
-
-    Keys are near the mean steps, because plans take them for the steps that a case costs.
-    """
-    different, which = np.unique(profiles, axis=0, return_inverse=True)
-    profile_of: dict[int, np.ndarray] = {}
-    for profile in different:
-        key = round(profile.mean())
-        while key in profile_of:  # another profile of the same mean
-            key += 1
-        profile_of[key] = profile
-    return np.array(list(profile_of))[np.ravel(which)], profile_of
 
 
 def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
@@ -333,82 +317,12 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     return earlier["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
-def _play(scene: Scene, more: Array) -> Array:
-    """Return the play of each face with what wear has added [m]."""
-    return jnp.asarray(scene.play) + more
-
-
 @jit
 def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
     """Return the same scenes with this play more at each face, (cases, *slippers, faces) [m]."""
-    plays = scenes.map(_play, play)
+    plays = scenes.map(with_more_play, play)
     # what is shared keeps no play, which differs from case to case
     return Batched(scenes.varied.with_play(plays), scenes.shared.with_play(None))
-
-
-def _run_windows(call: RunCall, profile: np.ndarray, part: Part, probed: list[int]) -> _Results:
-    """Run a chunk of cases stretch by stretch, with windows as periods.
-
-    **Arguments:** `profile`: integration steps in each window; `probed`: stretches at whose start errors are
-    measured.
-    """
-    plan = part.plan
-    scenes = _windowed(part.scenes, call.window)
-    if call.worn is not None:
-        scenes = _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
-    epoch = call.begin / call.window
-    states = initial_states(scenes, part.starts, epoch)
-    at = Passing(states, epoch, np.zeros(len(states.motion.y), int))
-    records = plan.records
-    steppings = _steppings(profile, CAPACITY_OF_A_PROGRAM if call.only else 0)
-    # records of a stretch begin with `empty`
-    empty = carry = initial_carry(records, scenes, states)
-    # errors grow over a wavelength of the track
-    wavelength = max(1, round(_probed_length(plan.cases.scene) / call.window))
-    # LAPACK must not be called from two threads
-    if call.only and not calls_lapack(plan.solver):
-        # calls of no windows: they compile the programs at the same time as that of the probe, and cost no steps
-        of_windows = dict(solver=plan.solver, periods=Calls(1, 1, STRETCH).capacity, records=records)
-        for stepping in {one.most: one for one in steppings.values()}.values():
-            compiled = functools.partial(advance, scenes, states, epoch, stepping, used=as_argument(0), earlier=carry)
-            ahead(functools.partial(compiled, **of_windows))
-    pieces = []
-    marks = []
-    plays = []
-    errors = []
-    for k, first in enumerate(range(0, plan.periods, STRETCH)):
-        part.on_progress(0.0)
-        steps = profile[first : first + STRETCH]
-        used = len(steps)
-        at = at._replace(period=epoch + first)
-        if k in probed:
-            now = scenes  # as worn as they are here
-            for worn in _worn_in(carry):
-                now = _opened(scenes, worn.play)
-            # the last window goes on where the run ends before
-            around = _alike(profile[np.minimum(first + np.arange(wavelength), plan.periods - 1)])
-            of_probe = dict(periods=capacity_for(wavelength), solver=plan.solver)
-            errors.append(half_step_change(now, at.states, at.period, around, **of_probe))
-        samples = Samples(records, used)
-        begin = at.period
-        carried = carry
-        for each, count in _alike(steps):
-            calls = Calls(count, 1, STRETCH)
-            at, carried = run_span(part, scenes, at, calls, steppings[each], records, carried, samples)
-        made = records.finish(carried, samples.joined(), RecordedSpan(used, int(steps.max()), begin, at.status))
-        pieces.append([])
-        carry = ()
-        for one, value, new, old in zip(records.records, made, carried, empty, strict=True):
-            # records of a stretch begin anew with the next one; those of the whole run, without variables, go on
-            carry += (new if isinstance(one, Unlabelled) else old,)
-            pieces[-1].append(value if isinstance(one, PerWindow | Unlabelled) else value[:, None])
-        marks.append(StateLayout.pack(at.states))
-        plays += [np.asarray(scenes.map(_play, worn.play)) for worn in _worn_in(carry)]
-    status = records.judge(carry, at.status, scenes, plan.solver)
-    probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
-    record = jax.tree.map(lambda *of_stretches: np.concatenate(of_stretches, axis=1), *map(tuple, pieces))
-    play = np.stack(plays, axis=1) if plays else None
-    return _Results(status, record, np.stack(marks, axis=1), play, probe)
 
 
 def _probed_length(scene: Scene) -> float:
@@ -418,81 +332,27 @@ def _probed_length(scene: Scene) -> float:
     return wavelength if hasattr(scene.track, "wavelengths") else min(wavelength, DEFAULT_WAVELENGTH)
 
 
-def _alike(profile: np.ndarray) -> list[tuple[int, int]]:
-    """Return windows one after the other that take equal steps: these, and the number of windows."""
-    return [(steps, len(list(alike))) for steps, alike in itertools.groupby(profile.tolist())]
-
-
-def _steppings(profile: np.ndarray, least: int) -> dict[int, ConstantSteps]:
-    """Return the stepping of windows by their steps, with few programs, because each is compiled.
-
-    **Arguments:** `least`: capacity of all windows of a program together from which on it is worth while.
-    """
-    steps, counts = np.unique(profile, return_counts=True)
-    if len(steps) == 1:
-        return {int(steps[0]): ConstantSteps(int(steps[0]))}
-    own = np.array([shared_capacity(int(profile.max()), int(each)) for each in steps])
-    sizes = np.unique(own)
-    # a few windows run with more capacity than they need
-    for size, larger in itertools.pairwise(sizes.tolist()):
-        if larger * counts[own == size].sum() < least:
-            own[own == size] = larger
-    both = zip(steps.tolist(), own.tolist(), strict=True)
-    return {each: ConstantSteps(most, as_argument(each)) for each, most in both}
-
-
-def _worn_in(carry: tuple[PyTree, ...]) -> list[Worn]:
-    """Return the carry of wear, of one or no record."""
-    return [mine for mine in carry if isinstance(mine, Worn)]
-
-
-def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, probed: np.ndarray, call: RunCall) -> xr.Dataset:
-    """Label the results of runs.
-
-    **Arguments:** `profiles`: integration steps in each window of each case; `probed`: stretches whose errors were
-    measured.
-    """
+def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
+    """Label the results of runs."""
     cases = plan.cases
-    results = without_lost(results, results.status)
+    results = without_lost(results._replace(state=None), results.status)
     dims = cases.dims
-    along_stretch = (*dims, "stretch")
     of_grid = lambda a: np.asarray(a).reshape(*cases.shape, *a.shape[1:])
     travelled = lambda dim, values: column(dim, values, "m", "distance travelled")
     ends = call.begin + call.window * np.arange(1, plan.periods + 1)
-    coords = {
-        "number": ("number", [q.name for q in StateLayout.of(cases.scene).numbers]),
-        "distance": travelled("distance", ends),
-        "stretch": travelled("stretch", ends[stretch_ends(plan.periods)]),
-    }
+    data, coords = plan.label(dims, jax.tree.map(of_grid, results.record))
+    coords["distance"] = travelled("distance", ends)
+    coords["stretch"] = travelled("stretch", ends[stretch_ends(plan.periods)])
     status = results.status
-    text = "all numbers of the state at the end of each stretch"
-    data = {
-        "state": column((*along_stretch, "number"), of_grid(results.marks), "", text),
-        "steps_per_window": column(
-            (*dims, "distance"),
-            of_grid(profiles),
-            "1",
-            "integration steps per window",
-        ),
-    }
-    for one, values in zip(plan.records.records, results.record, strict=True):
-        if isinstance(one, Unlabelled):
-            continue
-        over = (*dims, "distance") if isinstance(one, PerWindow) else along_stretch
-        more, along = one.label(cases.scene, over, of_grid(values))
-        data |= more
-        coords |= along
-    if results.play is not None:
-        text = "play of each face at the end of each stretch"
-        labels = {name: of for name, of in cases.scene.point_labels.items() if name == "slipper"}
-        data["play"] = column((*along_stretch, *labels, "face"), of_grid(results.play), "m", text)
-        coords |= labels | {"face": ["".join(face) for face in cases.scene.section.faces]}
+    steps = np.array([one.profile for one in plan.schedules])[plan.which]
+    text = "integration steps per window"
+    data["steps_per_window"] = column((*dims, "distance"), of_grid(steps), "1", text)
+    probed = _probed(call, plan.periods)
     if len(probed):
         text = "what half the step changes over a reference length, in scales"
         over_length = f"{_probed_length(cases.scene):g} m"
         data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text, over=over_length)
         coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
-        status = with_accuracy(status, results.probe.max(axis=1))  # by the largest error of a run
     data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
     speed, seconds, stands = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)

@@ -27,7 +27,7 @@ from .call import Call
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
-from .plan import PERIODS_PER_CALL, AbstractStage, Part, Plan, make_plan, sampled_plan
+from .plan import AbstractStage, Part, Plan, make_plan, sampled_plan
 from .records import resolved_record
 from .run import ChunkRun, run_cases, run_chunk
 from .store import Store, run_or_store
@@ -72,9 +72,8 @@ def sweep(
         "extremes" (of coordinates), "contact_load" and others of `slipperjax.flow.RECORDS`; "exponent" (the largest,
         without a certificate, measured after the recorded periods); "exponents" and "orbits", see `lyapunov_sweep`
         and `orbit_sweep`; and `slipperjax.flow.Record` of any function of a period's course.
-    - `transient`: forcing periods that pass before anything is recorded; above ten rounded up to tens, as the
-        attribute `settled` says. Where only "exponents" or "orbits" are asked for, they are measured right after it,
-        exponents over `periods`.
+    - `transient`: forcing periods that pass before anything is recorded. Where only "exponents" or "orbits" are asked
+        for, they are measured right after it, exponents over `periods`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; by default what
         `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.
     - `probe`: whether the first recorded period of every case is repeated with half the step, to measure its error:
@@ -138,11 +137,11 @@ def _computed(
     plan = make_plan(cases, start, lengths, *outputs)
     if call.probe is None:
         # it takes as long as three periods without a record, and a record inside doubles a period's time
-        lasts = plan.transient.periods + (2 if plan.records.inside else 1) * plan.recorded.periods
-        probed = plan.transient.periods > 0 and lasts >= 30
+        lasts = plan.settled + (2 if plan.records.inside else 1) * plan.recorded
+        probed = plan.settled > 0 and lasts >= 30
     else:
         probed = yes_or_no("probe", call.probe)
-    plan = replace(plan, probed=probed)
+    plan = plan.probing() if probed else plan
 
     def work(part: Part) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
@@ -173,9 +172,7 @@ def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
     if not _begin_settled(records, stages):
         return call, records, stages
     settled = whole("transient", call.settled, max(one.least_settled for one in stages))
-    # recorded spans are not rounded by the plan, as transients are
-    rounded = -(-settled // PERIODS_PER_CALL) * PERIODS_PER_CALL
-    return replace(call, settled=0, measured=rounded), records, tuple(one.over(call.measured) for one in stages)
+    return replace(call, settled=0, measured=settled), records, tuple(one.over(call.measured) for one in stages)
 
 
 def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> bool:
@@ -207,7 +204,7 @@ def lyapunov_sweep(
 
     - `count`, `periods`: as for `lyapunov_spectrum`; periods are rounded up to blocks of `BLOCK`, after each of which
       the status is checked.
-    - `transient`: `BLOCK` forcing periods at least, rounded up to tens.
+    - `transient`: `BLOCK` forcing periods at least.
     - `certify`: whether each case is checked by other estimates, which costs about as much again, and five times as
       much for chaotic cases.
     - `orbits`: whether exponents are taken from orbits; False measures all cases.
@@ -267,7 +264,7 @@ def orbit_sweep(
     """Find a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
 
     **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
-    before, rounded up to tens; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
+    before; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
     method for each case; others as for `sweep`, whose record "orbits" this is.
 
     **Returns:** an `xarray.Dataset` over the grid with
@@ -306,7 +303,7 @@ def sweep_dataset(
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
     data, coords = plan.label(dims, record)
     data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
-    if results.probe is not None:
+    if results.probe.size:
         text = "what half the step changes in a forcing period, in scales"
         data["probe_error"] = column(dims, results.probe.reshape(shape), "1", text)
     data["steps_per_period"] = column(
@@ -322,9 +319,9 @@ def sweep_dataset(
     attrs = scene_attributes(cases.scene, without=cases.axes)
     kept = {**call.kept(plan.solver), **more}
     attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
-    attrs |= {"settled": plan.transient.periods, "measured": plan.recorded.periods}
+    attrs |= {"settled": plan.settled, "measured": plan.recorded}
     if _begin_settled(plan.records, plan.stages):  # the recorded span was the transient, see `_spans`
         measured = max(one.measured for one in plan.stages)
-        attrs |= {"settled": plan.recorded.periods, "measured": measured}
+        attrs |= {"settled": plan.recorded, "measured": measured}
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
     return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)

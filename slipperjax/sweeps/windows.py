@@ -8,13 +8,14 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
 
 from ..flow.course import Course
-from ..flow.record import AbstractRecord, Unlabelled
+from ..flow.record import AbstractRecord
 from ..flow.records import (
     ALIASES,
     ONE_PERIOD,
@@ -25,6 +26,7 @@ from ..flow.records import (
     PeakDistance,
     Record,
 )
+from ..model.layout import StateLayout
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, one_of, require, whole
@@ -150,6 +152,8 @@ class PerWindow(AbstractQuantityRecord):
 
     record: AbstractNumber
 
+    each_period = True
+
     @property
     def quantity(self):
         return self.record.quantity
@@ -167,6 +171,31 @@ class PerWindow(AbstractQuantityRecord):
         return np.asarray(self.record.join.value(np.asarray(samples), 1))
 
 
+@dataclass(frozen=True)
+class StateNumbers(AbstractRecord):
+    """All numbers of the state at the end, from which a run can go on."""
+
+    name = "state"
+    inside = False
+
+    def last(self, periods):
+        return 1
+
+    def values(self, scene, periods):
+        return len(StateLayout.of(scene).numbers)
+
+    def sample(self, course):
+        return course.end
+
+    def finish(self, carried, samples, span):
+        return StateLayout.pack(jax.tree.map(lambda a: a[:, -1], samples))
+
+    def label(self, scene, dims, values):
+        text = "all numbers of the state at the end of each stretch"
+        names = [q.name for q in StateLayout.of(scene).numbers]
+        return {"state": column((*dims, "number"), values, "", text)}, {"number": names}
+
+
 class Worn(NamedTuple):
     """The work of friction at each face since the start, and the play that it opened; of a sled of each slipper."""
 
@@ -175,11 +204,14 @@ class Worn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Wearing(Unlabelled):
-    """The play that wear has opened, which changes the scene before each window; no variable."""
+class Wearing(AbstractRecord):
+    """The play of each face, which wear opens: it changes the scene before each window."""
+
+    name = "play"
+    goes_on = True
 
     def values(self, scene, periods):
-        return 10
+        return np.size(scene.play)
 
     def begin(self, scene, state):
         none = np.zeros(np.shape(scene.play))
@@ -195,6 +227,20 @@ class Wearing(Unlabelled):
 
     def feed_back(self, scene, carried, epoch):
         return scene.with_play(scene.play + play_added(scene, carried.work, epoch * scene.wavelength))
+
+    def finish(self, carried, samples, span):
+        return np.asarray(span.scenes.map(with_more_play, carried.play))
+
+    def label(self, scene, dims, values):
+        slippers = {name: of for name, of in scene.point_labels.items() if name == "slipper"}
+        text = "play of each face at the end of each stretch"
+        labels = slippers | {"face": ["".join(face) for face in scene.section.faces]}
+        return {"play": column((*dims, *labels), values, "m", text)}, labels
+
+
+def with_more_play(scene: Scene, more: Array) -> Array:
+    """Return the play of each face with what wear has added [m]."""
+    return jnp.asarray(scene.play) + more
 
 
 def play_added(scene: Scene, work: Array, distance: Real) -> Array:

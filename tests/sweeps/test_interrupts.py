@@ -17,6 +17,7 @@ from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
 from slipperjax.sweeps.plan import Chunk
 from slipperjax.sweeps.run import run_chunks
+from slipperjax.sweeps.schedule import Schedule
 
 
 class Found(NamedTuple):
@@ -44,7 +45,7 @@ def interrupt_after(monkeypatch):
 
 
 def run(work, workers=1):
-    chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, 50) for k in range(4)]
+    chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, Schedule.of(0, 10, 50)) for k in range(4)]
     return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
 
 

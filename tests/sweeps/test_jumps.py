@@ -94,7 +94,7 @@ def motion(monkeypatch):
         def run_chunk(part, states, epoch):
             speed = float(part.scenes.varied.speed[0])
             strobe = np.broadcast_to(level(speed), (8, 3, 10)) * SCALES
-            return ChunkRun(states, np.full(8, int(status(speed))), (strobe,))
+            return ChunkRun(states, np.full(8, int(status(speed))), (strobe,), np.empty((8, 0)))
 
         monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
 

@@ -10,7 +10,8 @@ import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Cases, Grid
-from slipperjax.sweeps.plan import Calls, make_plan
+from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.schedule import ROOM, Schedule, Span, joint_profiles
 
 HISTORY = RecordSet((History(),))
 
@@ -26,7 +27,7 @@ def test_each_case_gets_the_steps_that_it_needs_alone():
     plan = plan_of({"speed": speeds})
     alone = [sj.default_steps_per_period(sj.paper_scene(speed=v)) for v in speeds]
     assert plan.steps.tolist() == alone
-    assert plan.most_steps == 160
+    assert plan.steps.max() == 160
     assert len(set(alone)) <= 5
     assert plan_of({"speed": speeds}, steps_per_period=70).steps.tolist() == [70] * 25
     assert plan_of({"start_v_y": [0.5, -0.5]}).steps.tolist() == [40, 40]
@@ -79,17 +80,49 @@ def test_chunks_hold_every_case_once_with_its_own_steps():
         assert sorted(np.concatenate([c.index[: c.cases] for c in chunks])) == list(range(53))
         assert len({len(c.index) for c in chunks}) == 1  # one compiled program
         assert len(chunks[0].index) % 8 == 0
-        assert all(np.all(plan.steps[c.index] == c.steps) for c in chunks)
-        assert [c.steps for c in chunks] == sorted((c.steps for c in chunks), reverse=True)
+        assert all(np.all(plan.steps[c.index] == c.schedule.steps) for c in chunks)
+        steps = [c.schedule.steps for c in chunks]
+        assert steps == sorted(steps, reverse=True)
         assert threads == min(len(chunks), threads)
 
 
-def test_calls_make_up_the_run():
+def test_calls_make_up_each_span():
     plan = plan_of({"speed": [1250.0]})
-    assert plan.transient[:2] == (30, 1)  # rounded up to tens
-    assert plan.recorded[:2] == (50, 2)
-    assert plan.periods == 130
+    assert (plan.settled, plan.recorded, plan.periods) == (25, 100, 125)
     # no period is left out, and none is added, of a prime number either
     for periods in (0, 3, 40, 997):
-        assert sum(Calls.of(periods).lengths) == Calls.of(periods).periods == periods
+        calls = Span(periods, 50).calls
+        assert sum(calls) == periods
+        assert max(calls, default=0) <= ROOM
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1
+
+
+def test_programs_serve_steps_that_differ_eightfold():
+    inside = RecordSet((History(),))
+    steps = plan_of({"speed": [100.0, 1250.0]}, steps_per_period=[400, 40], records=inside)
+    assert [steps.stepping(number, inside).most for number in (400, 40)] == [400, 50]
+    # one number of steps is part of the program, and a few periods take a larger program
+    assert plan_of({"speed": [1250.0]}, steps_per_period=40, records=inside).stepping(40, inside).steps is None
+    few = plan_of({"speed": [100.0, 1250.0]}, steps_per_period=[400, 40], records=inside, measured=2)
+    assert few.stepping(40, inside).most == 400
+
+
+def test_schedules_of_runs_have_stretches_of_equal_steps():
+    schedule = Schedule.of_profile(np.array([10, 10, 20, 20, 20]), 3, [1], 4)
+    first, second = schedule.stretches
+    assert first == (Span(2, 10), Span(1, 20))
+    assert second == (Span(2, 20, probed=4),)
+    assert (schedule.periods, schedule.work, schedule.profile) == (5, 80, [10, 10, 20, 20, 20])
+    # of a probe beyond the end the last steps go on
+    assert schedule.following(1, 4) == [(20, 1), (20, 2), (20, 1)]
+
+
+def test_profiles_are_joined_where_that_saves_time():
+    # three runs of eight cases, two of them nearly alike
+    profiles = np.array([[100, 100], [10, 12], [11, 10]])
+    joint, which = joint_profiles(profiles, np.repeat([0, 1, 2], 8))
+    assert joint.tolist() == [[11, 12], [100, 100]]
+    assert which.tolist() == [1] * 8 + [0] * 16
+    # of single cases each would fill a batch of eight lanes with copies
+    joint, which = joint_profiles(profiles, np.arange(3))
+    assert joint.tolist() == [[100, 100]]

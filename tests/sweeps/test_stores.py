@@ -27,6 +27,7 @@ from slipperjax.model.quantities import Quantity
 from slipperjax.sweeps import run
 from slipperjax.sweeps.grid import Tiling
 from slipperjax.sweeps.plan import Chunk
+from slipperjax.sweeps.schedule import Schedule
 from slipperjax.sweeps.store import Store, StoreInUse, WorkerLost, check_store, store_status
 from slipperjax.tools.checks import warn
 
@@ -578,11 +579,11 @@ def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_pat
         made_up.made_up(sj.paper_scene(), grid, store=Store(tmp_path / "map.zarr", tile=5))
     # of two parameters by the whole grid, by the first case, and by all of 24 tiles
     assert len(told) <= 6
-    chunks = [Chunk(np.arange(8) + 8 * k, 8, 50) for k in range(6)]
+    chunks = [Chunk(np.arange(8) + 8 * k, 8, Schedule.of(0, 1, 50)) for k in range(6)]
 
     def work(chunk, on_progress):
         warn(f"{chunk.index[0]} of 48 starts lie outside.")
-        return run.ChunkRun(np.zeros(8), np.zeros(8, int), ())
+        return run.ChunkRun(np.zeros(8), np.zeros(8, int), (), np.empty((8, 0)))
 
     for _ in range(2):
         with pytest.warns(sj.ImplausibleWarning) as told:
