@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from ..flow.period_map import advance
 from ..flow.record import RecordSet
+from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
@@ -22,7 +23,7 @@ from ..model.sensors import Rig
 from ..model.step_size import default_steps_per_period
 from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
-from ..sweeps.run import gather, heed_interrupts
+from ..sweeps.run import gather
 from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores

@@ -16,14 +16,14 @@ from jaxtyping import Float
 
 from ..flow.period_map import advance
 from ..flow.record import Labelled
+from ..flow.status import heed_interrupts
+from ..flow.stepping import ROOM, calls_of
 from ..model.dynamics import State
 from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
 from ..sweeps.grid import Cases
-from ..sweeps.run import heed_interrupts
-from ..sweeps.schedule import ROOM, Span
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
@@ -395,7 +395,7 @@ class _Ensemble:
             states = begin(scenes, State(starts, None), epoch, names=problem.names).state
             # nothing is recorded until the motion has settled
             at = problem.origin
-            for used in Span(settle, 0).calls:
+            for used in calls_of(settle):
                 heed_interrupts()
                 how = dict(solver=problem.solver, periods=ROOM, used=as_argument(used))
                 states = advance(scenes, states, at, model.stepping, **how).state

@@ -43,8 +43,8 @@ class RecordedSpan(NamedTuple):
     """Forcing periods from distance zero to the instant from which results count."""
     status: Int[np.ndarray, " cases"]
     """`slipperjax.Status` codes."""
-    scenes: Batched[Scene]
-    """The scenes with which the run began."""
+    scenes: Batched[Scene] | None = None
+    """The scenes with which a chunk of cases began; None for a single orbit."""
 
 
 class AbstractOutput(abc.ABC):

@@ -28,13 +28,23 @@ from ..tools.compile import as_argument, call_compiled, jit
 from ..tools.description import describe
 from ..tools.forms import by_jacobian
 from ..tools.limits import refuse_impossible
+from ..tools.progress import bar as progress_bar
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real, Whole
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap
 from .record import RecordSet, Unlabelled
-from .status import Status, is_lost, judge_states, most_stability_number, with_accuracy, with_loads
-from .stepping import ConstantSteps, ControlledSteps, capacity_for, capacity_for_periods
+from .status import (
+    Status,
+    first_problem,
+    heed_interrupts,
+    is_lost,
+    judge_states,
+    most_stability_number,
+    with_accuracy,
+    with_loads,
+)
+from .stepping import ROOM, ConstantSteps, ControlledSteps, calls_of, capacity_for
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,7 @@ def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch
     for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
         # both begin anew at the saved state, so that nothing but the steps differs
-        coarse, fine = (run_eagerly(map_, state, 1, records, epoch + k, periods) for map_ in (run, finer))
+        coarse, fine = (run_eagerly(map_, state, 1, records, epoch + k) for map_ in (run, finer))
         error = _difference(run.scene, coarse.state, fine.state)
         peaks = []
         for passage in (coarse, fine):
@@ -365,6 +375,7 @@ def simulate(
     adjoint: diffrax.AbstractAdjoint | None = None,
     loads: bool = True,
     probe: int = 0,
+    progress: bool | None = None,
 ) -> Trajectory:
     """Simulate the motion of one scene over some forcing periods.
 
@@ -393,6 +404,7 @@ def simulate(
     - `loads`: whether to compute peak forces, impulses, time in contact and penetration over every step.
     - `probe`: number of forcing periods to repeat with half the step (with a tenth of the tolerance where steps are
         adaptive) for their error, see `Probe`; 0 for none. Not inside a JAX transformation.
+    - `progress`: as for `sweep`.
 
     **Returns:** a `Trajectory`, which includes the start.
 
@@ -432,7 +444,8 @@ def simulate(
         first, passage = call_compiled(_from_start, run, (periods, records), start, epoch)
     else:
         first = initial_state(scene, start, epoch)
-        passage = run_eagerly(run, first, periods, records, epoch)
+        with progress_bar(progress, total=periods, desc="simulate", unit=" periods") as bar:
+            passage = run_eagerly(run, first, periods, records, epoch, bar.update)
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     measured = None
@@ -481,23 +494,38 @@ def _from_start(
 
 
 def run_eagerly(
-    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Real = 0.0, like: int | None = None
+    run: PeriodMap,
+    state: State,
+    periods: int,
+    records: RecordSet,
+    epoch: Real = 0.0,
+    on_progress: Callable[[int], object] = lambda passed: None,
 ) -> Passage:
-    """Run one case by a compiled program that serves other numbers of periods, too.
+    """Run one case call by call, by a compiled program that serves any number of periods.
 
-    **Arguments:** `like`: number of periods of an earlier run, whose program serves this shorter one.
+    **Arguments:** `on_progress`: called with the number of forcing periods that have just passed.
+
+    **Raises:** `KeyboardInterrupt` where the run is asked to end.
     """
-    size = capacity_for_periods(like or periods)
-    numbers = as_argument(epoch), as_argument(periods)
-    passage = call_compiled(_run, run, (size, records), state, *numbers)
-    # on the host, where a slice of another length needs no compilation
-    cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
-    return passage._replace(samples=cut(passage.samples), steps_taken=cut(passage.steps_taken))
+    parts = []
+    at = epoch
+    status = np.asarray(int(Status.FINITE))
+    for used in calls_of(periods):
+        heed_interrupts()
+        passage = call_compiled(_run, run, records, state, as_argument(at), as_argument(used))
+        state = passage.state
+        at += used
+        status = first_problem(status, passage.status)
+        # on the host, where a slice of another length needs no compilation
+        per_period = passage.samples, passage.steps_taken
+        parts.append(jax.tree.map(lambda a, used=used: np.asarray(a)[:used], per_period))
+        on_progress(used)
+    samples, steps_taken = jax.tree.map(lambda *of_calls: jnp.asarray(np.concatenate(of_calls)), *parts)
+    return passage._replace(samples=samples, steps_taken=steps_taken, status=jnp.asarray(status))
 
 
-def _run(run: PeriodMap, static: tuple, state: State, epoch: Real, used: Whole) -> Passage:
-    periods, records = static
-    return run.run(state, epoch, periods=periods, records=records, used=used)
+def _run(run: PeriodMap, records: RecordSet, state: State, epoch: Real, used: Whole) -> Passage:
+    return run.run(state, epoch, periods=ROOM, records=records, used=used)
 
 
 def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | None) -> tuple[int | np.ndarray, int]:

@@ -273,6 +273,13 @@ garbage collector.
 _HERE = ContextVar("stop", default=ASKED)
 
 
+def heed_interrupts(periods: float = 0.0) -> None:
+    """Raise `KeyboardInterrupt` where this run is asked to end. Serves as report of
+    progress of runs that show none."""
+    if Stop.here().is_set():
+        raise KeyboardInterrupt
+
+
 class Interrupted(KeyboardInterrupt):
     """A Ctrl-C during a long computation, with the result as far as it was finished.
 

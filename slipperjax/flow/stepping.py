@@ -18,6 +18,15 @@ from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of,
 from ..tools.forms import in_one_kernel
 from ..tools.types import Whole
 
+ROOM = 50
+"""Most forcing periods in one call of a program, for which it is compiled: one program serves any number of periods.
+Progress and Ctrl-C are polled between calls."""
+
+
+def calls_of(periods: int) -> list[int]:
+    """Return how many forcing periods each call of a program runs, of so many in all."""
+    return [min(ROOM, periods - passed) for passed in range(0, periods, ROOM)]
+
 
 class Period(NamedTuple):
     """One integrated forcing period."""
@@ -308,14 +317,6 @@ class ControlledSteps(AbstractStepping):
 def as_stepping(stepping: AbstractStepping | int) -> AbstractStepping:
     """Return a stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
-
-
-def capacity_for_periods(count: int) -> int:
-    """Return the least of 1, 8, 64, 512, 1024, 2048, ... that is `count` or more.
-
-    It is the number of forcing periods that a program of one case has room for: unused ones cost memory alone.
-    """
-    return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
 def capacity_for(count: int) -> int:

@@ -11,7 +11,7 @@ from ..analysis.attractor import recurrence
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet, Strobe
 from ..flow.simulate import Trajectory, beginning_of, check_rail, first_of
-from ..flow.status import Status
+from ..flow.status import Status, heed_interrupts
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
@@ -23,7 +23,7 @@ from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
 from .plan import Chunk, OnProgress, Part, make_plan
 from .records import resolved_record
-from .run import ChunkRun, heed_interrupts, run_chunk, run_chunks
+from .run import ChunkRun, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}

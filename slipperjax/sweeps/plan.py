@@ -16,7 +16,7 @@ from jaxtyping import Bool, Int, PyTree
 from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
-from ..flow.stepping import ConstantSteps
+from ..flow.stepping import ROOM, ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
@@ -29,7 +29,7 @@ from ..tools.limits import cores
 from .call import Call
 from .estimate import Estimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
-from .schedule import FEW, ROOM, STEP_IN_LANES, Schedule, Span, shared_capacity
+from .schedule import FEW, STEP_IN_LANES, Schedule, Span, shared_capacity
 
 LARGEST_CHUNK = 128
 """Most cases in one call by default: enough for vectors to pay, few enough to stay in a core's cache. A step of a

@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float, Int, PyTree
 from ..flow.period_map import Passage, advance
 from ..flow.record import RecordedSpan, RecordSet, Samples
 from ..flow.simulate import dynamic_steps
-from ..flow.status import Interrupted, Stop, blank, first_problem, with_accuracy
-from ..flow.stepping import ConstantSteps
+from ..flow.status import Interrupted, Stop, blank, first_problem, heed_interrupts, with_accuracy
+from ..flow.stepping import ConstantSteps, calls_of
 from ..model.dynamics import State
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.scene import Scene
@@ -44,12 +44,6 @@ class ChunkRun(NamedTuple):
     # arrays of the plan's outputs, with a leading axis of lanes
     record: tuple[PyTree, ...]
     probe: Float[np.ndarray, "lanes probes"]  # errors by half the step [1]
-
-
-def heed_interrupts(periods: float = 0.0) -> None:
-    """Raise `KeyboardInterrupt` where this run is asked to end. Serves as `OnProgress` of runs that show none."""
-    if Stop.here().is_set():
-        raise KeyboardInterrupt
 
 
 def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
@@ -151,7 +145,7 @@ class Ride:
         stepping = part.plan.stepping(span.steps, self._records)
         # progress counts equal steps
         share = span.steps / part.schedule.mean_steps
-        for used in span.calls:
+        for used in calls_of(span.periods):
             part.on_progress(0)
             passed = self._advanced(part.scenes, self.states, self.period, stepping, used, self._records, self._carry)
             self.states = passed.state
@@ -178,7 +172,7 @@ class Ride:
         for finer in (1, 2):
             states, period = self.states, self.period
             for steps, periods in spans:
-                for used in Span(periods, steps).calls:
+                for used in calls_of(periods):
                     states = self._advanced(scenes, states, period, dynamic_steps(finer * steps), used, *seen).state
                     period += used
             ends.append(states.motion)
@@ -215,7 +209,7 @@ def _fed_back(scenes: Batched[Scene], carry: PyTree, period: Real, *, records: R
     nothing = jax.tree.map(lambda _: None, carry)
     both = Batched((scenes.varied, carry), (scenes.shared, nothing))
     # so that what does not change is shared
-    return both.apply(lambda pair: records.feed_back(*pair, period))
+    return both.apply(lambda pair: records.feed_back(pair[0], pair[1], period))
 
 
 @jit

@@ -10,9 +10,6 @@ from jaxtyping import Int
 
 from .grid import batch_size
 
-ROOM = 50
-"""Most forcing periods in one call of a program, for which it is compiled. Progress and Ctrl-C are polled between
-calls."""
 FEW = 10
 """Room of programs that record no more forcing periods: their arrays are shorter."""
 
@@ -30,11 +27,6 @@ class Span(NamedTuple):
     """Whether all records see them; otherwise those that sample a run from its start on."""
     probed: int = 0
     """Periods from its start on that are repeated with half the step, to measure the error; 0 for none."""
-
-    @property
-    def calls(self) -> list[int]:
-        """Forcing periods in each call of a program: the last call may be shorter."""
-        return [min(ROOM, self.periods - passed) for passed in range(0, self.periods, ROOM)]
 
 
 @dataclass(frozen=True)

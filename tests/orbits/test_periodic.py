@@ -44,7 +44,7 @@ def multipliers_by_differences(scene, orbit):
     """Of runs from states beside the orbit's, by the program that Newton's method begins with."""
     flat, unravel = ravel_pytree(orbit.state)
     step, none = PeriodMap(scene, dynamic_steps(STEPS), orbit.solver), RecordSet()
-    end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, none, like=100).state)[0]
+    end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, none).state)[0]
     np.testing.assert_allclose(end(flat), flat, atol=1e-12)
     matrix = np.zeros((flat.size, flat.size))
     for k in np.flatnonzero((np.arange(flat.size) < 10) | (flat < 0)):  # an open contact has no memory

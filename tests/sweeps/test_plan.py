@@ -8,10 +8,11 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
+from slipperjax.flow.stepping import ROOM, calls_of
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Cases, Grid
 from slipperjax.sweeps.plan import make_plan
-from slipperjax.sweeps.schedule import ROOM, Schedule, Span, joint_profiles
+from slipperjax.sweeps.schedule import Schedule, Span, joint_profiles
 
 HISTORY = RecordSet((History(),))
 
@@ -91,7 +92,7 @@ def test_calls_make_up_each_span():
     assert (plan.settled, plan.recorded, plan.periods) == (25, 100, 125)
     # no period is left out, and none is added, of a prime number either
     for periods in (0, 3, 40, 997):
-        calls = Span(periods, 50).calls
+        calls = calls_of(periods)
         assert sum(calls) == periods
         assert max(calls, default=0) <= ROOM
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1
