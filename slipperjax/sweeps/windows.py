@@ -229,6 +229,7 @@ class Wearing(AbstractRecord):
         return scene.with_play(scene.play + play_added(scene, carried.work, epoch * scene.wavelength))
 
     def finish(self, carried, samples, span):
+        assert span.scenes is not None  # of a chunk
         return np.asarray(span.scenes.map(with_more_play, carried.play))
 
     def label(self, scene, dims, values):

@@ -100,7 +100,7 @@ def test_calls_make_up_each_span():
 
 def test_programs_serve_steps_that_differ_eightfold():
     inside = RecordSet((History(),))
-    steps = plan_of({"speed": [100.0, 1250.0]}, steps_per_period=[400, 40], records=inside)
+    steps = plan_of({"speed": [100.0, 1250.0]}, steps_per_period=[400, 40], records=inside, measured=1000)
     assert [steps.stepping(number, inside).most for number in (400, 40)] == [400, 50]
     # one number of steps is part of the program, and a few periods take a larger program
     assert plan_of({"speed": [1250.0]}, steps_per_period=40, records=inside).stepping(40, inside).steps is None
