@@ -11,7 +11,7 @@ import numpy as np
 
 from ..flow.status import Status, is_lost, step_error
 from ..model.parameters import Parameter
-from ..model.scene import travel_unit
+from ..model.scene import Scene, travel_unit
 from ..tools.checks import require
 from .files import Outputs, keeping
 from .interrupts import Result, on_thread
@@ -61,12 +61,15 @@ def simulate(
 ) -> int:
     """Simulate one case and write its trajectory."""
     from ..flow.simulate import simulate as run
+    from ..tools.compile import ahead
+    from ..tools.progress import bar
 
     scene = case.scene
     files = Outputs(out.path, ".nc", out.picture)
-    trajectory = on_thread(
-        lambda: run(scene, periods, saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
-    )
+    saving = dict(begin=begin, saves_per_period=saves_per_period)
+    ahead(lambda: _prepare(scene, periods, start=case.start, steps_per_period=case.steps_per_period, **saving))
+    with bar(None, desc="simulate", bar_format="{desc}"):
+        trajectory = on_thread(lambda: run(scene, periods, probe=probe, **saving, **case.options))
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
@@ -82,6 +85,16 @@ def simulate(
             parts.append(step_error(scene, trajectory.probe.error) + force)
     print("; ".join(parts))
     return LOST if is_lost(status) else 0
+
+
+def _prepare(scene: Scene, periods: int, **options: object) -> None:
+    """Compile and import what writes and draws a trajectory, while the program that computes it is compiled."""
+    from ..flow.simulate import stand_in
+
+    trajectory = stand_in(scene, periods, **options)
+    trajectory.to_xarray()
+    float(trajectory.peak.force)
+    from ..plots import picture  # noqa: F401  (which imports matplotlib)
 
 
 @app.command()

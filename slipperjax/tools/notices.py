@@ -15,6 +15,7 @@ class CompileNotices:
         self.expected = expected
         self.show = show
         self.begun = 0
+        self.ended = 0
         self.threads: set[int] = set()
         self.lock = threading.Lock()
 
@@ -26,7 +27,7 @@ class CompileNotices:
             if thread not in self.threads:
                 self.threads.add(thread)
                 self.begun += 1
-                self.show(f"compiling {self.begun} of {max(self.begun, self.expected)}")
+                self._tell()
 
     def end(self) -> None:
         """Note that this thread runs a program, or has failed to compile it."""
@@ -34,8 +35,13 @@ class CompileNotices:
         with self.lock:
             if thread in self.threads:
                 self.threads.remove(thread)
-                if not self.threads:
-                    self.show("")
+                self.ended += 1
+                self._tell()
+
+    def _tell(self) -> None:
+        """Show which program is waited for: of several that are compiled at once, the next one to be there."""
+        of = f"{self.ended + 1} of {max(self.begun, self.expected)}"
+        self.show(f"compiling program {of}" if self.threads else "")
 
 
 NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
