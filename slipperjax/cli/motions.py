@@ -45,6 +45,8 @@ SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches leave: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
 """Options that the file of --from has already decided."""
+LONGEST_PREPARED = 1000
+"""Forcing periods of the longest run whose picture is prepared while it is compiled."""
 BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the point that is being computed."""
 
@@ -67,9 +69,12 @@ def simulate(
     scene = case.scene
     files = Outputs(out.path, ".nc", out.picture)
     saving = dict(begin=begin, saves_per_period=saves_per_period)
-    ahead(lambda: _prepare(scene, periods, start=case.start, steps_per_period=case.steps_per_period, **saving))
+    of_case = dict(start=case.start, steps_per_period=case.steps_per_period)
+    preparing = ahead(lambda: _prepare(scene, periods, **of_case, **saving))
     with bar(None, desc="simulate", bar_format="{desc}"):
         trajectory = on_thread(lambda: run(scene, periods, probe=probe, **saving, **case.options))
+    # matplotlib cannot be used while another thread imports it
+    preparing.join()
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
@@ -89,6 +94,9 @@ def simulate(
 
 def _prepare(scene: Scene, periods: int, **options: object) -> None:
     """Compile and import what writes and draws a trajectory, while the program that computes it is compiled."""
+    # zeros of a longer run would take memory that the run itself may need
+    if periods > LONGEST_PREPARED:
+        return
     from ..flow.simulate import stand_in
 
     trajectory = stand_in(scene, periods, **options)
