@@ -263,8 +263,10 @@ def hide_dask() -> None:
 
     Where it is installed, xarray imports it with the first dataset, which takes half as long as importing JAX.
     """
-    # by which Python finds no such module
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
+    # which asks once whether dask is installed
+    if "xarray" not in sys.modules:
+        # by which Python finds no such module
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
 
 
 def _show_dask() -> None:
