@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.simulate import stand_in
 from slipperjax.tools import cache, kept
 from slipperjax.tools.code import stable_digest
 
@@ -335,6 +336,9 @@ def test_a_scene_and_its_orbit_are_found_again(folder):
         second = sj.simulate(scene.replace(speed=1250.0), 2, **step)
     assert not seconds
     assert eqx.tree_equal(first, second)
+    # what compiles the programs that come after a run has its shapes
+    kinds = lambda run: jax.tree.map(jax.typeof, (run.period, run.state, run.loads))
+    assert kinds(stand_in(scene, 2, steps_per_period=20)) == kinds(first)
 
 
 HEARD = []
