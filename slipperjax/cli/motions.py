@@ -70,11 +70,13 @@ def simulate(
     files = Outputs(out.path, ".nc", out.picture)
     saving = dict(begin=begin, saves_per_period=saves_per_period)
     of_case = dict(start=case.start, steps_per_period=case.steps_per_period)
-    preparing = ahead(lambda: _prepare(scene, periods, **of_case, **saving))
-    with bar(None, desc="simulate", bar_format="{desc}"):
+    preparing = []
+    prepare = lambda: preparing.append(ahead(lambda: _prepare(scene, periods, **of_case, **saving)))
+    with bar(None, meanwhile=prepare, desc="simulate", bar_format="{desc}"):
         trajectory = on_thread(lambda: run(scene, periods, probe=probe, **saving, **case.options))
     # matplotlib cannot be used while another thread imports it
-    preparing.join()
+    for thread in preparing:
+        thread.join()
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))

@@ -10,10 +10,12 @@ from .tracing import is_transformed
 class CompileNotices:
     """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
 
-    def __init__(self, expected: int, show: Callable[[str], None]):
-        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with ""."""
+    def __init__(self, expected: int, show: Callable[[str], None], first: Callable[[], object] = lambda: None):
+        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with "";
+        `first`: is called when the first program begins."""
         self.expected = expected
         self.show = show
+        self.first = first
         self.begun = 0
         self.ended = 0
         self.threads: set[int] = set()
@@ -28,6 +30,8 @@ class CompileNotices:
                 self.threads.add(thread)
                 self.begun += 1
                 self._tell()
+                if self.begun == 1:
+                    self.first()
 
     def end(self) -> None:
         """Note that this thread runs a program, or has failed to compile it."""

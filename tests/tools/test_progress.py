@@ -90,6 +90,19 @@ def test_a_bar_within_another_one_leaves_it_the_word(terminal, shown):
     assert not any("inner" in line for line in lines)
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_other_work_begins_with_the_first_program(wanted, capsys):
+    begun, one = [], program(19.0)
+    with bar(wanted, meanwhile=lambda: begun.append(1), desc="once"):
+        jit(lambda x: x + 3)(jnp.ones(()))
+        assert begun == []
+        one(jnp.ones(())), program(23.0)(jnp.ones(()))
+    with bar(wanted, meanwhile=lambda: begun.append(2), desc="again"):
+        one(jnp.ones(()))
+    assert begun == [1]
+    assert ("once" in capsys.readouterr().err) == wanted
+
+
 def test_by_default_a_bar_is_on_terminals_and_goes(capsys, monkeypatch):
     with bar(None, desc="piped"):
         program(13.0)(jnp.ones(()))
