@@ -91,7 +91,7 @@ def test_a_bar_within_another_one_leaves_it_the_word(terminal, shown):
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-def test_other_work_begins_with_the_first_program(wanted, capsys):
+def test_other_work_begins_with_the_first_program(terminal, capsys, wanted):
     begun, one = [], program(19.0)
     with bar(wanted, meanwhile=lambda: begun.append(1), desc="once"):
         jit(lambda x: x + 3)(jnp.ones(()))
