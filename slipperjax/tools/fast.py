@@ -1,7 +1,5 @@
 """Fast forms of the functions in `forms`, on private ground of JAX."""
 
-import os
-
 import jax
 
 from .fused import circle, spread, store, store_cotangent, store_if_differentiated, sums
@@ -21,17 +19,11 @@ __all__ = [
 ]
 
 
-EFFORT = "xla_backend_optimization_level"
-"""XLA's option for how long LLVM tries to make a program faster, from 0 to 3."""
-
-
-def compiler_options(backend: str | None = None) -> dict[str, bool | int]:
+def compiler_options(backend: str | None = None) -> dict[str, bool]:
     """Return XLA's options for a backend, by default the one in use: some for CPUs, none for others."""
     if (backend or jax.default_backend()) != "cpu":
         return {}
-    # Level 3, XLA's default, takes 1.2 to 1.4 times as long for programs as fast, with results equal to the last bit.
-    effort = {} if EFFORT in os.environ.get("XLA_FLAGS", "") else {EFFORT: 2}
-    return effort | {
+    return {
         # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
         # NaN, infinity, division and square root.
         "xla_cpu_enable_fast_math": True,

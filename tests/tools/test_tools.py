@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.tools import fast
 from slipperjax.tools.batching import Batched
 from slipperjax.tools.compile import call_compiled, jit
 from slipperjax.tools.description import describe
@@ -27,12 +26,6 @@ def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
 def test_options_are_those_of_the_backend():
     assert compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
     assert compiler_options("gpu") == {}
-
-
-@pytest.mark.parametrize(("flags", "level"), [("", 2), ("--xla_backend_optimization_level=0", None)])
-def test_llvm_takes_less_effort_than_by_default_unless_the_user_says_how_much(monkeypatch, flags, level):
-    monkeypatch.setenv("XLA_FLAGS", flags)
-    assert fast.compiler_options("cpu").get("xla_backend_optimization_level") == level
 
 
 def test_a_batch_shares_what_does_not_differ():
