@@ -31,6 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
         # keep the garbage collector from modules, and call it less often: a short run takes a fifth less time
         gc.freeze()
         gc.set_threshold(50_000)
+        sweep.hide_dask()
     # an interrupt may raise here, or set its code while the command ends by itself
     with Signals() as signals:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..flow.status import Status, is_lost, step_error
 from ..model.parameters import Parameter
-from ..model.scene import travel_unit
+from ..model.scene import Scene, travel_unit
 from ..tools.checks import require
 from .files import Outputs, keeping
 from .interrupts import Result, on_thread
@@ -45,6 +45,8 @@ SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches leave: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
 """Options that the file of --from has already decided."""
+LONGEST_PREPARED = 1000
+"""Forcing periods of the longest run whose picture is prepared while it is compiled."""
 BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the point that is being computed."""
 
@@ -61,12 +63,20 @@ def simulate(
 ) -> int:
     """Simulate one case and write its trajectory."""
     from ..flow.simulate import simulate as run
+    from ..tools.compile import ahead
+    from ..tools.progress import bar
 
     scene = case.scene
     files = Outputs(out.path, ".nc", out.picture)
-    trajectory = on_thread(
-        lambda: run(scene, periods, saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
-    )
+    saving = dict(begin=begin, saves_per_period=saves_per_period)
+    of_case = dict(start=case.start, steps_per_period=case.steps_per_period)
+    preparing = []
+    prepare = lambda: preparing.append(ahead(lambda: _prepare(scene, periods, **of_case, **saving)))
+    with bar(None, meanwhile=prepare, desc="simulate", bar_format="{desc}"):
+        trajectory = on_thread(lambda: run(scene, periods, probe=probe, **saving, **case.options))
+    # matplotlib cannot be used while another thread imports it
+    for thread in preparing:
+        thread.join()
     ds = trajectory.to_xarray()
     print(files.write(ds))
     status = Status(int(trajectory.status))
@@ -82,6 +92,19 @@ def simulate(
             parts.append(step_error(scene, trajectory.probe.error) + force)
     print("; ".join(parts))
     return LOST if is_lost(status) else 0
+
+
+def _prepare(scene: Scene, periods: int, **options: object) -> None:
+    """Compile and import what writes and draws a trajectory, while the program that computes it is compiled."""
+    # zeros of a longer run would take memory that the run itself may need
+    if periods > LONGEST_PREPARED:
+        return
+    from ..flow.simulate import stand_in
+
+    trajectory = stand_in(scene, periods, **options)
+    trajectory.to_xarray()
+    float(trajectory.peak.force)
+    from ..plots import picture  # noqa: F401  (which imports matplotlib)
 
 
 @app.command()

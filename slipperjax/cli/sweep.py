@@ -1,6 +1,7 @@
 """The commands that run many cases, and those that look after stores of them."""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -244,6 +245,7 @@ def _executor(count: int | None, address: str | None) -> AbstractContextManager:
 
     if address is None:
         return nullcontext() if count is None else processes(count)
+    _show_dask()
     try:
         from distributed import Client
     except ImportError:
@@ -254,6 +256,23 @@ def _executor(count: int | None, address: str | None) -> AbstractContextManager:
         need = "be the address of a dask scheduler"
         raise ValueError(f"Option --cluster must {need}, but {address}: {error}") from None
     return client
+
+
+def hide_dask() -> None:
+    """Let dask count as not installed in this process, until --cluster needs it.
+
+    Where it is installed, xarray imports it with the first dataset, which takes half as long as importing JAX.
+    """
+    # which asks once whether dask is installed
+    if "xarray" not in sys.modules:
+        # by which Python finds no such module
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
+
+
+def _show_dask() -> None:
+    """Let dask be found again."""
+    if sys.modules.get("dask", sys) is None:
+        del sys.modules["dask"]
 
 
 def _swept(

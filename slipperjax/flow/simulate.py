@@ -477,6 +477,32 @@ def simulate(
     )
 
 
+def stand_in(
+    scene: Scene,
+    periods: int,
+    *,
+    start: object = None,
+    begin: Real | None = None,
+    steps_per_period: int | None = None,
+    saves_per_period: int | None = None,
+) -> Trajectory:
+    """Return what `simulate` returns, with zeros in place of numbers: what comes after a run can be compiled by it.
+
+    **Arguments:** as for `simulate`.
+    """
+    origin, start = beginning(scene, begin, start)
+    first = initial_state(scene, start, scene.epoch_at(origin))
+    _, saves = step_plan(lambda: LEAST_STEPS, steps_per_period, saves_per_period)
+    zeros = lambda *shape: jnp.asarray(np.zeros(shape))
+    instants = periods * saves + 1
+    states = jax.tree.map(lambda a: zeros(instants, *a.shape), first)
+    of_points = zeros(periods, *scene.point_shape)
+    of_periods = zeros(periods)
+    loads = Loads(*[of_points] * 5, *[of_periods] * 2)
+    whole_numbers = jnp.asarray(np.zeros(periods, int))
+    return Trajectory(scene, zeros(instants), states, saves, whole_numbers, whole_numbers[0], loads)
+
+
 def _from_start(
     run: PeriodMap,
     static: tuple,

@@ -19,10 +19,12 @@ from .notices import NOTICES
 from .tracing import is_traced, is_transformed
 
 
-def ahead(call: Callable[[], object]) -> None:
+def ahead(call: Callable[[], object]) -> threading.Thread:
     """Call a function on a thread of its own, so that its program is compiled while other work goes on.
 
     Errors are ignored here: the call that needs the program meets them again.
+
+    **Returns:** the thread, which is running.
     """
 
     def compiled() -> None:
@@ -30,7 +32,9 @@ def ahead(call: Callable[[], object]) -> None:
             call()
 
     # with the context variables of this thread, such as the notices
-    threading.Thread(target=copy_context().run, args=(compiled,)).start()
+    thread = threading.Thread(target=copy_context().run, args=(compiled,))
+    thread.start()
+    return thread
 
 
 def jit(fun: Callable, **kwargs: object) -> Callable:

@@ -14,6 +14,7 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -232,9 +233,15 @@ def _names() -> tuple[str, ...]:
     return tuple(name for name in jax.config.values if _counts(name) and hasattr(jax.config, name))
 
 
+@cache
+def _reader() -> attrgetter:
+    """Return what reads these options in one call: each call of a program reads them."""
+    return attrgetter(*_names())
+
+
 def _context() -> tuple:
     """Return what tells one state of JAX's options from another in this process."""
-    return tuple(map(jax.config.__getattribute__, _names()))
+    return _reader()(jax.config)
 
 
 def _options() -> dict[str, object]:

@@ -10,11 +10,14 @@ from .tracing import is_transformed
 class CompileNotices:
     """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
 
-    def __init__(self, expected: int, show: Callable[[str], None]):
-        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with ""."""
+    def __init__(self, expected: int, show: Callable[[str], None], first: Callable[[], object] = lambda: None):
+        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with "";
+        `first`: is called when the first program begins."""
         self.expected = expected
         self.show = show
+        self.first = first
         self.begun = 0
+        self.ended = 0
         self.threads: set[int] = set()
         self.lock = threading.Lock()
 
@@ -26,7 +29,9 @@ class CompileNotices:
             if thread not in self.threads:
                 self.threads.add(thread)
                 self.begun += 1
-                self.show(f"compiling {self.begun} of {max(self.begun, self.expected)}")
+                self._tell()
+                if self.begun == 1:
+                    self.first()
 
     def end(self) -> None:
         """Note that this thread runs a program, or has failed to compile it."""
@@ -34,8 +39,13 @@ class CompileNotices:
         with self.lock:
             if thread in self.threads:
                 self.threads.remove(thread)
-                if not self.threads:
-                    self.show("")
+                self.ended += 1
+                self._tell()
+
+    def _tell(self) -> None:
+        """Show which program is waited for: of several that are compiled at once, the next one to be there."""
+        of = f"{self.ended + 1} of {max(self.begun, self.expected)}"
+        self.show(f"compiling program {of}" if self.threads else "")
 
 
 NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)

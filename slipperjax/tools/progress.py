@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -26,14 +26,17 @@ def is_live() -> bool:
 
 
 @contextmanager
-def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[tqdm]":
+def bar(
+    wanted: bool | None, *, programs: int = 1, meanwhile: Callable[[], object] | None = None, **options: Any
+) -> "Iterator[tqdm]":
     """Show tqdm's bar, with its `options`; in files and pipes, a line every ten seconds at most, and
     every minute at least.
 
     It tells when a program that steps through time is being compiled.
 
     **Arguments:** `wanted`: whether it is shown; None shows it on terminals and in notebooks until it has ended;
-    `programs`: how many programs the run is expected to compile.
+    `programs`: how many programs the run is expected to compile; `meanwhile`: is called when the first of them
+    begins, also where no bar is shown.
 
     **Raises:** `ValueError` for another `wanted`.
     """
@@ -54,16 +57,18 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> "Iterator[
         return text and text + colon
 
     def show(notice: str) -> None:
+        if progress.disable:
+            return
         progress.delay = 0  # tqdm wipes a bar out at the end only if its delay is over
         progress.set_description_str(described(name, notice))
 
     with tqdm(desc=described(name), **(shown | options)) as progress:
-        if progress.disable:  # a bar around it shows the notices
+        if progress.disable and meanwhile is None:  # a bar around it shows the notices
             yield progress
             return
-        token = NOTICES.set(CompileNotices(programs, show))
+        token = NOTICES.set(CompileNotices(programs, show, meanwhile or (lambda: None)))
         try:
-            with nullcontext() if live else lines.kept_up(progress):
+            with nullcontext() if live or progress.disable else lines.kept_up(progress):
                 yield progress
         finally:
             NOTICES.reset(token)

@@ -3,6 +3,8 @@
 import os
 import shutil
 import signal
+import subprocess
+import sys
 
 import matplotlib.image
 import matplotlib.pyplot as plt
@@ -157,3 +159,24 @@ def test_chaos_stands_with_its_least_mean_life_in_a_line():
     assert words.endswith("; half the step changes the motion by 2.0e-01 scales at most")
     assert "; 2 cases flagged (1 pressed in: " in words
     assert told.format("") in summary(ds.assign(least_mean_life=("speed", [np.nan] * 3)), 1.0)
+
+
+DASK = """
+import importlib.util, sys
+import slipperjax.cli.sweep as sweep
+sweep.hide_dask()
+import numpy as np, xarray as xr
+xr.Dataset({"a": ("x", np.zeros(3))}, {"x": np.arange(3)}).to_netcdf(engine="h5netcdf")
+print([name for name in sys.modules if name.startswith(("dask.", "distributed"))], sys.modules["dask"])
+sweep._show_dask()
+print(importlib.util.find_spec("dask") is not None, "dask" in sys.modules)
+sweep.hide_dask()
+print("dask" in sys.modules)
+"""
+
+
+def test_commands_import_dask_for_clusters_alone():
+    """Where xarray is imported already, it knows of dask, and dask stays."""
+    pytest.importorskip("dask")
+    found = subprocess.run([sys.executable, "-c", DASK], capture_output=True, text=True, check=True).stdout
+    assert found.splitlines() == ["[] None", "True False", "False"]

@@ -1,5 +1,6 @@
 """Programs that are kept whole: found by another process where nothing differs, and by none where anything does."""
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -7,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import threading
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +20,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.simulate import stand_in
 from slipperjax.tools import cache, kept
 from slipperjax.tools.code import stable_digest
 
@@ -333,3 +336,61 @@ def test_a_scene_and_its_orbit_are_found_again(folder):
         second = sj.simulate(scene.replace(speed=1250.0), 2, **step)
     assert not seconds
     assert eqx.tree_equal(first, second)
+    # what compiles the programs that come after a run has its shapes
+    kinds = lambda run: jax.tree.map(jax.typeof, (run.period, run.state, run.loads))
+    assert kinds(stand_in(scene, 2, steps_per_period=20)) == kinds(first)
+
+
+HEARD = []
+"""Traces, lowerings and compilations that `listen` has heard of in this process."""
+
+
+def listen():
+    heard = lambda event, duration, fun_name="", **_: "compile" in event and HEARD.append(fun_name)
+    jax.monitoring.register_event_duration_secs_listener(heard)
+
+
+def heard():
+    return list(HEARD)
+
+
+def compile_one():
+    """What a worker must hear of, so that hearing of nothing means something."""
+    jax.jit(lambda x: x + 1)(2.0)
+
+
+@contextlib.contextmanager
+def one_process():
+    """A function that calls another one in a new process, and an executor of this process."""
+    with sj.processes(1) as pool:
+        yield lambda call: pool.submit(call).result(), pool
+
+
+@contextlib.contextmanager
+def one_of_dask():
+    distributed = pytest.importorskip("distributed")
+    options = dict(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of dask's own making
+        with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+            yield lambda call: next(iter(client.run(call).values())), client
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("workers", [one_process, one_of_dask])
+def test_workers_trace_nothing(folder, tmp_path_factory, monkeypatch, workers):
+    """The calling process runs a first case, and keeps the programs that its workers find."""
+    monkeypatch.setenv("SLIPPERJAX_CACHE", str(folder))
+    cache.keep_in(None)
+    monkeypatch.setattr(cache.Chosen, "is_known", False)
+    place = tmp_path_factory.mktemp("stores")
+    options = dict(transient=1, periods=1, steps_per_period=40, record="peak_force", progress=False)
+    for name in ("first.zarr", "second.zarr"):
+        with workers() as (call, executor):
+            call(listen)
+            sj.sweep(sj.paper_scene(), {"speed": [1200.0, 1250.0]}, store=place / name, executor=executor, **options)
+            traced = call(heard)
+            call(compile_one)
+            assert len(call(heard)) > len(traced)
+    assert traced == []
+    assert kept_in(folder)

@@ -3,6 +3,7 @@
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 
 import jax
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import pytest
 
 from slipperjax.tools.compile import jit
+from slipperjax.tools.notices import CompileNotices
 from slipperjax.tools.one_kernel import in_one_kernel
 from slipperjax.tools.progress import bar
 
@@ -46,7 +48,7 @@ def test_programs_that_step_are_told_while_they_are_compiled(terminal, shown):
         progress.update()
     lines = first + shown()
     texts = [line.split(":")[0] for line in lines if "compiling" in line]
-    assert texts == ["branch, compiling 1 of 2", "branch, compiling 2 of 2", "branch, compiling 3 of 3"]
+    assert texts == [f"branch, compiling program {of}" for of in ("1 of 2", "2 of 2", "3 of 3")]
     assert lines[-2].startswith("branch: 1it")
 
 
@@ -56,7 +58,18 @@ def test_threads_of_a_run_tell_it_too(terminal, shown):
         thread = threading.Thread(target=copy_context().run, args=(call,))
         thread.start()
         thread.join()
-    assert any("sweep, compiling 1 of 1" in line for line in shown())
+    assert any("sweep, compiling program 1 of 1" in line for line in shown())
+
+
+def test_of_programs_that_are_compiled_at_once_the_next_one_is_told():
+    texts = []
+    notices = CompileNotices(2, texts.append)
+    with ThreadPoolExecutor(1) as other:
+        notices.begin()
+        other.submit(notices.begin).result()
+        other.submit(notices.end).result()
+        notices.end()
+    assert texts == [*["compiling program 1 of 2"] * 2, "compiling program 2 of 2", ""]
 
 
 def test_a_program_that_fails_is_told_no_longer(terminal, shown):
@@ -77,6 +90,19 @@ def test_a_bar_within_another_one_leaves_it_the_word(terminal, shown):
     assert not any("inner" in line for line in lines)
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_other_work_begins_with_the_first_program(terminal, capsys, wanted):
+    begun, one = [], program(19.0)
+    with bar(wanted, meanwhile=lambda: begun.append(1), desc="once"):
+        jit(lambda x: x + 3)(jnp.ones(()))
+        assert begun == []
+        one(jnp.ones(())), program(23.0)(jnp.ones(()))
+    with bar(wanted, meanwhile=lambda: begun.append(2), desc="again"):
+        one(jnp.ones(()))
+    assert begun == [1]
+    assert ("once" in capsys.readouterr().err) == wanted
+
+
 def test_by_default_a_bar_is_on_terminals_and_goes(capsys, monkeypatch):
     with bar(None, desc="piped"):
         program(13.0)(jnp.ones(()))
@@ -88,7 +114,7 @@ def test_by_default_a_bar_is_on_terminals_and_goes(capsys, monkeypatch):
     with bar(None, desc="long"):
         program(17.0)(jnp.ones(()))
     text = capsys.readouterr().err
-    assert "long, compiling 1 of 1" in text
+    assert "long, compiling program 1 of 1" in text
     assert text.endswith(" \r")  # wiped out
 
 
