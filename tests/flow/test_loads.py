@@ -116,16 +116,6 @@ def test_sweeps_have_the_loads_of_simulate(record):
         assert ds[name].attrs == one[name].attrs
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("record", ["sections", "history"])
-def test_loads_of_sweeps_can_be_switched_off(record):
-    grid, options = {"speed": [1250.0]}, dict(transient=0, periods=1, steps_per_period=50, record=record)
-    with_loads = sj.sweep(sj.paper_scene(), grid, **options)
-    without = sj.sweep(sj.paper_scene(), grid, loads=False, **options)
-    assert set(with_loads) - set(without) == set(NAMES)
-    np.testing.assert_allclose(without["v_y"], with_loads["v_y"], rtol=1e-12)
-
-
 @pytest.mark.full
 def test_an_error_probe_tells_good_steps_from_bad():
     good = probed(sj.paper_scene(), 104)

@@ -52,18 +52,6 @@ def test_sweeps_over_seeds_are_runs_on_each_rail():
 
 
 @pytest.mark.full
-def test_measured_rails_are_an_axis():
-    rails = [sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
-    options = dict(transient=0, periods=2, steps_per_period=STEPS, record="strobe")
-    scenes = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
-    ds = sj.sweep(scenes, {"track.number": [0.0, 1.0]}, **options)
-    np.testing.assert_array_equal(ds["status"], [0, 0])
-    for k, rail in enumerate(rails):
-        run = sj.simulate(dataclasses.replace(SCENE, track=rail), 2, steps_per_period=STEPS)
-        np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.full
 def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     """Of which a result keeps the file's name, tables of the spectra and the seeds."""
     places = np.arange(0.0, 64.0, 0.2)
@@ -152,13 +140,6 @@ def test_whole_numbers_are_not_varied_by_little():
     ):
         with pytest.raises(ValueError, match=r"`track.seed` cannot be varied by little: it is a whole number"):
             call()
-
-
-@pytest.mark.full
-def test_a_run_may_begin_where_a_rail_does():
-    short = sj.SampledTrack([0.0, 16.0], 1e-3 * np.sin(np.arange(65)), 0.0, ends="error")
-    run = sj.simulate(dataclasses.replace(SCENE, track=short), 2, steps_per_period=STEPS)
-    assert int(run.status) == 0
 
 
 FIRST = 129_773.0
@@ -276,35 +257,6 @@ def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs()
     for call in (sj.periodic_orbit, lambda s: sj.continue_orbit(s, "speed", (900.0, 1100.0))):
         with pytest.raises(ValueError, match="`scene` must have a track that recurs with the forcing period"):
             call(ON_RAIL)
-
-
-@pytest.mark.slow
-def test_a_rail_repeated_on_purpose_has_orbits():
-    scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, 1e-3 * WAVE)).replace(speed=1250.0)
-    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
-    exact = sj.periodic_orbit(sj.paper_scene(1250.0), steps_per_period=STEPS)
-    assert int(orbit.status) == 0
-    np.testing.assert_allclose(coordinates(orbit.state), coordinates(exact.state), atol=1e-6, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_forces_have_derivatives_by_samples_and_by_roughness():
-    """In both modes, against central differences of the same steps."""
-
-    def by_sample(change):
-        bump = 1e-3 * WAVE + change * np.exp(-((PLACES - 4.0) ** 2))
-        bump = bump - (bump[-1] - bump[0]) * jnp.asarray(PLACES / 8)
-        scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, bump))
-        return sj.simulate(scene, 2, steps_per_period=STEPS, loads=False).end.motion.z
-
-    def by_roughness(factor):
-        return sj.simulate(ON_RAIL.replace(**{"track.roughness": factor}), 2, steps_per_period=STEPS).end.motion.v_z
-
-    for function, value, step in ((by_sample, 0.0, 1e-9), (by_roughness, 1.0, 1e-6)):
-        difference = (function(value + step) - function(value - step)) / (2 * step)
-        forward, reverse = jax.jacfwd(function)(value), jax.grad(function)(value)
-        np.testing.assert_allclose(forward, difference, rtol=1e-5)
-        np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
 @pytest.mark.full

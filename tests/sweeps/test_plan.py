@@ -1,16 +1,13 @@
 """Plans: each case's own steps, in chunks that change no result."""
 
-import diffrax
-import equinox as eqx
-import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.call import Call
-from slipperjax.sweeps.grid import Cases, Grid
-from slipperjax.sweeps.plan import Calls, make_plan
+from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.plan import make_plan
 
 HISTORY = RecordSet((History(),))
 
@@ -30,15 +27,6 @@ def test_each_case_gets_the_steps_that_it_needs_alone():
     assert len(set(alone)) <= 5
     assert plan_of({"speed": speeds}, steps_per_period=70).steps.tolist() == [70] * 25
     assert plan_of({"start_v_y": [0.5, -0.5]}).steps.tolist() == [40, 40]
-
-
-def test_cases_are_the_scenes_and_starts_of_their_values():
-    grid = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3], "start_v_y": [0.5, 0.4]}
-    scenes, starts = Cases(sj.paper_scene(), grid, sj.table_2_start()).take(np.array([5, 2]))
-    for lane, (speed, clearance, v_y) in enumerate([(1250.0, 1e-3, 0.4), (900.0, 2e-3, 0.5)]):
-        one = eqx.combine(jax.tree.map(lambda a, lane=lane: a[lane], scenes.varied), scenes.shared)
-        assert eqx.tree_equal(one, sj.paper_scene(speed, clearance))
-        assert starts.v_y[lane] == v_y
 
 
 def test_step_counts_are_few_over_many_orders_of_stiffness():
@@ -70,26 +58,3 @@ def test_wrong_steps_of_cases_are_refused():
     ):
         with pytest.raises(ValueError, match=f"`(steps|saves)_per_period` {words}"):
             sj.sweep(sj.paper_scene(), {"speed": [400.0, 1250.0]}, steps_per_period=steps, saves_per_period=saves)
-
-
-def test_chunks_hold_every_case_once_with_its_own_steps():
-    plan = plan_of({"speed": np.linspace(100, 2500, 53)})
-    for how in ((None, None), (None, 1), (5, 2), (64, 3)):
-        chunks, threads = plan.chunks(*how)
-        assert sorted(np.concatenate([c.index[: c.cases] for c in chunks])) == list(range(53))
-        assert len({len(c.index) for c in chunks}) == 1  # one compiled program
-        assert len(chunks[0].index) % 8 == 0
-        assert all(np.all(plan.steps[c.index] == c.steps) for c in chunks)
-        assert [c.steps for c in chunks] == sorted((c.steps for c in chunks), reverse=True)
-        assert threads == min(len(chunks), threads)
-
-
-def test_calls_make_up_the_run():
-    plan = plan_of({"speed": [1250.0]})
-    assert plan.transient[:2] == (30, 1)  # rounded up to tens
-    assert plan.recorded[:2] == (50, 2)
-    assert plan.periods == 130
-    # no period is left out, and none is added, of a prime number either
-    for periods in (0, 3, 40, 997):
-        assert sum(Calls.of(periods).lengths) == Calls.of(periods).periods == periods
-    assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1
