@@ -28,10 +28,15 @@ CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2,
 """Places x and y [m] of the four slippers of `sled_on`, and their rails."""
 
 
-def sled_on(corners=CORNERS, inertia=(150.0, 300.0, 350.0), **parts):
-    """A sled of 400 kg on slippers at some places."""
-    mounts = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in corners]
+def sled_on(corners=CORNERS, inertia=(150.0, 300.0, 350.0), height=-0.2, **parts):
+    """A sled of 400 kg on slippers at some places, at a height below its centre of mass."""
+    mounts = [sj.Mount(x, y, height, rail=rail) for x, y, rail in corners]
     return sj.Sled(400.0, inertia, mounts, **parts)
+
+
+def narrow_sled():
+    """A sled whose slippers are 1.2 m apart across the track."""
+    return sled_on([(x, 2 / 3 * y, rail) for x, y, rail in CORNERS], (80.0, 320.0, 380.0), -0.25)
 
 
 def among(known, *every_day, slow=()):

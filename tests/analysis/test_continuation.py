@@ -213,10 +213,7 @@ NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie withi
         (BURSTING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of inf"),
         (LOGISTIC, ([0.6], 2.5), (3, 4), {}, f"{WITHIN} 2.5"),
         (LOGISTIC, ([0.6], 2.5), (3, 2), {}, r"`bounds` must be two numbers, the smaller first, but is \(3, 2\)"),
-        (LOGISTIC, ([0.6], 2.5), (np.nan, 3), {}, "`bounds` must be two numbers"),
-        (LOGISTIC, ([0.6], 2.5), 3, {}, "`bounds` must be two numbers"),
         (LOGISTIC, ([0.6, 0.6], 2.5), (2, 3), {}, "`state` must have 1 numbers as `like` has, but has 2"),
-        (LOGISTIC, ([0.6], 2.5), (2, 3), {"points": 0}, "`points` must be a whole number of 1 or more, but is 0"),
     ],
 )
 def test_wrong_arguments_are_named(family, start, bounds, options, words):

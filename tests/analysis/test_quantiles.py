@@ -196,9 +196,6 @@ def test_more_steps_that_change_a_quantile_are_told():
     [
         (dict(quantile=1.0), "Argument `quantile` must be a share between 0 and 1, or None"),
         (dict(dim="seed"), "Argument `dim` must be one of clearance, track.seed"),
-        (dict(values=np.zeros(3)), "Argument `values` must be an xarray.DataArray"),
-        (dict(resamples=1), "Argument `resamples` must be a whole number of 2 or more"),
-        (dict(seed=-1), "Argument `seed` must be a whole number of 0 or more"),
     ],
 )
 def test_bad_questions_name_what_is_wrong(change, words):

@@ -86,7 +86,6 @@ def test_several_runs_share_the_sensors():
 @pytest.mark.parametrize(
     ("measured", "text"),
     [
-        (3, "`measured` must be a dataset or a file"),
         ([], "`measured` must have one run or more"),
         (
             dataset(rear=("time", TIME)),

@@ -176,10 +176,6 @@ def test_windows_of_a_record_are_one_motion(noisy):
         ),
         (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
         (dict(measured="later"), "forcing periods of 40 steps"),
-        (dict(confidence=1.0), "`confidence` must be below 1"),
-        (dict(method="LM"), "`method` must be a method of slipperjax.fitting"),
-        (dict(scene=1), "`scene` must be"),
-        (dict(seed=-1), "`seed` must be"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(noisy, arguments, text):

@@ -59,13 +59,11 @@ def test_some_are_frozen():
         ({"stiffnes": (1e8, 1e9)}, (), "`stiffnes` is no parameter.*stiffness"),
         ({"stiffness": (1e9, 1e8)}, (), "`stiffness` must have a low and a high bound"),
         ({"stiffness": (2e8, 1e9)}, (), "`stiffness` must have bounds on both sides of the scene's own value, 1e.08"),
-        ({"stiffness": 1e8}, (), "`stiffness` must have a low and a high bound"),
         (
             {"stiffness": scipy.stats.norm},
             (),
             "`stiffness` must have a low and a high bound, or a frozen distribution",
         ),
-        ({"restitution": (0.5, 1.5)}, (), "`restitution` must be"),
         ({"sensors.front.gain": (0.5, 1.5)}, (), "must have a number of 0 to 1 or one of az, fz in place of 'front'"),
         ({"sensors.az.gian": (0.5, 1.5)}, (), "`sensors.az.gian` leads to no number"),
         ({"sensors.az.cutoff": (10.0, 500.0)}, (), "`sensors.az.cutoff` must be a number that the sensor has"),

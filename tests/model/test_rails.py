@@ -176,19 +176,6 @@ def test_wrong_samples_are_named(change, words):
         sj.SampledTrack(**(good | change))
 
 
-@pytest.mark.full
-def test_tracks_survive_files():
-    rails = sj.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
-    tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER, rails)
-    for track in tracks:
-        scene = on(track)
-        again = scene_from_json(scene_to_json(scene))
-        assert eqx.tree_equal(scene, again), track
-        assert eqx.tree_equal(scene, scene_from_toml(scene.to_toml()).scene), track
-    # a random rail is its seed, not its samples
-    assert len(scene_to_json(on(tracks[1]))) < 3000
-
-
 LOCAL = {
     "dips": sj.LocalTrack(place=[4.0, 20.0], height=[-1e-3, -2e-3], length=0.5),
     "step": sj.LocalTrack(place=[12.0], height=[5e-4], length=1.0, shape="step", direction="lateral"),
@@ -196,6 +183,17 @@ LOCAL = {
 }
 SUM = sj.SumTrack(HARMONIC, sj.SumTrack(LOCAL["dips"], LOCAL["joints"]))
 FOURIER = sj.FourierTrack((8.0, 2.0), (1e-3, 2e-4), (1e-3, 0.0), (2e-3, 0.0), vertical_phase=(np.pi / 2, 0.0))
+
+
+@pytest.mark.full
+def test_tracks_survive_files():
+    rails = sj.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
+    tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER, rails)
+    for scene in map(on, tracks):
+        assert eqx.tree_equal(scene, scene_from_json(scene_to_json(scene)))
+        assert eqx.tree_equal(scene, scene_from_toml(scene.to_toml()).scene)
+    # a random rail is its seed, not its samples
+    assert len(scene_to_json(on(tracks[1]))) < 3000
 
 
 def test_local_shapes_have_their_height_length_and_place():
@@ -234,17 +232,17 @@ def test_scenes_on_known_rails_can_be_made_inside_jit(track):
 
 def test_a_number_chooses_one_of_several_rails():
     rails = (sampled(16, 16.0), sampled(96, 24.0, ramp=2.0), sj.RandomTrack.sled(length=300.0, ramp=1.0))
-    for number, rail in enumerate(rails[:2]):
-        assert largest(at(sj.TrackSet(rails[:2], number)), at(rail)) < 1e-18
     again = (sampled(16, ends="repeat"), sampled(96, 24.0, ends="repeat"))
-    for number, rail in enumerate(again):
-        assert largest(at(sj.TrackSet(again, number)), at(rail)) < 1e-18
-    with pytest.raises(ValueError, match="`number` must be a whole number of 0 to 1, but is 5"):
-        sj.TrackSet(rails[:2], 5)
-    with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
-        sj.TrackSet(rails)
-    with pytest.raises(ValueError, match="`tracks` must be rails such as"):
-        sj.TrackSet((HARMONIC,))
+    for several in (rails[:2], again):
+        for number, rail in enumerate(several):
+            assert largest(at(sj.TrackSet(several, number)), at(rail)) < 1e-18
+    for tracks, number, words in (
+        (rails[:2], 5, "`number` must be a whole number of 0 to 1, but is 5"),
+        (rails, 0, "`tracks` must have the same ends, and all roll or none"),
+        ((HARMONIC,), 0, "`tracks` must be rails such as"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sj.TrackSet(tracks, number)
 
 
 def test_fourier_tracks_have_their_own_amplitudes_and_phases():
@@ -330,13 +328,9 @@ def test_one_seed_is_one_rail_at_any_scale_and_coherence_is_correlation():
     np.testing.assert_allclose(coherent.lateral, coherent.vertical, atol=1e-16)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (dict(band=(3.0, 1.0)), "`band` must be a tuple of the shortest and the longest"),
-        (dict(length=50.0), "`length` must be at least twice the longest wave, 100 m"),
-    ],
-)
-def test_wrong_random_rails_are_named(options, words):
-    with pytest.raises(ValueError, match=words):
-        sj.RandomTrack(**(dict(lateral=None, vertical=CornerSpectrum(1e-7, 0.02, 0.8)) | options))
+def test_wrong_random_rails_are_named():
+    spectra = dict(lateral=None, vertical=CornerSpectrum(1e-7, 0.02, 0.8))
+    with pytest.raises(ValueError, match="`band` must be a tuple of the shortest and the longest"):
+        sj.RandomTrack(**spectra, band=(3.0, 1.0))
+    with pytest.raises(ValueError, match="`length` must be at least twice the longest wave, 100 m"):
+        sj.RandomTrack(**spectra, length=50.0)

@@ -13,7 +13,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
-from slipperjax.model.survey_spectra import statistics_of
 
 LENGTH, SPACING, FIRST = 800.0, 0.1, 300.0
 ROUGH, COHERENCE = 6e-10, -0.6
@@ -180,12 +179,3 @@ def test_other_lengths_and_files():
 def test_what_shows_no_spectrum_is_refused(survey, words):
     with pytest.raises(ValueError, match=words):
         sj.RandomTrack.like(survey)
-
-
-@pytest.mark.full
-def test_a_channel_of_zeros_has_none():
-    found = statistics_of(np.stack([np.zeros(4001), np.asarray(SURVEY.vertical[:4001])]), SPACING)
-    assert np.all(found.density[0] == 0)
-    np.testing.assert_allclose(found.correlation, [[0.0, 0.0], [0.0, 1.0]], rtol=1e-14)
-    flat = sj.RandomTrack.like(dataclasses.replace(SURVEY, lateral=0.0))
-    assert float(flat.rms().lateral) < 1e-15

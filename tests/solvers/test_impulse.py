@@ -201,16 +201,6 @@ def test_tangents_of_a_contact_that_is_pressed_again():
 
 
 @pytest.mark.full
-def test_adaptive_steps_find_a_contact_that_is_pressed_again():
-    law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
-    gap, rate = pressed(0.05e-3, -0.05, TIMES, PRESSES, **law)[0]
-    scene, start = pressing(sj.PeakRateLatch())
-    run = sj.simulate(scene, 1, solver="Tsit5", stepsize_controller=sj.AdaptiveSteps(1e-6), start=start, loads=False)
-    found = np.array([run.end.motion.z, run.end.motion.v_z])
-    np.testing.assert_allclose(found, [gap - 1e-3, rate], rtol=0, atol=1e-4)
-
-
-@pytest.mark.full
 def test_an_impact_without_other_loads_is_the_same_with_both_memories():
     speeds = []
     for memory in (sj.EventLatch(), sj.PeakRateLatch()):

@@ -166,7 +166,6 @@ def test_wrong_boxes_are_named():
         ({"spede": (1.0, 2.0)}, {}, "spede"),
         ({"speed": (2e3, 1e3)}, {}, "lower and the higher bound of speed"),
         ({"speed": (1e3, 2e3, 3e3)}, {}, "lower and the higher bound of speed"),
-        ({"speed": (1e3, 2e3)}, dict(count=0), "`count`"),
         ({"speed": (1e3, 2e3)}, dict(log=["mass"]), "`log` must name parameters of `box`, but is 'mass'"),
         ({"start_y": (-1e-3, 1e-3)}, dict(log=["start_y"]), "`log` must name parameters above zero"),
         ({"speed": 1e3}, {}, "bound of speed, or its distribution, but has 1000"),

@@ -269,9 +269,6 @@ def drive(course):
         (bad(number(lambda c: (1.0, 1.0))), "the shape of `dims`, (), but gives float64[2]"),
         (bad(number(lambda c: 1j * c.drive_force.mean)), "`function` of `odd` must give real numbers"),
         (bad(number(lambda c: c.force.mean)), "of the shape of `dims`, (), but gives float64[2,10]"),
-        (lambda: PowerMean(RECORDS["peak_force"], -1), "`order` must be positive"),
-        (lambda: MotionKind(10), "`latest` must be a whole number of 16 or more, but is 10"),
-        (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
         (lambda: number(drive, "a b"), "`quantity` must have a name such as spring_force, but has 'a b'"),
     ],
 )

@@ -131,23 +131,22 @@ def test_starts_can_be_varied_and_lists_be_read_side_by_side():
         sj.sweep(sj.paper_scene(), {"speed": [1e3, 2e3], "length": [0.2]}, product=False)
 
 
+def probed(steps, **how):
+    """Strobes of the speeds with so many steps."""
+    how = OPTIONS | dict(steps_per_period=steps, record="strobe", chunk=8) | how
+    return sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **how)
+
+
 @pytest.mark.full
 def test_sweeps_say_what_half_the_step_changes():
-    of_steps = lambda steps, **how: sj.sweep(
-        sj.paper_scene(),
-        {"speed": SPEEDS},
-        record="strobe",
-        chunk=8,
-        **(OPTIONS | dict(steps_per_period=steps) | how),
-    )
-    few, more = (of_steps(steps, probe=True) for steps in (25, 100))
+    few, more = (probed(steps, probe=True) for steps in (25, 100))
     assert np.all((more["probe_error"] > 0) & (more["probe_error"] < 2e-3))  # measured 6e-6 to 5e-4
     assert more["probe_error"].median() < 0.1 * few["probe_error"].median()
-    np.testing.assert_array_equal(more["strobe"], of_steps(100)["strobe"])
+    np.testing.assert_array_equal(more["strobe"], probed(100)["strobe"])
     # as it costs a tenth at most, and there is a program for it
-    assert "probe_error" in of_steps(100, transient=20)
-    assert "probe_error" not in of_steps(100)
-    assert "probe_error" not in of_steps(100, transient=20, probe=False)
+    assert "probe_error" in probed(100, transient=20)
+    assert "probe_error" not in probed(100)
+    assert "probe_error" not in probed(100, transient=20, probe=False)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
@@ -161,12 +160,8 @@ def test_inaccurate_cases_are_marked():
 
 
 def test_default_steps_may_be_refined():
-    options = dict(record="strobe", transient=0, periods=10, chunk=8)
-    steps = [sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, refine=k, **options)["steps_per_period"] for k in (1, 3)]
+    steps = [probed(None, transient=0, refine=k)["steps_per_period"] for k in (1, 3)]
     np.testing.assert_array_equal(steps[1], 3 * steps[0])
-    for how, words in (
-        (dict(refine=0), "1 or more"),
-        (dict(refine=2, steps_per_period=50), "be 1 where steps_per_p"),
-    ):
+    for steps, refine, words in ((None, 0, "1 or more"), (50, 2, "be 1 where steps_per_p")):
         with pytest.raises(ValueError, match=f"Argument `refine` must .*{words}"):
-            sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options, **how)
+            probed(steps, refine=refine)
