@@ -33,8 +33,7 @@ def _deep(levels):
     return value
 
 
-STATE = sj.initial_state(SCENE, sj.Motion())
-OTHERS_OF_THE_MODEL = [
+OTHERS = [
     (lambda: model.parameter("memory.slowest", LATCHED), "`.*EventLatch has no numbers, and so not 'slowest'"),
     (lambda: model.parameter("a" * 10**5, SCENE), "`'aaa.* is no parameter"),
     (lambda: sj.SpeedProgramme([0.0, 1.0], [1.0, 2.0], []), "`scale` must be of shape"),
@@ -46,10 +45,14 @@ OTHERS_OF_THE_MODEL = [
     (lambda: flow.PowerMean(flow.Strobe()), "`record` must be a record of one number"),
     (lambda: flow.OnePoint(flow.RECORDS["peak_force"], 3), "`point` must be a point's name"),
     (lambda: design.Descent(optimiser=3), "`optimiser` must be an optax"),
+    # without the tests' own checks of types, which would answer first
+    (lambda: inspect.unwrap(analysis.extend)(None, (0.0, 1.0)), "`branch` must be"),
+    (lambda: analysis.ode_step(lambda t, s: s, dt=0.1, steps=3, solver="Tsit5"), "`solver` must be a diffrax solver"),
+    (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
 ]
 
 
-@pytest.mark.parametrize(("call", "words"), OTHERS_OF_THE_MODEL, ids=[row[1] for row in OTHERS_OF_THE_MODEL])
+@pytest.mark.parametrize(("call", "words"), OTHERS, ids=[row[1] for row in OTHERS])
 def test_other_wrong_inputs_are_one_line(call, words):
     with pytest.raises(ValueError, match=f"^Argument {words}") as told:
         call()
@@ -71,18 +74,3 @@ OUTSIDE_OF_JIT = [
 def test_what_cannot_be_inside_jit(function):
     with pytest.raises(ValueError, match=r"^Argument `\w+` must be of values that are known: call this outside of"):
         jax.jit(function)(900.0)
-
-
-_same, _gap = lambda t, s: s, lambda t, s: s[0]
-OF_ANALYSES = [
-    # without the tests' own checks of types, which would answer first
-    (lambda: inspect.unwrap(analysis.extend)(None, (0.0, 1.0)), "`branch` must be"),
-    (lambda: analysis.ode_step(_same, dt=0.1, steps=3, solver="Tsit5"), "`solver` must be a diffrax solver"),
-    (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), OF_ANALYSES, ids=[row[1] for row in OF_ANALYSES])
-def test_wrong_settings_of_analyses(call, words):
-    with pytest.raises(ValueError, match=f"^Argument {words}"):
-        call()

@@ -56,15 +56,6 @@ def test_what_was_put_in_comes_out(found, noisy):
 
 
 @pytest.mark.full
-def test_covariances_are_those_of_the_estimates(found):
-    covariance = found.covariance
-    errors = np.sqrt(np.diag(covariance.values))
-    np.testing.assert_allclose(errors, list(found.stderr.values()))
-    correlation = covariance.values / np.outer(errors, errors)
-    assert np.all(np.linalg.eigvalsh(correlation) > 0)
-
-
-@pytest.mark.full
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
     found.to_netcdf(path)

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import ALIASES, RECORDS
-from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.dynamics import forces_at, slipper_wrenches, static_loads
 from slipperjax.model.kinematics import contacts
 
@@ -138,26 +135,3 @@ def test_net_forces_are_mass_times_acceleration():
     np.testing.assert_allclose(force, 14.0 * acceleration, rtol=1e-9)
     assert np.all(np.isnan(ds["static_ratio"]))
     assert ds["peak_slipper_force"].dims == ("distance", "axis")
-
-
-@pytest.mark.full
-def test_derivatives_are_those_of_differences():
-    """Of forces and moments, by play, speed and stiffness."""
-    names = ("peak_slipper_force", "peak_slipper_moment")
-    records = RecordSet(tuple(NET[name] for name in names))
-    values = dict(clearance=1e-3, speed=1250.0, stiffness=1e8)
-
-    def loads(scales):
-        scene = sj.paper_scene().replace(**{k: v * s for (k, v), s in zip(values.items(), scales, strict=True)})
-        state = sj.initial_state(scene, sj.table_2_start())
-        carried = PeriodMap(scene, ConstantSteps(200)).run(state, 0.0, periods=2, records=records).carried
-        return jnp.concatenate(carried)
-
-    compiled = lambda function: jax.jit(function, compiler_options=QUICK)
-    exact = np.asarray(compiled(jax.jacfwd(loads))(jnp.ones(3)))
-    several = compiled(jax.vmap(loads))
-    shifts = 1 + 1e-6 * np.concatenate([np.eye(3), -np.eye(3)])
-    up, down = np.split(np.asarray(several(jnp.asarray(shifts))), 2)
-    size = np.abs(exact).max(axis=1, keepdims=True)
-    # measured 1.4e-7, with half the difference, too
-    np.testing.assert_allclose((up - down).T / 2e-6 / size, exact / size, atol=1e-6)

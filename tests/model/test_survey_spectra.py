@@ -6,7 +6,6 @@ import functools
 import itertools
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -46,21 +45,6 @@ def alike():
     return sj.RandomTrack.like(SURVEY)
 
 
-@functools.cache
-def rails():
-    """Two hundred rails, at the places of the survey's samples."""
-    seeds = jnp.arange(200.0)
-    like = alike()
-    of = lambda seed: eqx.tree_at(lambda t: t.seed, like, seed).irregularity(jnp.asarray(FIRST + PLACES[:-1]))
-    return [np.asarray(channel) for channel in jax.jit(jax.vmap(of))(seeds)[:2]]
-
-
-def in_octaves(density, wavenumber):
-    """Variances in bands, from densities at equal distances of the wavenumber."""
-    inside = [(1 / long <= wavenumber) & (wavenumber < 1 / short) for short, long in itertools.pairwise(OCTAVES)]
-    return np.array([density[one].sum() for one in inside]) * (wavenumber[1] - wavenumber[0])
-
-
 CLOSED = ROUGH * (OCTAVES[1:] - OCTAVES[:-1])
 """Variances of A k^-2 in octaves [m^2]."""
 SPREAD = 1 / np.sqrt(LENGTH * (1 / OCTAVES[:-1] - 1 / OCTAVES[1:]))
@@ -83,20 +67,6 @@ def test_spectra_and_coherence_are_those_of_what_surveys_were_made_of():
     # (1 - c^2) / sqrt(two numbers for each wave) is the scatter of one, 0.01
     assert np.mean(coherence) == pytest.approx(COHERENCE, abs=0.01)  # measured 0.0058
     assert np.std(coherence) < 0.015  # measured 0.0097
-
-
-@pytest.mark.full
-def test_two_hundred_rails_have_the_spectra_and_the_coherence():
-    wavenumber = np.fft.rfftfreq(len(PLACES) - 1, SPACING)
-    random = [heights - np.mean(heights, axis=0) for heights in rails()]
-    for heights, spectrum in zip(random, (alike().lateral, alike().vertical), strict=True):
-        density = 2 * SPACING / heights.shape[1] * np.mean(np.abs(np.fft.rfft(heights)) ** 2, axis=0)
-        exact = np.array([float(spectrum.rms(band)) ** 2 for band in itertools.pairwise(OCTAVES.tolist())])
-        ratio = in_octaves(density, wavenumber) / exact
-        # bands end between the waves of this length
-        assert np.all(np.abs(ratio - 1) < 3 * SPREAD / np.sqrt(200) + 0.01), ratio  # measured 0.027 of 0.04
-    slopes = [np.ravel(np.diff(heights)) for heights in random]
-    assert np.corrcoef(*slopes)[0, 1] == pytest.approx(float(alike().coherence), abs=0.005)  # measured 0.001
 
 
 def waves(track, name):

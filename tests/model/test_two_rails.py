@@ -190,17 +190,6 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
 
 
 @pytest.mark.full
-def test_seeds_are_swept_and_a_set_of_pairs_gives_the_same_forces():
-    options = dict(periods=1, transient=1, record="peak_force")
-    forces = sj.sweep(on(PAIR), {"track.seed": range(1, 3)}, **options)["peak_force"]
-    pairs = [dataclasses.replace(PAIR, seed=jnp.asarray(seed)) for seed in (1.0, 2.0)]
-    again = sj.sweep(on(sj.TrackSet(pairs)), {"track.number": range(2)}, **options)["peak_force"]
-    np.testing.assert_allclose(again, forces, rtol=1e-9)  # measured 2e-13
-    highest = forces.max(("slipper", "end", "point")).values
-    assert highest[0] != highest[1] > 0
-
-
-@pytest.mark.full
 def test_a_number_chooses_one_of_several_pairs():
     pairs = (PAIR, dataclasses.replace(PAIR, seed=jnp.asarray(8.0)))
     for number, pair in enumerate(pairs):

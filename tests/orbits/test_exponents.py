@@ -1,16 +1,11 @@
 """Exponents of one slipper, with either contact memory."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis.ode import ode_spectrum, ode_step
-from slipperjax.flow.period_map import tangent_weights
 from slipperjax.flow.status import Status
-from slipperjax.model.dynamics import Args
 
 from .nominal import SCENE, STEPS
 
@@ -30,25 +25,6 @@ def test_a_periodic_motion_contracts_and_a_lost_one_says_so(nominal):
     assert lost.status == Status.NOT_FINITE
     assert np.all(np.isnan(lost.per_period))
     assert not lost.resolved
-
-
-@pytest.mark.slow
-def test_sum_of_the_smooth_models_exponents_is_its_mean_divergence():
-    """All 30, orthonormalised 20 times per period, as the open contacts' memory decays by up to e^60 in one."""
-    scene = sj.paper_scene(speed=1250.0, memory=sj.SmoothSwitch())
-    field, args = sj.vector_field(scene), Args(scene)
-    start = sj.initial_state(scene, sj.table_2_start())
-    common = dict(dt=1 / 400, steps=20, args=args, period=1.0)
-    run = ode_spectrum(field, start, 200, scale=tangent_weights(scene), **common)
-
-    def with_divergence(t, y, args):
-        flat, unravel = ravel_pytree(y[0])
-        jacobian = jax.jacfwd(lambda x: ravel_pytree(field(t, unravel(x), args))[0])(flat)
-        return field(t, y[0], args), jnp.trace(jacobian)
-
-    step = ode_step(with_divergence, dt=1 / 400, steps=400, args=args)
-    end = jax.jit(lambda y: jax.lax.fori_loop(0, 10, lambda k, y: step(y, 1.0 * k), y))((start, jnp.zeros(())))
-    np.testing.assert_allclose(np.sum(run.per_period), end[1] / 10, rtol=1e-4)
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
-from slipperjax.sweeps.attractors import attractors, strobe_states
 from slipperjax.sweeps.exponents import BLOCK, HOLD, MOTIONS, LongerMotions, LyapunovExponents
 from slipperjax.sweeps.run import Run
 
@@ -165,19 +164,6 @@ def test_an_interrupt_of_the_measurement_keeps_the_orbits(monkeypatch):
     assert found["status"].values.tolist() == [Status.FINITE, Status.NOT_RUN]
     assert found["regime"].values.tolist() == ["periodic", "unresolved"]
     assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]
-
-
-@pytest.mark.full
-def test_strobes_are_the_same_in_two_programs():
-    # in the programs of test_sweep, because only ten divides 530 in numbers from 10 to 50
-    options = dict(transient=530, periods=10, steps_per_period=[50, 100])
-    strobe = sj.sweep(sj.paper_scene(), {"speed": TWO}, **options)
-    assert strobe_states(strobe).shape == (2, 540, 10)
-    alone = sj.sweep(sj.paper_scene(), {"speed": TWO}, record="strobe", **options)
-    # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
-    states = (strobe_states(ds, 10)[0] for ds in (strobe, alone))
-    np.testing.assert_allclose(*states, rtol=1e-8, atol=1e-12)
-    assert attractors(strobe, 40).period.tolist() == [1, 0]
 
 
 CASES = dict(  # of periods 1, 2, 3, 1, 1, 1, 1, 1, 1, 1

@@ -1,25 +1,23 @@
 """Records: each against histories with all steps; the same numbers whatever the chunks; labels, statuses, errors."""
 
 import functools
-import json
 import warnings
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_call
 from slipperjax.flow.record import History, PoincareSections, Strobe
-from slipperjax.flow.records import RECORDS, PowerMean, Record
+from slipperjax.flow.records import Record
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import Motions, attractors
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.plan import AbstractStage, make_plan
-from slipperjax.sweeps.records import LargestExponent, MotionKind, resolved_record
+from slipperjax.sweeps.records import MotionKind, resolved_record
 from slipperjax.tools.columns import column
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
@@ -276,11 +274,3 @@ def test_bad_records_are_refused(make, words):
     with pytest.raises(ValueError, match=r"^Argument ") as caught:
         make()
     assert words in str(caught.value)
-
-
-@pytest.mark.full
-def test_what_cannot_be_written_is_named_when_it_is_asked_for():
-    record = [{"type": "Record", "quantity": None, "function": {"opaque": "<function>"}}]
-    ds = xr.Dataset(attrs={"call": json.dumps({"record": record})})
-    with pytest.raises(ValueError, match=r"Argument `record.function` cannot be rebuilt: it was <function>"):
-        load_call(ds)

@@ -70,17 +70,6 @@ def test_a_run_and_a_trajectory_go_on_from_where_another_one_ended(steady):
 
 
 @pytest.mark.full
-def test_loads_show_what_is_wrong_with_a_run():
-    of = lambda scene, **start: sj.run(
-        scene, length=16.0, window=8.0, steps_per_period=STEPS, start=sj.Motion(**start)
-    )
-    assert int(of(SCENE.replace(clearance=30e-3))["status"]) == sj.Status.NO_CONTACT
-    with pytest.warns(sj.ImplausibleWarning):
-        thrown = of(SCENE, v_z=500.0, y=5e-3)
-    assert int(thrown["status"]) == sj.Status.PRESSED_IN
-
-
-@pytest.mark.full
 def test_times_and_steps_follow_the_speed(runs):
     np.testing.assert_allclose(runs["seconds"], FAST.seconds(runs["distance"].values), rtol=1e-12)
     np.testing.assert_allclose(runs["speed"], FAST.at(runs["distance"].values - 0.5), rtol=1e-12)
