@@ -17,10 +17,11 @@ from slipperjax.model import SurveyedRails, SurveyedTrack
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
 from ..common import among
+from ..families import facts_of, irregularity_of, largest, motion_of
 
 LEFT = sj.HarmonicTrack((8.0,), 1e-3)
 RIGHT = sj.HarmonicTrack((12.0, 6.0), 2e-4, 1e-3)
-PLACES = jnp.asarray(np.linspace(10.0, 50.0, 401))
+PLACES = np.linspace(10.0, 50.0, 401)
 SLED = sj.RandomTrack.sled(length=300.0)
 PAIR = sj.RandomRails(SLED, coherence=0.5, gauge=1.2, seed=3)
 
@@ -33,22 +34,20 @@ def on(track):
     return dataclasses.replace(sj.paper_scene(900.0), slipper=sled, track=track)
 
 
-def largest(one, other):
-    """The greatest difference of displacements."""
-    return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True) if a is not None)
+def at(track, places=PLACES):
+    return irregularity_of(track, places)
 
 
 def test_taken_as_one_two_rails_are_the_line_in_their_middle():
     track = sj.TwoRails(LEFT, RIGHT, gauge=1.4)
-    one, other = (rail.motion(PLACES) for rail in (LEFT, RIGHT))
-    for here, left, right in zip(track.motion(PLACES), one, other, strict=True):
+    one, other = (motion_of(rail, PLACES) for rail in (LEFT, RIGHT))
+    for here, left, right in zip(motion_of(track, PLACES), one, other, strict=True):
         np.testing.assert_allclose(here.lateral, (left.lateral + right.lateral) / 2, atol=1e-18)
         np.testing.assert_allclose(here.roll, right.roll / 2, atol=1e-18)
-    assert largest(track.irregularity(PLACES), track.motion(PLACES)[0]) < 1e-16  # measured: 0 and 8e-18 m
-    assert (float(track.wavelength), float(track.recurrence)) == (8.0, 24.0)
-    assert float(track.shortest_wavelength) == 6.0
+    assert largest(at(track), motion_of(track, PLACES)[0]) < 1e-16  # measured: 0 and 8e-18 m
+    assert float(track.wavelength) == 8.0
     # a sine of 1 mm and 8 m is steeper than those of 0.2 mm
-    np.testing.assert_allclose(track.steepest_slope, 2 * np.pi * 1e-3 / 8, rtol=1e-12)
+    np.testing.assert_allclose(facts_of(track), [24.0, 2 * np.pi * 1e-3 / 8, 6.0], rtol=1e-12)
     assert repr(track).endswith(", gauge=1.4 m)")
     for wrong in (1e-3, track):
         with pytest.raises(ValueError, match=r"`right` must be (a track such as|one rail, but is TwoRails)"):
@@ -79,11 +78,11 @@ def test_a_sum_adds_to_each_rail():
     for track in (sj.SumTrack(pair, joints), sj.SumTrack(joints, pair), sj.SumTrack(pair, joints).prepared()):
         assert float(track.gauge) == 1.4
         for name, rail in pair.rails.items():
-            apart = [part.irregularity(PLACES).vertical for part in (rail, joints)]
+            apart = [at(part).vertical for part in (rail, joints)]
             # of one addition in two orders
-            np.testing.assert_allclose(track.rails[name].irregularity(PLACES).vertical, sum(apart), atol=1e-18)
+            np.testing.assert_allclose(at(track.rails[name]).vertical, sum(apart), atol=1e-18)
     twice = sj.SumTrack(pair, pair)
-    assert largest(twice.rails["right"].irregularity(PLACES), sj.SumTrack(RIGHT, RIGHT).irregularity(PLACES)) == 0.0
+    assert largest(at(twice.rails["right"]), at(sj.SumTrack(RIGHT, RIGHT))) == 0.0
     assert sj.SumTrack(LEFT, joints).rails == {}
 
 
@@ -91,7 +90,7 @@ PAIRS = {
     "harmonic": sj.TwoRails(LEFT, RIGHT, gauge=1.4),
     "of kinds": sj.TwoRails(sampled(0.0, 70.0), SLED),
     "random": PAIR,
-    "of two spectra": sj.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=jnp.asarray(2.0))),
+    "of two spectra": sj.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=2.0)),
     "set": sj.TrackSet([PAIR, sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0), gauge=1.2)], 1),
     "sum": sj.SumTrack(sj.TwoRails(LEFT, RIGHT), RIGHT),
 }
@@ -107,18 +106,18 @@ def test_pairs_survive_files(name):
 
 @pytest.mark.full
 def test_the_left_rail_of_a_seed_is_that_of_a_random_track():
-    one = dataclasses.replace(SLED, seed=jnp.asarray(3.0))
-    for ours, theirs in zip(PAIR.prepared().left.motion(PLACES), one.motion(PLACES), strict=True):
-        assert largest(ours, theirs) == 0.0
+    one = dataclasses.replace(SLED, seed=3.0)
+    for ours, theirs in zip(motion_of(PAIR.prepared().left, PLACES), motion_of(one, PLACES), strict=True):
+        assert largest(ours, theirs) < 1e-16  # measured 0
     # stored samples of the right rail [m], which hold for every later version
-    right = PAIR.right.irregularity(jnp.asarray([30.0, 40.5]))
+    right = at(PAIR.right, np.array([30.0, 40.5]))
     stored = [-0.00015239054112009857, -6.766973752468459e-05, 0.00031058670931971875, 0.00028209276163798386]
     # other orders of summing change the last digits
     np.testing.assert_allclose([*right.lateral, *right.vertical], stored, rtol=0, atol=1e-15)
-    equal = dataclasses.replace(PAIR, coherence=jnp.asarray(1.0))
-    assert largest(equal.right.irregularity(PLACES), one.irregularity(PLACES)) == 0.0
-    for number in ("extent", "steepest_slope", "shortest_wavelength"):
-        assert float(getattr(PAIR, number)) == float(getattr(SLED, number))
+    equal = dataclasses.replace(PAIR, coherence=1.0)
+    assert largest(at(equal.right), at(one)) < 1e-16  # measured 0
+    assert PAIR.extent == SLED.extent
+    np.testing.assert_allclose(facts_of(PAIR), facts_of(SLED), rtol=1e-12)
 
 
 COUNT = 400
@@ -128,7 +127,7 @@ COUNT = 400
 def waves_of(coherence, correlation, roughness=1.0):
     """Complex waves of pairs that repeat, (direction, rail, pair, wavenumber), and their wavenumbers."""
     rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(1.0, 50.0), length=200.0, ends="repeat", coherence=correlation)
-    right = dataclasses.replace(rail, roughness=jnp.asarray(roughness))
+    right = dataclasses.replace(rail, roughness=roughness)
     pair = sj.RandomRails(rail, coherence, right_rail=right)
     x = jnp.arange(1600) / 8.0
 
@@ -191,14 +190,13 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
 
 @pytest.mark.full
 def test_a_number_chooses_one_of_several_pairs():
-    pairs = (PAIR, dataclasses.replace(PAIR, seed=jnp.asarray(8.0)))
+    pairs = (PAIR, dataclasses.replace(PAIR, seed=8.0))
     for number, pair in enumerate(pairs):
         chosen = sj.TrackSet(pairs, number)
         assert (float(chosen.gauge), chosen.begin, chosen.extent) == (1.2, 0.0, 300.0)
         for name, rail in pair.rails.items():
-            ours = chosen.prepared().rails[name].irregularity(PLACES)
-            assert largest(ours, rail.irregularity(PLACES)) < 1e-18
-        assert largest(chosen.irregularity(PLACES), pair.irregularity(PLACES)) < 1e-18
+            assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-16
+        assert largest(at(chosen), at(pair)) < 1e-16
     again = sj.TrackSet([sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.TwoRails(sampled(5.0, 70.0), SLED)])
     assert (again.begin, again.extent) == (5.0, 60.0)
 
@@ -305,7 +303,7 @@ def same(track, within=1e-15):
     assert isinstance(track, SurveyedRails)
     for side, rail in track.rails.items():
         exact = sj.SampledTrack(DISTANCE, WAVES[f"{side} lateral"], WAVES[f"{side} vertical"])
-        assert largest(rail.irregularity(PLACES)[:2], exact.irregularity(PLACES)[:2]) < within
+        assert largest(at(rail)[:2], at(exact)[:2]) < within
     return True
 
 
@@ -367,9 +365,9 @@ def test_chords_are_of_both_rails_and_not_of_the_gauge(tmp_path):
     header = "distance [m], left lateral [mm], left vertical [mm], gauge [mm], right vertical [mm]"
     path = written(tmp_path, header, [distance, seen, 2 * seen, 1200 + 3 * wave, 0 * wave])
     track = sj.load_rail(path, chord=chord, gauge=1.2)
-    middle = jnp.linspace(150.0, 250.0, 300)
-    exact = 1e-3 * np.sin(2 * np.pi * np.asarray(middle) / 8)
-    left, right = (rail.irregularity(middle) for rail in track.rails.values())
+    middle = np.linspace(150.0, 250.0, PLACES.size)
+    exact = 1e-3 * np.sin(2 * np.pi * middle / 8)
+    left, right = (at(rail, middle) for rail in track.rails.values())
     for found, share in ((left.lateral, 1), (left.vertical, 2), (right.lateral, -2), (right.vertical, 0)):
         # measured 4e-6, of the damping that keeps phantom waves and noise small
         np.testing.assert_allclose(found, share * exact, atol=1.2e-5)
