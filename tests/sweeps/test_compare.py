@@ -3,6 +3,7 @@
 import dataclasses
 import re
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,6 +23,13 @@ ON_TWO = sj.Sled(
     inertia=(10.0, 5.0, 15.0),
     mounts=[sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))],
 )
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    """Lets no figure be, which other tests would count."""
+    yield
+    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +130,13 @@ def made(numbers, seed=0, shares=(0.5, 0.95)):
     ds = xr.Dataset({"peak_force": ((), 0.0, {"units": "N", "quantity": "peak_force"})})
     status = np.where(np.isnan(numbers), 1, 0)
     return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
+
+
+def test_equal_runs_that_share_their_rails_are_worth_one():
+    numbers = drawn(80, 1, 5)
+    one, four = made(numbers), made(np.tile(numbers, (1, 1, 4)))
+    for name in ("value", "stderr", "low", "high", "difference_low", "difference_high"):
+        np.testing.assert_allclose(four[name], one[name], rtol=1e-12)
 
 
 def test_runs_over_one_rail_are_drawn_by_their_starts():
