@@ -18,7 +18,6 @@ from slipperjax.model.kinematics import moved
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 
-
 FAST = sj.Motion(v_z=0.1)
 
 

@@ -13,7 +13,7 @@ import slipperjax as sj
 from slipperjax.flow.datasets import load_call, run_attributes
 from slipperjax.solvers.named import resolve_controller, resolve_solver
 
-from ..families import swept
+from ..families import settling, swept
 
 # other values than the nominal ones, other parts, and a start with closed contacts
 SCENE = sj.paper_scene(restitution=0.85).replace(**{"section.play.2": 4.3e-4})
@@ -21,7 +21,6 @@ SEVERAL = sj.paper_scene(wavelengths=(8.0, 5.0)).replace(gravity=9.81, **{"secti
 START = eqx.tree_at(
     lambda state: state.memory, sj.initial_state(SCENE, sj.table_2_start()), jnp.linspace(-0.5, 0.0, 20)
 )
-GRID = {"speed": [900.0, 1250.0], "start_v_y": [0.5, 0.4]}
 
 
 def saved(ds, path):
@@ -31,7 +30,7 @@ def saved(ds, path):
 
 @pytest.fixture(scope="module")
 def grid():
-    return swept(GRID["speed"], GRID["start_v_y"], scene=SCENE)
+    return swept([900.0, 1250.0], [0.5, 0.4], scene=SCENE)
 
 
 def test_scenes_and_starts_come_back_exactly():
