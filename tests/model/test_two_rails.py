@@ -108,14 +108,14 @@ def test_pairs_survive_files(name):
 def test_the_left_rail_of_a_seed_is_that_of_a_random_track():
     one = dataclasses.replace(SLED, seed=3.0)
     for ours, theirs in zip(motion_of(PAIR.prepared().left, PLACES), motion_of(one, PLACES), strict=True):
-        assert largest(ours, theirs) < 1e-16  # measured 0
+        assert largest(ours, theirs) < 1e-15  # measured 0, of two programs
     # stored samples of the right rail [m], which hold for every later version
     right = at(PAIR.right, np.array([30.0, 40.5]))
     stored = [-0.00015239054112009857, -6.766973752468459e-05, 0.00031058670931971875, 0.00028209276163798386]
     # other orders of summing change the last digits
     np.testing.assert_allclose([*right.lateral, *right.vertical], stored, rtol=0, atol=1e-15)
     equal = dataclasses.replace(PAIR, coherence=1.0)
-    assert largest(at(equal.right), at(one)) < 1e-16  # measured 0
+    assert largest(at(equal.right), at(one)) < 1e-15  # measured 0, of two programs
     assert PAIR.extent == SLED.extent
     np.testing.assert_allclose(facts_of(PAIR), facts_of(SLED), rtol=1e-12)
 
@@ -195,8 +195,8 @@ def test_a_number_chooses_one_of_several_pairs():
         chosen = sj.TrackSet(pairs, number)
         assert (float(chosen.gauge), chosen.begin, chosen.extent) == (1.2, 0.0, 300.0)
         for name, rail in pair.rails.items():
-            assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-16
-        assert largest(at(chosen), at(pair)) < 1e-16
+            assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-15
+        assert largest(at(chosen), at(pair)) < 1e-15
     again = sj.TrackSet([sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.TwoRails(sampled(5.0, 70.0), SLED)])
     assert (again.begin, again.extent) == (5.0, 60.0)
 
