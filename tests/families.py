@@ -26,7 +26,8 @@ def swept(
     One program of 8 lanes for all scenes of the paper's parts and all numbers of steps to 100, and one more for each
     length of the transient; a probe takes a third one.
     """
-    options = dict(record=["strobe", "loads"], transient=10, periods=10, steps_per_period=STEPS, chunk=8) | how
+    options = dict(record=["strobe", "loads"], transient=10, periods=10, steps_per_period=STEPS) | how
+    options = dict(chunk=8, probe=False) | options
     grid = {"speed": speeds, "start_v_y": v_y, "start_z": z}
     ds = sj.sweep(sj.paper_scene() if scene is None else scene, grid, **options)
     one = [name for name in ("start_v_y", "start_z") if ds.sizes.get(name) == 1]

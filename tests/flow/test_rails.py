@@ -15,6 +15,8 @@ from slipperjax.model.layout import coordinates
 from slipperjax.model.parameters import parameter
 from slipperjax.sweeps.exponents import LyapunovExponents
 
+from ..common import sled_on
+
 SCENE, STEPS = sj.paper_scene(1000.0), 50
 RAIL = sj.RandomTrack.sled(length=400.0)
 ON_RAIL = dataclasses.replace(SCENE, track=RAIL)
@@ -80,7 +82,8 @@ def test_a_traced_number_of_no_rail_marks_its_case():
     rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
     seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
     for track, values in ((RAIL, seeds), (sj.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
-        scene, name = dataclasses.replace(SCENE, track=track), f"track.{track.chosen_by}"
+        body, name = sled_on() if track.rails else SCENE.slipper, f"track.{track.chosen_by}"
+        scene = dataclasses.replace(SCENE, slipper=body, track=track)
         checked = lambda value, scene=scene, name=name: scene.replace(**{name: value})
         unchecked = lambda value, scene=scene, name=name: parameter(name, scene).replaced(scene, value)
         for put in (checked, unchecked):

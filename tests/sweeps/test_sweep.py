@@ -130,12 +130,11 @@ def test_sweeps_say_what_half_the_step_changes():
     few, more = (swept(steps_per_period=steps, probe=True) for steps in (25, 100))
     assert np.all((more["probe_error"] > 0) & (more["probe_error"] < 2e-3))  # measured 6e-6 to 5e-4
     assert more["probe_error"].median() < 0.1 * few["probe_error"].median()
-    plain = swept(steps_per_period=100)
-    np.testing.assert_array_equal(more["strobe"], plain["strobe"])
-    # as it costs a tenth at most, and there is a program for it
-    assert "probe_error" in swept(steps_per_period=100, transient=20)
-    assert "probe_error" not in plain
-    assert "probe_error" not in swept(steps_per_period=100, transient=20, probe=False)
+    np.testing.assert_array_equal(more["strobe"], swept(steps_per_period=100)["strobe"])
+    # by default where it costs a tenth at most, and there is a program for it
+    assert "probe_error" in swept(steps_per_period=100, probe=None)
+    assert "probe_error" not in swept(steps_per_period=100, transient=0, probe=None)
+    assert "probe_error" not in swept(steps_per_period=100)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
