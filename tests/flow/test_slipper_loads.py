@@ -5,6 +5,7 @@ tests/sweeps/test_independent_sled.py has them beside an implementation that sha
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -118,10 +119,10 @@ def test_three_slippers_at_rest_are_in_balance():
 
 
 def test_an_applied_load_is_part_of_the_static_load():
-    scene = heavy(track=LEVEL, load=sj.AppliedLoad(force=(0.0, 0.0, -100.0)))
-    assert float(static_loads(scene, scene.travel(0.0))) == pytest.approx(14 * 9.81 + 100)
-    scene = heavy(track=TWO_LEVEL, slipper=sled_on())
-    np.testing.assert_allclose(static_loads(scene, scene.travel(0.0)), 100 * 9.81, rtol=1e-12)
+    loads = eqx.filter_jit(lambda scene: static_loads(scene, scene.travel(0.0)))
+    one = heavy(track=LEVEL, load=sj.AppliedLoad(force=(0.0, 0.0, -100.0)))
+    assert float(loads(one)) == pytest.approx(14 * 9.81 + 100)
+    np.testing.assert_allclose(loads(heavy(track=TWO_LEVEL, slipper=sled_on())), 100 * 9.81, rtol=1e-12)
 
 
 @pytest.mark.full
