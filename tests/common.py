@@ -24,6 +24,21 @@ FINEST = 3200
 QUICK = {"xla_backend_optimization_level": 0}
 
 
+CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
+"""Places x and y [m] of the four slippers of `sled_on`, and their rails."""
+
+
+def sled_on(corners=CORNERS, inertia=(150.0, 300.0, 350.0), height=-0.2, **parts):
+    """A sled of 400 kg on slippers at some places, at a height below its centre of mass."""
+    mounts = [sj.Mount(x, y, height, rail=rail) for x, y, rail in corners]
+    return sj.Sled(400.0, inertia, mounts, **parts)
+
+
+def narrow_sled():
+    """A sled whose slippers are 1.2 m apart across the track."""
+    return sled_on([(x, 2 / 3 * y, rail) for x, y, rail in CORNERS], (80.0, 320.0, 380.0), -0.25)
+
+
 def among(known, *every_day, slow=()):
     """Parameters of a test from a table of them by name, marked full but for those of every day and slow ones."""
     mark = lambda name: () if name in every_day else pytest.mark.slow if name in slow else pytest.mark.full

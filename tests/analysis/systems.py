@@ -60,16 +60,6 @@ class Fixed(eqx.Module):
         return self.family(value, self.second)
 
 
-class Well(eqx.Module):
-    """x'' + damping x' - x + x^3 = force cos(1.2 t), over the force."""
-
-    damping: jax.Array
-
-    def __call__(self, force):
-        field = lambda s, t: jnp.stack([s[1], force * jnp.cos(1.2 * t) - self.damping * s[1] + s[0] - s[0] ** 3])
-        return lambda s, k: rk4(field, s, 2 * jnp.pi / 1.2, 200)
-
-
 def settled(step, state, count):
     """A state after some applications of a map."""
     return jax.jit(lambda s: jax.lax.fori_loop(0, count, lambda k, s: step(s, 0.0), s))(jnp.asarray(state))

@@ -9,20 +9,17 @@ from scipy.optimize import root
 
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.continuation import continue_motion, extend, switch
-from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import PeriodicMotions
 
 from .systems import (
     LOGISTIC,
     Polynomial,
-    Well,
     column,
     follow,
     labels,
     motions,
     only,
     rk4,
-    settled,
     where,
 )
 
@@ -176,33 +173,6 @@ def test_duffings_response_curve_and_folds():
     assert abs(max(sizes) * DAMPING * where(branch.events[1]) - 1) < 0.05  # measured: 0.02
 
 
-@pytest.mark.full
-def test_duffings_flip_and_its_doubled_branch():
-    well = Well(jnp.asarray(0.3))
-    branch = follow(well, settled(well(0.25), [1.0, 0.0], 60), 0.25, (0.2, 0.32))
-    flip = only(branch, "PD")
-    value = where(flip)
-    equations, firsts = zip(*(switch(branch, flip, length=length) for length in (0.04, 0.02, 0.01)), strict=True)
-    # the branch leaves as the root of the distance, and its leading multiplier falls from one by a multiple of it
-    gaps = np.array([first.z[-1] for first in firsts]) - value
-    np.testing.assert_allclose(gaps[:-1] / gaps[1:], 4.0, rtol=0, atol=0.02)  # measured: 0.004
-    lead = 1 - np.array([multipliers(np.asarray(first.matrices))[0].real for first in firsts])
-    np.testing.assert_allclose(lead[:-1] / lead[1:], 4.0, rtol=0, atol=0.05)  # measured: 0.01
-    assert lead[-1] < 0.005  # measured: 0.004
-    doubled = continue_motion(equations[-1], firsts[-1], (0.2, 0.32), pace=Pace(first=0.01, most=0.05))
-    # the flip is a pitchfork of the doubled map; both halves are the same motions, a period apart
-    assert labels(doubled) == ["EP", "PD", "BP", "PD", "EP"]
-    assert abs(where(doubled.events[2]) - value) < 1e-8  # measured: 7e-13
-    assert abs(where(doubled.events[1]) - where(doubled.events[3])) < 1e-8  # measured: 1e-14
-    # where the doubled motion is stable, a simulation finds it
-    node = next(node for node in doubled.nodes if value + 0.008 < node.z[-1] < 0.286 and node.outside == 0)
-    step = lambda state: well(node.z[-1])(state, 0.0)
-    state = settled(well(node.z[-1]), [0.5, 0.3], 400)
-    pair = np.stack([state, step(state)])
-    assert np.abs(pair - node.z[:2]).max(axis=1).min() < 1e-8  # measured: 3e-15
-    assert np.abs(pair[1] - pair[0]).max() > 5e-3
-
-
 NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie within the bounds 3 and 4, but is"
 
 
@@ -213,10 +183,7 @@ NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie withi
         (BURSTING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of inf"),
         (LOGISTIC, ([0.6], 2.5), (3, 4), {}, f"{WITHIN} 2.5"),
         (LOGISTIC, ([0.6], 2.5), (3, 2), {}, r"`bounds` must be two numbers, the smaller first, but is \(3, 2\)"),
-        (LOGISTIC, ([0.6], 2.5), (np.nan, 3), {}, "`bounds` must be two numbers"),
-        (LOGISTIC, ([0.6], 2.5), 3, {}, "`bounds` must be two numbers"),
         (LOGISTIC, ([0.6, 0.6], 2.5), (2, 3), {}, "`state` must have 1 numbers as `like` has, but has 2"),
-        (LOGISTIC, ([0.6], 2.5), (2, 3), {"points": 0}, "`points` must be a whole number of 1 or more, but is 0"),
     ],
 )
 def test_wrong_arguments_are_named(family, start, bounds, options, words):

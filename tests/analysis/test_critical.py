@@ -74,23 +74,6 @@ def test_a_neimark_sacker_and_its_derivatives(c, mode):
     np.testing.assert_allclose(found.state, 1 / (2 + c), rtol=0, atol=1e-10)  # measured: 3e-16
 
 
-def shifted(shift):
-    """r x (1 - x) + shift."""
-    return Polynomial(Polynomial.of({(1, 1): 1.0, (2, 1): -1.0}).coefficients.at[0, 0].set(shift))
-
-
-@pytest.mark.full
-def test_a_flip_of_a_longer_period():
-    """The second flip of the logistic map is at 1 + 6^(1/2), from the motion of period two."""
-    at = lambda shift: critical_motion(motions(shifted(shift), intervals=2), "PD", jnp.array([0.85]), 3.44)
-    value, slope, found = with_derivative(at, lambda found: found.value, jnp.asarray(0.0))
-    r = 1 + np.sqrt(6)
-    assert abs(float(value) - r) < 1e-10  # measured: 0
-    assert found.matrices.shape == (2, 1, 1)
-    # y = r / 2 - r x has y' = y^2 + c with c = r / 2 - r^2 / 4 - r shift, and its second flip at c = -5 / 4
-    assert abs(float(slope) - r / (0.5 - r / 2)) < 1e-9  # measured: 4e-16
-
-
 def test_where_there_is_none_the_residual_says_so():
     straight = motions(Polynomial.of({(1, 0): 0.5, (0, 1): 1.0}), 1)  # its multiplier is 1/2
     found = critical_motion(straight, "PD", jnp.array([0.1]), 0.2)

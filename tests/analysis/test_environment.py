@@ -317,14 +317,12 @@ def test_changing_speed_over_windows_of_time():
     ("call", "message"),
     [
         (lambda x: vibration_environment(x[0], RATE), "`acceleration` must be numbers with 2 axes or more"),
-        (lambda x: vibration_environment(x * np.nan, RATE), "`acceleration` must be finite, but is"),
         (
             lambda x: vibration_environment(x[:, :5], RATE),
             "`acceleration` must have 8 or more samples along its last axis, but has 5",
         ),
         (lambda x: vibration_environment(x, RATE, time=np.arange(5.0)), r"`time` must have shape \(200,\)"),
         (lambda x: resample(np.zeros(200), x, RATE), "`time` must be two times or more that increase"),
-        (lambda x: shock_response_spectrum(x, RATE, [50.0], quality=0.5), "`quality` must be above 0.5"),
         (lambda x: window_densities(x, RATE, np.array([20.0, 10.0])), "`edges` must be two frequencies or more"),
         (lambda x: band_edges(20.0, 20.0), "`low` must be below 20 Hz, but is 20 Hz"),
         (lambda x: envelope(x[:0]), "`ensemble` must have a sample or more"),

@@ -8,12 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
-from scipy.optimize import root
 
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import shoot
 
-from .systems import Stopped, linear, one_touch
+from .systems import Stopped, linear
 
 
 def sort(values):
@@ -114,23 +113,6 @@ def touches(system, state):
 
 def stopped(damping, frequency, gap, stop=np.inf, restitution=0.0):
     return Stopped(*map(jnp.asarray, (damping, frequency, 1.0, gap, stop, restitution)))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(("gap", "guess"), [(0.0, (-0.90, 1.07, 1.2, -1.2)), (0.3, (-0.80, 1.02, 1.4, -1.3))])
-def test_a_bilinear_oscillators_orbit_and_multipliers(gap, guess):
-    """x'' + 0.1 x' + x + 3 max(x - gap, 0) = cos(0.9 t): the orbit from the instants and speeds at the kink."""
-    system = stopped(0.05, 0.9, gap, stop=3.0)
-    at = lambda unknowns: one_touch(0.05, 0.9, gap, 3.0, 1.0, *unknowns)
-    solution = root(lambda unknowns: at(unknowns)[0], guess, tol=1e-14)
-    assert np.abs(solution.fun).max() < 1e-12
-    assert solution.x[0] < 0 < solution.x[1]
-    _, through, start = at(solution.x)
-    found = shoot(system, jnp.array([0.9, 0.2]), tolerance=1e-12)
-    # measured: 2e-14 for both
-    np.testing.assert_allclose(found.state, start, rtol=0, atol=1e-11)
-    exact = np.linalg.eigvals(through)
-    np.testing.assert_allclose(sort(multipliers(np.asarray(found.matrices))), sort(exact), rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(("frequency", "gap"), [(2.8, 0.05), (2.0, 0.0)])

@@ -68,12 +68,9 @@ def test_noise_and_silence_have_no_lines():
     ("call", "message"),
     [
         (lambda s: power_spectral_density(np.zeros(4), 1.0), "`signal` must be 8 or more samples"),
-        (lambda s: power_spectral_density(np.zeros((9, 4)), 1.0), "`signal` must be 8 or more samples"),
         (lambda s: power_spectral_density(np.full(9, np.nan), 1.0), "`signal` must be finite, but is"),
-        (lambda s: power_spectral_density(np.zeros(9), 0.0), "`sampling_rate` must be positive, but is 0"),
         (lambda s: find_line(Spectrum(s.frequency, s.density[None]), 3.0), "`spectrum` must be of one signal"),
         (lambda s: find_line(s, 5e3), "`frequency` must be at most 4000 Hz, but is 5000 Hz"),
-        (lambda s: find_line(s, "f1"), "`frequency` must be positive, but is 'f1'"),
     ],
 )
 def test_bad_input(call, message):

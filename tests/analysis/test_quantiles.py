@@ -116,29 +116,6 @@ def sample(rails, seed, shift=0.3):
     return xr.DataArray(values, dims=("clearance", "track.seed"), attrs={"units": "kN"})
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("quantile", [0.9, None])
-def test_two_errors_hold_the_truth_as_they_should(quantile):
-    # of a hundred times as many rails: each design's own, and of the differences
-    truth = over_rails(sample(100_000, 1), quantile, resamples=2)
-    inside, ratios = [], []
-    for repeat in range(80):
-        ds = over_rails(sample(200, 10 + repeat), quantile, resamples=100, seed=repeat)
-        inside.append(
-            [
-                abs(ds["value"] - truth["value"]) < 2 * ds["stderr"],
-                (ds["low"] <= truth["value"]) & (truth["value"] <= ds["high"]),
-            ]
-        )
-        inside[-1].append(abs(ds["difference"] - truth["difference"]) <= 2 * ds["difference_stderr"])
-        ratios.append(ds["difference_stderr"][1] / ds["stderr"][1])
-    share = np.mean(inside, axis=(0, 2))
-    # measured 0.92, 0.92 and 0.99 for the quantile, 0.94, 0.93 and 0.97 for the mean
-    assert np.all(share > 0.9), share
-    # what designs have in common cancels: measured 0.59 and 0.22
-    assert np.mean(ratios) < 0.65
-
-
 def test_rails_with_a_lost_run_are_left_out_in_all_cases():
     values = sample(100, 0)
     lost = values.copy()
@@ -196,9 +173,6 @@ def test_more_steps_that_change_a_quantile_are_told():
     [
         (dict(quantile=1.0), "Argument `quantile` must be a share between 0 and 1, or None"),
         (dict(dim="seed"), "Argument `dim` must be one of clearance, track.seed"),
-        (dict(values=np.zeros(3)), "Argument `values` must be an xarray.DataArray"),
-        (dict(resamples=1), "Argument `resamples` must be a whole number of 2 or more"),
-        (dict(seed=-1), "Argument `seed` must be a whole number of 0 or more"),
     ],
 )
 def test_bad_questions_name_what_is_wrong(change, words):

@@ -6,7 +6,6 @@ import pytest
 import slipperjax as sj
 from slipperjax.design.checks import event_margins, surroundings
 from slipperjax.design.judge import judge_on_orbits
-from slipperjax.design.methods import Descent
 from slipperjax.design.optimise import optimise_design
 
 STEPS = 50
@@ -87,26 +86,3 @@ def test_the_nearest_events_are_those_of_the_branch(small):
             assert not between
     kept = small.to_xarray(ds)
     assert np.array_equal(kept["margin_relative"], ds["relative"])
-
-
-@pytest.mark.slow
-def test_a_mean_has_its_own_least_and_adam_agrees():
-    """A roll excursion that a length of the slipper minimises, by two methods."""
-    box, over = {"length": (0.18, 0.5)}, {"speed": [1300.0, 1500.0]}
-    options = dict(over=over, robust="mean", starts=2, steps_per_period=STEPS)
-    first = optimise_design(sj.paper_scene(), "excursion_pitch", box, **options)
-    other = optimise_design(sj.paper_scene(), "excursion_pitch", box, method=Descent(steps=40), **options)
-    assert first.smooth <= other.smooth * 1.001
-    assert first.smooth == pytest.approx(other.smooth, rel=5e-3)
-
-
-@pytest.mark.slow
-def test_a_limit_is_kept():
-    """Peaks are lowest without play, and pitching is limited besides."""
-    box, over = {"clearance": (0.5e-3, 2e-3), "length": (0.18, 0.4)}, {"speed": [1250.0, 1500.0]}
-    limits = {"excursion_pitch": 1.2e-3}
-    best = optimise_design(
-        sj.paper_scene(), "peak_force", box, over=over, constraints=limits, starts=2, steps_per_period=STEPS
-    )
-    assert best.status == "converged"
-    assert float(best.cases["constraint_excursion_pitch"].max()) <= 1.2e-3 * (1 + 1e-5)

@@ -24,23 +24,24 @@ def test_bands_of_white_noise_are_as_wide_as_they_have_lines():
     assert values(sine[None])[0].argmax() == 3 - (np.geomspace(4, 2001, 5)[3] > 500)
 
 
-def test_peaks_are_quantiles():
-    _, values = Peaks((0.5, 0.9)).of(WHITE[0])
-    # of normal deviates 0.674 and 1.645, here within 4 %
-    np.testing.assert_allclose(np.exp(values(WHITE)), np.tile([0.674, 1.645], (3, 1)), rtol=0.06)
+PULSES = np.where(np.arange(1000) % 100 == 50, 1.0, 0.0)
+FORCE = np.repeat([0.0, 3.0], [300, 100])
 
 
-def test_impacts_are_counted():
-    pulses = np.zeros(1000)
-    pulses[50::100] = 1.0
-    _, values = ImpactRate((1.0,)).of(pulses)
-    np.testing.assert_allclose(np.exp(values(pulses[None])), 10.5)
-
-
-def test_contact_is_where_a_force_is():
-    force = np.repeat([0.0, 3.0], [300, 100])
-    _, values = ContactFraction((0.2,)).of(force)
-    np.testing.assert_allclose(np.exp(values(force[None])), 100.5 / 300.5)
+@pytest.mark.parametrize(
+    ("feature", "signals", "exact", "within"),
+    [
+        # of normal deviates, here within 4 %
+        (Peaks((0.5, 0.9)), WHITE, [0.674, 1.645], 0.06),
+        (ImpactRate((1.0,)), PULSES[None], 10.5, 1e-7),
+        (ContactFraction((0.2,)), FORCE[None], 100.5 / 300.5, 1e-7),
+    ],
+    ids=["peaks are quantiles", "impacts are counted", "contact is where a force is"],
+)
+def test_features_of_known_signals(feature, signals, exact, within):
+    _, values = feature.of(signals[0])
+    found = np.exp(values(signals))
+    np.testing.assert_allclose(found, np.broadcast_to(exact, found.shape), rtol=within)
 
 
 def test_correlation_integrals_are_shares_of_pairs():
@@ -76,12 +77,17 @@ def test_the_likelihood_of_normal_features_is_the_exact_one():
 
 
 def test_settings_are_checked():
-    with pytest.raises(ValueError, match="`members` must be"):
-        Features(members=1)
-    with pytest.raises(ValueError, match="`features` must be kinds of features"):
-        Features(features=("rms",))
-    with pytest.raises(ValueError, match="`features` must have one kind or more"):
-        Features(features=())
+    short = np.sin(np.arange(30.0) / 2)
+    for make, words in (
+        (lambda: Features(members=1), "`members` must be"),
+        (lambda: Features(features=("rms",)), "`features` must be kinds of features"),
+        (lambda: Features(features=()), "`features` must have one kind or more"),
+        (lambda: Peaks(shares=(0.5, 1.5)), r"`shares` must be above 0 and at most 1, but is 1\.5"),
+        (lambda: CorrelationIntegral(shares=(0.5, 1.5)), r"`shares` must be above 0 and at most 1, but is 1\.5"),
+        (lambda: CorrelationIntegral(dimension=20).of(short), "`dimension` must be at most 10 for a record of 30"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make()
 
 
 @pytest.mark.full
@@ -118,15 +124,6 @@ def test_a_chaotic_record_tells_of_its_parameters():
     # no trajectory stays near this record
     lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
     assert lost.unexplained
-
-
-def test_shares_are_fractions_and_a_record_is_longer_than_its_points():
-    for kind in (Peaks, CorrelationIntegral):
-        with pytest.raises(ValueError, match=r"`shares` must be above 0 and at most 1, but is 1\.5"):
-            kind(shares=(0.5, 1.5))
-    record = np.sin(np.arange(30.0) / 2)
-    with pytest.raises(ValueError, match=r"`dimension` must be at most 10 for a record of 30 samples, .* but is 20"):
-        CorrelationIntegral(dimension=20).of(record)
 
 
 def test_lost_ensembles_are_told():

@@ -83,39 +83,35 @@ def test_several_runs_share_the_sensors():
     assert other.signals[0] is None
 
 
-@pytest.mark.parametrize(
-    ("measured", "text"),
-    [
-        (3, "`measured` must be a dataset or a file"),
-        ([], "`measured` must have one run or more"),
-        (
-            dataset(rear=("time", TIME)),
-            "`measured` must have signals of the sensors front, lift alone, but has rear, too",
-        ),
-        (dataset().drop_vars("lift"), "`measured` must have the signal of each sensor, such as lift"),
-        (dataset().drop_vars("time"), "with a coordinate of times"),
-        (dataset(lift=("time", TIME)), "`measured` must have an attribute `units` of lift, such as m"),
-        (dataset(lift=("time", TIME, {"units": "s"})), "`lift` must be in m, but is .* Cannot convert"),
-        (dataset().isel(time=slice(5)), "`measured` must have 8 samples or more of front"),
-        (dataset().isel(time=slice(None, None, -1)), "`measured` must have increasing times of front"),
-        (dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})), "front from zero seconds on"),
-        (dataset().assign_coords(time=("time", TIME + 1.7e9, {"units": "s"})), "and not be times of a clock"),
-    ],
-)
-def test_bad_records_are_refused_in_one_line(measured, text):
+BAD = {
+    "`measured` must have one run or more": [],
+    "must have signals of the sensors front, lift alone, but has rear, too": dataset(rear=("time", TIME)),
+    "`measured` must have the signal of each sensor, such as lift": dataset().drop_vars("lift"),
+    "with a coordinate of times": dataset().drop_vars("time"),
+    "`measured` must have an attribute `units` of lift, such as m": dataset(lift=("time", TIME)),
+    "`lift` must be in m, but is .* Cannot convert": dataset(lift=("time", TIME, {"units": "s"})),
+    "`measured` must have 8 samples or more of front": dataset().isel(time=slice(5)),
+    "`measured` must have increasing times of front": dataset().isel(time=slice(None, None, -1)),
+    "front from zero seconds on": dataset().assign_coords(time=("time", TIME - 1, {"units": "s"})),
+    "and not be times of a clock": dataset().assign_coords(time=("time", TIME + 1.7e9, {"units": "s"})),
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_records_are_refused_in_one_line(text):
     with pytest.raises(ValueError, match=text) as error:
-        measured_runs(measured, RIG)
+        measured_runs(BAD[text], RIG)
     assert "\n" not in str(error.value)
 
 
 def test_a_table_without_times_or_with_other_units_is_refused(tmp_path):
     path = tmp_path / "run.csv"
-    path.write_text("front [g], lift [mm]\n1, 2\n")
-    with pytest.raises(ValueError, match="must have a column `time`"):
-        measured_runs(path, RIG)
-    path.write_text("time [s], front [mm]\n1, 2\n")
-    with pytest.raises(ValueError, match="`front` must be in a unit like m/s"):
-        measured_runs(path, RIG)
-    path.write_text("time [s], front [g], speed [m/s]\n" + "\n".join(f"{k}, {k}, {k}" for k in range(9)))
-    with pytest.raises(ValueError, match="one value of speed, which a run keeps, but has 9 values"):
-        measured_runs(path, RIG)
+    rows = "".join(f"\n{k}, {k}, {k}" for k in range(9))
+    for text, words in (
+        ("front [g], lift [mm]\n1, 2\n", "must have a column `time`"),
+        ("time [s], front [mm]\n1, 2\n", "`front` must be in a unit like m/s"),
+        (f"time [s], front [g], speed [m/s]{rows}", "one value of speed, which a run keeps, but has 9 values"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            measured_runs(path, RIG)

@@ -43,21 +43,6 @@ def test_the_last_periods_count(run):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (dict(rate=0.0), "`rate` must be positive"),
-        (dict(rate=100.0), "`rate` must give 8 samples or more"),
-        (dict(rate=1e4, periods=9), "`periods` must be"),
-        (dict(rate=1e4, noise=-1.0), "`noise` must be zero or positive"),
-    ],
-)
-def test_bad_options_are_refused(run, options, text):
-    with pytest.raises(ValueError, match=text):
-        synthetic_record(run, SENSORS, **options)
-
-
-@pytest.mark.full
 def test_starts_that_are_all_lost_are_an_error(run, monkeypatch):
     lost = lambda evaluate, points, shown, rough=0.0: Found.none(points)._replace(cost=np.full(len(points), LOST))
     monkeypatch.setattr(trajectories, "search", lost)

@@ -56,15 +56,6 @@ def test_what_was_put_in_comes_out(found, noisy):
 
 
 @pytest.mark.full
-def test_covariances_are_those_of_the_estimates(found):
-    covariance = found.covariance
-    errors = np.sqrt(np.diag(covariance.values))
-    np.testing.assert_allclose(errors, list(found.stderr.values()))
-    correlation = covariance.values / np.outer(errors, errors)
-    assert np.all(np.linalg.eigvalsh(correlation) > 0)
-
-
-@pytest.mark.full
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
     found.to_netcdf(path)
@@ -170,26 +161,18 @@ def test_windows_of_a_record_are_one_motion(noisy):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (
-            dict(sensors=[sj.Sensor("ax")]),
-            "`measured` must have signals of the sensors ax alone, but has az, ay, too",
-        ),
+        (dict(sensors=[sj.Sensor("ax")]), "must have signals of the sensors ax alone, but has az, ay, too"),
         (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
         (dict(measured="later"), "forcing periods of 40 steps"),
-        (dict(confidence=1.0), "`confidence` must be below 1"),
-        (dict(method="LM"), "`method` must be a method of slipperjax.fitting"),
-        (dict(scene=1), "`scene` must be"),
-        (dict(seed=-1), "`seed` must be"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
-    given = dict(scene=FAR, measured=noisy, unknowns=BOUNDS, sensors=SENSORS)
-    if arguments.get("measured") == "later":
+    if "measured" in arguments:
         # in milliseconds that are said to be hours
         late = noisy.assign_coords(time=("time", 1e3 * noisy["time"].values, {"units": "hours"}))
         arguments = dict(measured=late)
     with pytest.raises(ValueError, match=text) as error:
-        sj.fit(**given | arguments)
+        sj.fit(**dict(scene=FAR, measured=noisy, unknowns=BOUNDS, sensors=SENSORS) | arguments)
     assert "\n" not in str(error.value)
 
 

@@ -167,30 +167,3 @@ def test_default_steps_are_known_where_scenes_are_merely_differentiated():
     for call in (lambda: jax.jit(steps)(1250.0), lambda: jax.vmap(steps)(jnp.array([1250.0]))):
         with pytest.raises(ValueError, match="`steps_per_period` must be given where the scene is traced"):
             call()
-
-
-class StepEndLatch(sj.EventLatch):
-    """Wrong on purpose: latches the rate at the end of the step in which a point touched down."""
-
-    def latch(self, memory, before, gap, rate, step, ratio):
-        entered = (before.gap >= 0) & (gap < 0)
-        return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / jnp.minimum(rate, -1e-9), memory))
-
-
-@pytest.mark.slow
-def test_a_latch_at_the_steps_end_has_wrong_tangents():
-    basis = jnp.eye(7)[5:]  # the tangents with respect to the start, v_y and w_x
-
-    def tangents(steps, **options):
-        def run(values):
-            scene, start = case(values, **options)
-            state = sj.initial_state(scene, start)
-            return scaled(sj.period_map(scene, state, periods=3, steps_per_period=steps).motion)
-
-        found = jax.jit(jax.vmap(lambda t: jax.jvp(run, (jnp.ones(7),), (t,))[1]))(basis)
-        return np.asarray(found)
-
-    truth = tangents(100)  # of the interpolated latch: its own error at these steps is below 2e-2
-    for steps in (100, 400):  # shorter steps do not help
-        error = np.abs(tangents(steps, memory=StepEndLatch()) - truth).max() / np.abs(truth).max()
-        assert error > 5e-2

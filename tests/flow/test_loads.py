@@ -16,10 +16,7 @@ from slipperjax.flow.simulate import Probe, _difference
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
 
-from ..common import FINEST, PERIODS, STEPS, among, compilations, fine, finest
-
-NAMES = ("peak_force", "peak_period", "impulse", "contact_fraction", "penetration")
-
+from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 
 FAST = sj.Motion(v_z=0.1)
 
@@ -101,29 +98,6 @@ def test_adaptive_runs_have_the_same_peak():
     assert np.all(rough.steps_taken < run.steps_taken)
     assert 1e-7 < float(rough.probe.error[0]) < 1e-2
     assert float(run.probe.error[0]) < 0.1 * float(rough.probe.error[0])
-
-
-@pytest.mark.parametrize(
-    "record", among({name: name for name in ("loads", "sections", "history")}, "loads", slow=["history"])
-)
-def test_sweeps_have_the_loads_of_simulate(record):
-    grid, options = {"speed": [1250.0, 1500.0]}, dict(record=record, transient=0, periods=PERIODS)
-    ds = sj.sweep(sj.paper_scene(), grid, steps_per_period=STEPS, **options)
-    assert ds["peak_force"].dims == ("speed", "end", "point")
-    one = fine(sj.paper_scene(1500.0)).to_xarray()
-    for name in NAMES:
-        np.testing.assert_allclose(ds[name].values[1], one[name].values, rtol=1e-9, err_msg=name)
-        assert ds[name].attrs == one[name].attrs
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("record", ["sections", "history"])
-def test_loads_of_sweeps_can_be_switched_off(record):
-    grid, options = {"speed": [1250.0]}, dict(transient=0, periods=1, steps_per_period=50, record=record)
-    with_loads = sj.sweep(sj.paper_scene(), grid, **options)
-    without = sj.sweep(sj.paper_scene(), grid, loads=False, **options)
-    assert set(with_loads) - set(without) == set(NAMES)
-    np.testing.assert_allclose(without["v_y"], with_loads["v_y"], rtol=1e-12)
 
 
 @pytest.mark.full

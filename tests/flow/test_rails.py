@@ -1,7 +1,6 @@
 """Runs on rails of samples and on random ones: beside harmonic ones, over seeds, with derivatives, to their ends."""
 
 import dataclasses
-import functools
 import re
 
 import jax
@@ -15,6 +14,8 @@ from slipperjax.design import sensitivities
 from slipperjax.model.layout import coordinates
 from slipperjax.model.parameters import parameter
 from slipperjax.sweeps.exponents import LyapunovExponents
+
+from ..common import sled_on
 
 SCENE, STEPS = sj.paper_scene(1000.0), 50
 RAIL = sj.RandomTrack.sled(length=400.0)
@@ -52,18 +53,6 @@ def test_sweeps_over_seeds_are_runs_on_each_rail():
 
 
 @pytest.mark.full
-def test_measured_rails_are_an_axis():
-    rails = [sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
-    options = dict(transient=0, periods=2, steps_per_period=STEPS, record="strobe")
-    scenes = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
-    ds = sj.sweep(scenes, {"track.number": [0.0, 1.0]}, **options)
-    np.testing.assert_array_equal(ds["status"], [0, 0])
-    for k, rail in enumerate(rails):
-        run = sj.simulate(dataclasses.replace(SCENE, track=rail), 2, steps_per_period=STEPS)
-        np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.full
 def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     """Of which a result keeps the file's name, tables of the spectra and the seeds."""
     places = np.arange(0.0, 64.0, 0.2)
@@ -92,8 +81,9 @@ def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
     rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
     seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
-    for track, values in ((RAIL, seeds), (rails, numbers)):
-        scene, name = dataclasses.replace(SCENE, track=track), f"track.{track.chosen_by}"
+    for track, values in ((RAIL, seeds), (sj.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
+        body, name = sled_on() if track.rails else SCENE.slipper, f"track.{track.chosen_by}"
+        scene = dataclasses.replace(SCENE, slipper=body, track=track)
         checked = lambda value, scene=scene, name=name: scene.replace(**{name: value})
         unchecked = lambda value, scene=scene, name=name: parameter(name, scene).replaced(scene, value)
         for put in (checked, unchecked):
@@ -105,7 +95,7 @@ def test_a_traced_number_of_no_rail_marks_its_case():
     np.testing.assert_array_equal(jax.jit(jax.vmap(status))(jnp.asarray(seeds)), [0, 1, 1, 1, 1, 1])
 
 
-@pytest.mark.parametrize("value", [0.5, 3.7, -1, 2.0**53, 1e300, np.inf, np.nan, 1 + 1e-12, True, "1", 7])
+@pytest.mark.parametrize("value", [0.5, -1, 2.0**53, np.inf, np.nan, 1 + 1e-12, True, "1", 7])
 @pytest.mark.parametrize("chosen_by", ["seed", "number"])
 def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
     """Before anything is compiled, in each place where one is given; of two rails there is no 7."""
@@ -132,33 +122,22 @@ def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
 
 
 def test_a_wrong_number_is_shown_with_the_digits_that_make_it_wrong():
-    with pytest.raises(
-        ValueError, match=re.escape("`seed` must be a whole number of 0 to 2^53 - 1, but is 1.000000001.")
-    ):
+    words = re.escape("`seed` must be a whole number of 0 to 2^53 - 1, but is 1.000000001.")
+    with pytest.raises(ValueError, match=words):
         sj.RandomTrack.sled(seed=1.000000001)
 
 
 def test_whole_numbers_are_not_varied_by_little():
-    for call in (
-        lambda: sj.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL),
-        lambda: sj.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL),
-    ):
-        with pytest.raises(ValueError, match=r"`track.seed` must be a whole number of 0 to"):
-            call()
     longer = dataclasses.replace(SCENE, track=sj.RandomTrack.sled())
-    for call in (
-        lambda: sensitivities(longer, "peak_force", ["track.seed"]),
-        lambda: sj.optimise_design(longer, "peak_force", {"track.seed": (0, 5)}),
+    whole, little = "must be a whole number of 0 to", "cannot be varied by little: it is a whole number"
+    for call, words in (
+        (lambda: sj.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL), whole),
+        (lambda: sj.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL), whole),
+        (lambda: sensitivities(longer, "peak_force", ["track.seed"]), little),
+        (lambda: sj.optimise_design(longer, "peak_force", {"track.seed": (0, 5)}), little),
     ):
-        with pytest.raises(ValueError, match=r"`track.seed` cannot be varied by little: it is a whole number"):
+        with pytest.raises(ValueError, match=f"`track.seed` {words}"):
             call()
-
-
-@pytest.mark.full
-def test_a_run_may_begin_where_a_rail_does():
-    short = sj.SampledTrack([0.0, 16.0], 1e-3 * np.sin(np.arange(65)), 0.0, ends="error")
-    run = sj.simulate(dataclasses.replace(SCENE, track=short), 2, steps_per_period=STEPS)
-    assert int(run.status) == 0
 
 
 FIRST = 129_773.0
@@ -178,17 +157,11 @@ FOUND = {
     "sweep": lambda scene, **more: sj.sweep(scene, {"mass": [14.0, 15.0]}, record="strobe", **SHORT, **more)[
         "strobe"
     ],
-    "follow": lambda scene, **more: sj.follow(scene, {"mass": [14.0, 15.0]}, record="strobe", **SHORT, **more)[
-        "strobe"
-    ],
     "lyapunov_spectrum": lambda scene, **more: (
         sj.lyapunov_spectrum(scene, transient=1, align=1, periods=2, steps_per_period=STEPS, **more).history
     ),
     "period_map": lambda scene, **more: coordinates(
         sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), steps_per_period=STEPS, **more)
-    ),
-    "inside jit": lambda scene, **more: coordinates(
-        jax.jit(lambda scene: sj.simulate(scene, 2, steps_per_period=STEPS, **more).end)(scene)
     ),
 }
 """What functions give of motions on a rail."""
@@ -204,41 +177,37 @@ def test_motions_begin_where_their_rail_does(name):
         assert np.max(np.abs(np.asarray(find(NEAR, begin=16.0)) - np.asarray(find(NEAR)))) > 1e-4
 
 
-def test_what_begins_or_records_off_the_rail_is_refused():
+def test_what_begins_off_the_rail_is_refused():
     for begin in (0.0, FIRST + 64.0):
-        for run in (FOUND[name] for name in ("simulate", "run", "sweep", "follow", "lyapunov_spectrum")):
-            with pytest.raises(
-                ValueError, match=f"`begin` must be on the rail, .* 129773 to 129837 m, but is {begin:g}"
-            ):
-                run(FAR, begin=begin)
-    for call in (
-        lambda: sj.sweep(FAR, {"mass": [14.0]}, transient=8, periods=1),
-        lambda: sj.follow(FAR, {"mass": [14.0, 15.0, 16.0, 17.0]}, transient=2, periods=1),
-    ):
-        with pytest.raises((ValueError, sj.ImplausibleWarning), match=r"the rail (ends at|is known up to) 129837 m"):
-            call()
+        words = f"`begin` must be on the rail, .* 129773 to 129837 m, but is {begin:g}"
+        for name in ("simulate", "run", "sweep", "lyapunov_spectrum"):
+            with pytest.raises(ValueError, match=words):
+                FOUND[name](FAR, begin=begin)
+
+
+def test_what_leads_beyond_the_rail_is_refused_or_warned_of_with_the_remedies():
+    """Records that run on, too: after 3 recorded periods exponents are measured for 20 and 20 more."""
     state = sj.initial_state(FAR, sj.table_2_start())
-    for call in (lambda: sj.simulate(FAR, 9, steps_per_period=STEPS), lambda: sj.period_map(FAR, state, periods=9)):
-        with pytest.raises(
-            sj.ImplausibleWarning, match="to 129845 m, but the rail is known up to 129837 m only"
-        ) as told:
-            call()
-        # the remedies, with numbers to type
-        assert 'a rail that repeats (ends="repeat", ramp=8) goes on' in str(told.value)
-        assert "RandomTrack.like(survey, length=72)" in str(told.value)
-
-
-def test_records_that_run_on_beyond_the_rail_say_so():
-    """After 3 recorded periods exponents are measured for 20 and 20 more."""
-    record = ["strobe", LyapunovExponents(periods=20, certify=False)]
-    sweep = functools.partial(sj.sweep, grid={"mass": [14.0]}, record=record, transient=0, periods=3)
-    with pytest.raises(
-        sj.ImplausibleWarning, match="`periods` leads to 130117 m, but the rail is known up to 129837 m"
-    ):
-        sweep(FAR)
+    run_on = dict(record=["strobe", LyapunovExponents(periods=20, certify=False)], transient=0, periods=3)
     ended = dataclasses.replace(FAR, track=section(FIRST, ends="error"))
-    with pytest.raises(ValueError, match=r"`periods` must be at most 8 here, .* but is 43"):
-        sweep(ended)
+    too_far, known = "the rail (ends at|is known up to) 129837 m", "to 129845 m, but the rail is known up to 129837 m"
+    for call, words in (
+        (lambda: sj.sweep(FAR, {"mass": [14.0]}, transient=8, periods=1), too_far),
+        (lambda: sj.follow(FAR, {"mass": [14.0, 15.0, 16.0, 17.0]}, transient=2, periods=1), too_far),
+        (lambda: sj.simulate(FAR, 9, steps_per_period=STEPS), known),
+        (lambda: sj.period_map(FAR, state, periods=9), known),
+        (
+            lambda: sj.sweep(FAR, {"mass": [14.0]}, **run_on),
+            "leads to 130117 m, but the rail is known up to 129837 m",
+        ),
+        (lambda: sj.sweep(ended, {"mass": [14.0]}, **run_on), "`periods` must be at most 8 here, .* but is 43"),
+    ):
+        with pytest.raises((ValueError, sj.ImplausibleWarning), match=words) as told:
+            call()
+        if words is known:
+            # the remedies, with numbers to type
+            assert 'a rail that repeats (ends="repeat", ramp=8) goes on' in str(told.value)
+            assert "RandomTrack.like(survey, length=72)" in str(told.value)
 
 
 @pytest.mark.full
@@ -276,35 +245,6 @@ def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs()
     for call in (sj.periodic_orbit, lambda s: sj.continue_orbit(s, "speed", (900.0, 1100.0))):
         with pytest.raises(ValueError, match="`scene` must have a track that recurs with the forcing period"):
             call(ON_RAIL)
-
-
-@pytest.mark.slow
-def test_a_rail_repeated_on_purpose_has_orbits():
-    scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, 1e-3 * WAVE)).replace(speed=1250.0)
-    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
-    exact = sj.periodic_orbit(sj.paper_scene(1250.0), steps_per_period=STEPS)
-    assert int(orbit.status) == 0
-    np.testing.assert_allclose(coordinates(orbit.state), coordinates(exact.state), atol=1e-6, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_forces_have_derivatives_by_samples_and_by_roughness():
-    """In both modes, against central differences of the same steps."""
-
-    def by_sample(change):
-        bump = 1e-3 * WAVE + change * np.exp(-((PLACES - 4.0) ** 2))
-        bump = bump - (bump[-1] - bump[0]) * jnp.asarray(PLACES / 8)
-        scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, bump))
-        return sj.simulate(scene, 2, steps_per_period=STEPS, loads=False).end.motion.z
-
-    def by_roughness(factor):
-        return sj.simulate(ON_RAIL.replace(**{"track.roughness": factor}), 2, steps_per_period=STEPS).end.motion.v_z
-
-    for function, value, step in ((by_sample, 0.0, 1e-9), (by_roughness, 1.0, 1e-6)):
-        difference = (function(value + step) - function(value - step)) / (2 * step)
-        forward, reverse = jax.jacfwd(function)(value), jax.grad(function)(value)
-        np.testing.assert_allclose(forward, difference, rtol=1e-5)
-        np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
 @pytest.mark.full

@@ -1,7 +1,5 @@
 """Records inside programs: joined periods, extremes of curves, percentiles, several at once."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,15 +7,15 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
-from slipperjax.flow.course import Course, Loads, over_periods
+from slipperjax.flow.course import Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import History, PoincareSections, RecordedSpan, RecordSet, Strobe
+from slipperjax.flow.record import PoincareSections, RecordedSpan, RecordSet
 from slipperjax.flow.records import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
-from slipperjax.sweeps.windows import PEAK_DISTANCE, PerWindow
+from slipperjax.sweeps.windows import PEAK_DISTANCE
 
 from ..common import STEPS, fine
 from .made_up import made_up_course
@@ -139,12 +137,6 @@ def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_per
     np.testing.assert_allclose(found, np.broadcast_to(wanted, (1, 2, 5)), rtol=1e-14)
 
 
-def test_places_of_peaks_are_not_joined_without_their_forces():
-    places = jnp.arange(6.0).reshape(3, 2, 1)
-    assert np.all(np.isnan(PEAK_DISTANCE.total(places)))
-    np.testing.assert_array_equal(PEAK_DISTANCE.total(places[:1]), places[0])
-
-
 @pytest.mark.full
 def test_a_sweep_tells_where_its_highest_forces_were():
     grid = {"speed": [1250.0, 2100.0]}
@@ -152,49 +144,3 @@ def test_a_sweep_tells_where_its_highest_forces_were():
     ds = sj.sweep(sj.paper_scene(), grid, record=record, transient=2, periods=6, steps_per_period=STEPS)
     np.testing.assert_allclose(ds["peak_distance"], 8.0 * ds["peak_period"], rtol=1e-12)
     assert ds["peak_distance"].attrs["units"] == "m"
-
-
-def with_faces(count):
-    """A scene whose section is a regular polygon, of which every other side is a face, the first over the middle."""
-    angles = np.pi / 2 + np.pi / count * (0.5 - np.arange(2 * count))  # clockwise
-    names = tuple(f"P{k}" for k in range(2 * count))
-    points = 0.05 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    scene, faces = sj.paper_scene(), tuple(zip(names[::2], names[1::2], strict=True))
-    return dataclasses.replace(scene, section=sj.Section(points, np.full(count, 5e-4), names, faces))
-
-
-KEPT = (
-    History(8),
-    Strobe(),
-    PoincareSections(),
-    PerWindow(RECORDS["impulse"]),
-    PerWindow(RECORDS["drive_force"]),
-)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("record", KEPT, ids=lambda record: type(record).__name__)
-@pytest.mark.parametrize("faces", [3, 5, 12])
-def test_memory_is_counted_by_the_points_of_the_section(record, faces):
-    scene = with_faces(faces)
-    state = sj.initial_state(scene, sj.Motion())
-    inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (9, *jnp.shape(a))), state)
-    of_period = lambda: record.sample(Course(state, inside, sj.Args(scene, 0.0), 8))
-    kept = sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(of_period)))
-    found = record.values(scene, 7) / 7
-    # counts of crossings are left out, one in 17
-    assert found == pytest.approx(kept, rel=0.06 if isinstance(record, PoincareSections) else 1e-12)
-
-
-def test_memory_of_numbers_of_a_run_is_counted_by_their_dimensions():
-    few, many = with_faces(3), with_faces(12)
-    for name, sizes in (("peak_force", (12, 48)), ("drive_force", (1, 1)), ("rms_a_z", (1, 1))):
-        assert tuple(RECORDS[name].values(scene, 100) for scene in (few, many)) == sizes
-
-
-def test_equal_ones_share_a_program():
-    functions = [record.function for record in SEVERAL.records[:4]]
-    again = [Record(Quantity(o, "m/s", "lateral velocity"), f, o) for o, f in zip(WAYS, functions, strict=True)]
-    assert RecordSet(tuple(again)) == RecordSet(SEVERAL.records[:4])
-    assert hash(RecordSet(tuple(again))) == hash(RecordSet(SEVERAL.records[:4]))
-    assert RecordSet(tuple(again)) != RecordSet(SEVERAL.records[:3])

@@ -1,7 +1,5 @@
 """Motions with solutions in closed form: flight, impact, rest, energy, symmetry."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -78,15 +76,3 @@ def test_factors_of_the_laws():
     assert sj.Flores(1e8, c).factor == pytest.approx(8 * (1 - c) / (5 * c))
     assert sj.HuntCrossley(1e8, c).factor == pytest.approx(1.5 * (1 - c))
     assert sj.LankaraniNikravesh(1e8, c).factor == pytest.approx(0.75 * (1 - c**2))
-
-
-@pytest.mark.slow
-def test_comes_to_rest_under_gravity_with_the_contacts_carrying_the_weight():
-    scene = sj.paper_scene(100.0, restitution=0.5).replace(gravity=9.81)
-    scene = dataclasses.replace(scene, track=sj.StraightTrack(), window=1.0)
-    trajectory = sj.simulate(scene, 200, steps_per_period=200, saves_per_period=1, start=sj.Motion(z=0.0))
-    force = np.asarray(trajectory.reactions.contact_force)[-20:]
-    weight = 14.0 * 9.81
-    np.testing.assert_allclose(force.sum((1, 2)), weight, rtol=1e-3)
-    depth = (weight / 4 / 1e8) ** (2 / 3)
-    np.testing.assert_allclose(np.asarray(trajectory.state.motion.z)[-1], -5e-4 - depth, rtol=1e-3)

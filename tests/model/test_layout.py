@@ -14,6 +14,7 @@ MEMORIES = {
     "latched": (SCENE, 30, 10, "s/m"),
     "smooth": (dataclasses.replace(SCENE, memory=sj.SmoothSwitch()), 30, 30, "m/s"),
     "none": (dataclasses.replace(SCENE, contact=sj.HertzSpring(1e8)), 10, 10, "rad/s"),
+    "on springs": (dataclasses.replace(SCENE, sled=sj.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])), 34, 14, "s/m"),
 }
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import diffrax
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
@@ -12,8 +11,6 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.datasets import run_attributes
-from slipperjax.flow.period_map import PeriodMap
-from slipperjax.model.layout import StateLayout
 from slipperjax.sweeps.grid import Cases
 
 SLED = sj.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])
@@ -64,27 +61,6 @@ def test_a_sled_begins_at_rest_on_its_spring():
     fast = dataclasses.replace(scene, speed=sj.SpeedProgramme([0.0, 100.0], [100.0, np.sqrt(100.0**2 + 2000.0)]))
     drive = sj.reactions(0.5, state, sj.Args(fast)).drive_force
     assert float(drive) == pytest.approx(114 * 10.0)
-
-
-def test_layouts_hold_the_sled():
-    scene = dataclasses.replace(FREE, gravity=9.81)
-    layout, state = StateLayout.of(scene), sj.initial_state(scene, sj.Motion(y=1e-3))
-    assert layout.dimension == 14
-    again = layout.unpack(layout.pack(state))
-    assert jax.tree.all(jax.tree.map(lambda a, b: float(np.max(np.abs(a - b))) == 0, again, state))
-
-
-@pytest.mark.full
-def test_derivatives_by_the_sled_agree_in_both_modes():
-    scene = dataclasses.replace(sj.paper_scene(), sled=SLED)
-    state = sj.initial_state(scene, sj.table_2_start())
-
-    def end(mass):
-        return PeriodMap(scene.replace(**{"sled.mass": mass}), 100, sj.RK4())(state).motion.w_y
-
-    forward, reverse = jax.jacfwd(end)(100.0), jax.grad(end)(100.0)
-    difference = (end(100.01) - end(99.99)) / 0.02
-    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-5)
 
 
 def test_a_sled_goes_on_from_its_state(tmp_path):

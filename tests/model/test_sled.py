@@ -12,11 +12,11 @@ import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.model.kinematics import contacts, rail_frame
 
+from ..common import CORNERS, sled_on
+
 PAPER = sj.paper_scene()
 BODY = dict(mass=14.0, inertia=(0.051, 0.060, 0.086))
-CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
-MOUNTS = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in CORNERS]
-SLED = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=MOUNTS)
+SLED = sled_on()
 LEVEL = sj.TwoRails(sj.StraightTrack(), sj.StraightTrack())
 SPRINGS = dataclasses.replace(
     PAPER, slipper=SLED, track=LEVEL, contact=sj.HertzSpring(1e8), gravity=9.81, speed=100.0
@@ -64,19 +64,10 @@ def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
 @pytest.mark.full
 def test_two_slippers_at_one_place_with_half_the_stiffness_are_one():
     two = with_mounts(PAPER, sj.Mount(rail="left"), sj.Mount(rail="right")).replace(stiffness=0.5e8)
-    end, ours = (sj.simulate(scene, 3, steps_per_period=200, solver="RK4").end for scene in (PAPER, two))
-    # measured 1e-13 of the motion
-    for name, scale in vars(sj.model.MOTION_SCALES).items():
-        if scale is not None:
-            apart = float(getattr(ours.motion, name) - getattr(end.motion, name)) / scale
-            assert abs(apart) < 1e-12, name
-
-
-@pytest.mark.full
-def test_a_place_of_zero_is_no_place():
-    one, other = (with_mounts(PAPER, mount) for mount in (sj.Mount(), sj.Mount(x=0.0, y=0.0, z=0.0)))
-    ends = [sj.simulate(scene, 2, steps_per_period=100).end.motion for scene in (one, other)]
-    np.testing.assert_allclose(ends[0].w_y, ends[1].w_y, rtol=1e-11)  # measured 2e-14
+    one, ours = (sj.simulate(scene, 3, steps_per_period=200, solver="RK4").end for scene in (PAPER, two))
+    scales = sj.model.MOTION_SCALES
+    apart = jax.tree.map(lambda a, b, scale: abs(a - b) / scale, one.motion, ours.motion, scales)
+    assert max(jax.tree.leaves(apart)) < 1e-12  # measured 1e-13
 
 
 def rail(sign, seed):
@@ -93,16 +84,17 @@ def test_mirrored_rails_mirror_the_motion():
     start = sj.Motion(v_y=0.1, v_z=-0.2, w_x=0.1, w_z=0.05)
     mirrored = sj.Motion(v_y=-0.1, v_z=-0.2, w_x=-0.1, w_z=-0.05)
     pair, image = sj.TwoRails(rail(1, 1), rail(1, 2)), sj.TwoRails(rail(-1, 2), rail(-1, 1))
-    runs = [
-        sj.simulate(dataclasses.replace(scene, track=track), 2, start=start, steps_per_period=400)
-        for track, start in ((pair, start), (image, mirrored))
-    ]
-    signs = {"y": -1, "v_y": -1, "q_x": -1, "w_x": -1, "q_z": -1, "w_z": -1}
-    for name in ("y", "z", "q_x", "q_y", "q_z", "v_y", "v_z", "w_x", "w_y", "w_z"):
-        one, other = (np.asarray(getattr(run.state.motion, name)) for run in runs)
+    run = lambda track, start: sj.simulate(
+        dataclasses.replace(scene, track=track), 2, start=start, steps_per_period=400
+    )
+    one, other = run(pair, start), run(image, mirrored)
+    flipped = {"y", "v_y", "q_x", "w_x", "q_z", "w_z"}
+    for name in flipped | {"z", "q_y", "v_z", "w_y"}:
+        sign = -1 if name in flipped else 1
+        ours, theirs = (np.asarray(getattr(motion.state.motion, name)) for motion in (one, other))
         # measured 2e-14 of the greatest
-        np.testing.assert_allclose(one, signs.get(name, 1) * other, atol=1e-11 * np.abs(one).max())
-    forces = [run.to_xarray()["peak_force"] for run in runs]
+        np.testing.assert_allclose(ours, sign * theirs, atol=1e-11 * np.abs(ours).max(), err_msg=name)
+    forces = [motion.to_xarray()["peak_force"] for motion in (one, other)]
     # point A on the left is J on the right
     again = forces[1].values[[2, 3, 0, 1], :, ::-1]
     np.testing.assert_allclose(forces[0].values, again, rtol=1e-9)  # measured 2e-13
@@ -262,25 +254,6 @@ def energy(scene, state):
 
 
 @pytest.mark.full
-def test_shapes_without_those_along_the_rail_are_those_of_zero():
-    zeros = np.zeros((4, len(CORNERS), 1))
-    # by which shapes along the rail move modes
-    friction = sj.Coulomb(0.2)
-    scene = dataclasses.replace(SPRINGS, contact=PAPER.contact, track=rail(1, 1), friction=friction)
-
-    def rates(shapes):
-        sled = dataclasses.replace(SLED, modes=dataclasses.replace(BEAM, shapes=shapes))
-        start = sj.Motion(v_z=-0.3, v_y=0.2, w_x=0.3)
-        end = sj.simulate(dataclasses.replace(scene, slipper=sled), 2, steps_per_period=800, start=start).end
-        return end.motion.modes.rate
-
-    one, other, moved = (rates(np.concatenate([*x, BEAM.shapes], axis=-1)) for x in ([], [zeros], [zeros + 0.02]))
-    largest = np.abs(one).max()
-    assert np.abs(one - moved).max() > 1e-3 * largest
-    np.testing.assert_allclose(one, other, atol=1e-9 * largest)  # measured equal
-
-
-@pytest.mark.full
 @pytest.mark.parametrize("solver", ["ImpulseRK4", "RK4", "Tsit5"])
 def test_elastic_sleds_keep_their_energy(solver):
     scene = dataclasses.replace(SPRINGS, slipper=ELASTIC)
@@ -292,27 +265,10 @@ def test_elastic_sleds_keep_their_energy(solver):
 
 
 @pytest.mark.full
-def test_accelerations_of_elastic_sleds_at_a_programme_that_keeps_the_speed():
-    body = with_mounts(SPRINGS, sj.Mount(0.3, rail="left"), sj.Mount(-0.3, rail="left")).slipper
-    modes = sj.Modes([40.0], [0.0], np.broadcast_to([0.0, 0.0, 0.1], (1, 2, 3)))
-    scene = dataclasses.replace(SPRINGS, slipper=dataclasses.replace(body, modes=modes), track=rail(1, 1))
-    held = sj.SpeedProgramme.stages([sj.Stage(0.0, length=20.0)], start=100.0)
-    kept = dict(length=4.0, record="rms_a_z", steps_per_period=200, solver="RK4", start=sj.Motion())
-    one, other = (sj.run(scene, speed=speed, **kept)["rms_a_z"].values for speed in (None, held))
-    assert np.all(one > 9.0)
-    np.testing.assert_allclose(one, other, rtol=1e-9)  # measured equal
-
-
-@pytest.mark.full
-def test_rigid_sleds_have_no_modes():
-    state = sj.initial_state(SPRINGS, sj.AtRest())
-    assert state.motion.modes is None
-    assert sj.model.StateLayout.of(SPRINGS).size == 10
-    assert sj.model.StateLayout.of(dataclasses.replace(SPRINGS, slipper=ELASTIC)).size == 18
-
-
-@pytest.mark.full
 def test_states_with_modes_are_rows_and_come_back():
+    rigid = sj.initial_state(SPRINGS, sj.AtRest())
+    assert rigid.motion.modes is None
+    assert sj.model.StateLayout.of(SPRINGS).size == 10
     scene = dataclasses.replace(SPRINGS, slipper=ELASTIC, contact=PAPER.contact)
     state = sj.initial_state(scene, sj.AtRest(v_z=0.1))
     layout = sj.model.StateLayout.of(scene)
@@ -327,56 +283,55 @@ def test_states_with_modes_are_rows_and_come_back():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["slipper.mounts.0.x", "slipper.mounts.1.z", "slipper.modes.damping.0", "clearance"])
-def test_derivatives_in_both_modes(name):
+def test_derivatives_in_both_modes():
+    """By places of mounts, a mode's damping and the play, against central differences."""
+    names = ("slipper.mounts.0.x", "slipper.mounts.1.z", "slipper.modes.damping.0", "clearance")
     damped = dataclasses.replace(ELASTIC, modes=dataclasses.replace(BEAM, damping=[0.01] * 4))
     track = sj.TwoRails(rail(1, 1), rail(1, 2))
     scene = dataclasses.replace(SPRINGS, slipper=damped, contact=PAPER.contact, track=track, speed=300.0)
     state = sj.initial_state(scene, sj.Motion(v_z=-0.2))
-    value = float(scene.value(name))
 
-    def end(value):
-        return PeriodMap(scene.replace(**{name: value}), 400, sj.RK4())(state).motion.w_y
+    @jax.jit
+    def end(values):
+        changed = scene.replace(**dict(zip(names, values, strict=True)))
+        return PeriodMap(changed, 400, sj.RK4())(state).motion.w_y
 
-    forward, reverse = jax.jacfwd(end)(value), jax.grad(end)(value)
-    h = {"clearance": 1e-9}.get(name, 1e-6)
-    difference = (end(value + h) - end(value - h)) / (2 * h)
-    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-4)
+    values = jnp.array([scene.value(name) for name in names])
+    steps = np.diag([1e-6, 1e-6, 1e-6, 1e-9])
+    difference = [(end(values + h) - end(values - h)) / (2 * h.sum()) for h in steps]
+    for slope in (jax.jacfwd(end)(values), jax.grad(end)(values)):
+        np.testing.assert_allclose(slope, difference, rtol=1e-4)
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("make", "text"),
-    [
-        (
-            lambda: with_mounts(PAPER, sj.Mount(0.1), sj.Mount(0.0)),
-            "`mounts` must not overlap on a rail, but is slipper1 and",
-        ),
-        (lambda: sj.Sled(**BODY, mounts=[]), "`mounts` must be one slipperjax.Mount"),
-        (lambda: dataclasses.replace(SPRINGS, slipper=PAPER.slipper), "`track` must be one rail for a Slipper"),
-        (
-            lambda: with_mounts(SPRINGS, sj.Mount(rail="centre")),
-            "`mounts` must be on the rails left, right",
-        ),
-        (
-            lambda: dataclasses.replace(SPRINGS, track=dataclasses.replace(LEVEL, gauge=1.5)),
-            r"must be within their play, 0\.0005 m, of the rails, whose gauge is 1\.5 m, but is left1 at y = 0\.9 m",
-        ),
-        (lambda: with_mounts(SPRINGS, sj.Mount(y=-1.0, rail="left")), "`mounts` must be on the side of their rail"),
-        (
-            lambda: dataclasses.replace(SLED, modes=sj.Modes([40.0], [0.01], np.zeros((1, 3, 3)))),
-            "`modes` must have shapes at each of the 4 mounts, but has shapes at 3",
-        ),
-        (lambda: sj.Modes([40.0, 30.0], [0.01] * 2, np.zeros((2, 4, 3))), "`frequency` must rise from mode to mode"),
-        (lambda: dataclasses.replace(SLED, inertia=(0.0, 1.0, 1.0)), "`inertia` must be positive"),
-        (lambda: sj.Modes([40.0], [0.01, 0.02], np.zeros((1, 4, 3))), "`damping` must have one value per mode"),
-    ],
+OVERLAP = "`mounts` must not overlap on a rail, but is slipper1 and"
+FAR_FROM_RAILS = (
+    r"must be within their play, 0\.0005 m, of the rails, whose gauge is 1\.5 m, but is left1 at y = 0\.9 m"
 )
-def test_bad_input_is_refused_in_one_line(make, text):
+BAD = {
+    OVERLAP: lambda: with_mounts(PAPER, sj.Mount(0.1), sj.Mount(0.0)),
+    "`mounts` must be one slipperjax.Mount": lambda: sj.Sled(**BODY, mounts=[]),
+    "`track` must be one rail for a Slipper": lambda: dataclasses.replace(SPRINGS, slipper=PAPER.slipper),
+    "`mounts` must be on the rails left, right": lambda: with_mounts(SPRINGS, sj.Mount(rail="centre")),
+    FAR_FROM_RAILS: lambda: dataclasses.replace(SPRINGS, track=dataclasses.replace(LEVEL, gauge=1.5)),
+    "`mounts` must be on the side of their rail": lambda: with_mounts(SPRINGS, sj.Mount(y=-1.0, rail="left")),
+    "`modes` must have shapes at each of the 4 mounts, but has shapes at 3": lambda: sled_on(modes=modes_at(3)),
+    "`frequency` must rise from mode to mode": lambda: sj.Modes([40.0, 30.0], [0.01] * 2, np.zeros((2, 4, 3))),
+    "`inertia` must be positive": lambda: sled_on(inertia=(0.0, 1.0, 1.0)),
+    "`damping` must have one value per mode": lambda: sj.Modes([40.0], [0.01, 0.02], np.zeros((1, 4, 3))),
+}
+
+
+def modes_at(places):
+    return sj.Modes([40.0], [0.01], np.zeros((1, places, 3)))
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_input_is_refused_in_one_line(text):
     with pytest.raises(ValueError, match=text):
-        make()
+        BAD[text]()
 
 
 def test_runs_end_before_the_foremost_slipper_leaves_the_rail():

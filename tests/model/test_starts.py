@@ -16,17 +16,15 @@ from slipperjax.model.quantities import MOTION_NUMBERS
 from slipperjax.model.starts import at_rest, state_and_penetration
 from slipperjax.tools.batching import Batched
 
+from ..common import narrow_sled, sled_on
+
 SCENE = dataclasses.replace(sj.paper_scene(stiffness=1e9, restitution=0.6), gravity=9.81)
 LEVEL = dataclasses.replace(SCENE, track=sj.StraightTrack())
 WEIGHT = 14.0 * 9.81
 """Of the paper's slipper [N]."""
 LOADED = dataclasses.replace(SCENE, load=sj.AppliedLoad(force=[0.0, 300.0, -800.0], moment=[5.0, 30.0, -20.0]))
-SLED = dataclasses.replace(
-    SCENE,
-    sled=sj.SledMass(
-        mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3], travel=[1e-4, 1e-4], stop_stiffness=[1e7, 1e7]
-    ),
-)
+SPRUNG = dict(mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3], travel=[1e-4, 1e-4], stop_stiffness=[1e7, 1e7])
+SLED = dataclasses.replace(SCENE, sled=sj.SledMass(**SPRUNG))
 
 
 def state_of(scene, epoch=0.0, **added):
@@ -49,16 +47,16 @@ def test_a_slipper_on_a_level_rail_sinks_in_as_hertz_says():
 
 @pytest.mark.full
 @pytest.mark.parametrize("scene", [SCENE, LOADED, SLED, dataclasses.replace(LOADED, friction=sj.Coulomb(0.2))])
-@pytest.mark.parametrize("epoch", [0.0, 3.3])
-def test_all_forces_are_in_balance(scene, epoch):
-    state = state_of(scene, epoch)
-    # gyroscopic moments come with the velocities
-    still = {name: 0.0 for name in vars(state.motion) if "v_" in name or "w_" in name}
-    if state.motion.sled is not None:
-        still["sled"] = dataclasses.replace(state.motion.sled, v_y=0.0, v_z=0.0)
-    state = sj.State(dataclasses.replace(state.motion, **still), state.memory)
-    found = sj.reactions(0.0, state, sj.Args(scene, epoch)).acceleration
-    np.testing.assert_allclose(found, 0.0, atol=1e-3)  # measured 1.1e-4 m/s^2, by what centres it
+def test_all_forces_are_in_balance(scene):
+    for epoch in (0.0, 3.3):
+        state = state_of(scene, epoch)
+        # gyroscopic moments come with the velocities
+        still = {name: 0.0 for name in vars(state.motion) if "v_" in name or "w_" in name}
+        if state.motion.sled is not None:
+            still["sled"] = dataclasses.replace(state.motion.sled, v_y=0.0, v_z=0.0)
+        state = sj.State(dataclasses.replace(state.motion, **still), state.memory)
+        found = sj.reactions(0.0, state, sj.Args(scene, epoch)).acceleration
+        np.testing.assert_allclose(found, 0.0, atol=1e-3)  # measured 1.1e-4 m/s^2, by what centres it
 
 
 @pytest.mark.full
@@ -76,19 +74,15 @@ def test_the_equilibrium_has_the_least_energy():
     scene = LOADED.replace(stiffness=stiff)
     frame = sj.model.kinematics.rail_frame(scene, epoch)
     size = np.array([1e-3, 1e-3, 5e-3, 5e-3, 5e-3])
+    push = np.array([300.0, -800.0 - WEIGHT, 2 * 5.0, 2 * 30.0, 2 * -20.0])
 
     @jax.jit
     def energy(unknown):
-        motion = sj.Motion(*(size * unknown))
-        depth = jnp.maximum(-sj.model.kinematics.contacts(frame, motion).gap, 0.0)
-        force, moment = np.array([300.0, -800.0 - WEIGHT]), np.array([5.0, 30.0, -20.0])
-        work = force @ jnp.stack([motion.y, motion.z]) + 2 * moment @ jnp.stack([motion.q_x, motion.q_y, motion.q_z])
-        return 0.4 * stiff * jnp.sum(depth**2.5) - work
+        gap = sj.model.kinematics.contacts(frame, sj.Motion(*(size * unknown))).gap
+        return 0.4 * stiff * jnp.sum(jnp.maximum(-gap, 0.0) ** 2.5) - push @ (size * unknown)
 
-    start = jnp.zeros(5)
-    best = scipy.optimize.minimize(
-        energy, start, jac=jax.grad(energy), method="BFGS", options=dict(gtol=1e-7, maxiter=3000)
-    )
+    options = dict(jac=jax.grad(energy), method="BFGS", options=dict(gtol=1e-7, maxiter=3000))
+    best = scipy.optimize.minimize(energy, jnp.zeros(5), **options)
     motion = state_of(scene, epoch).motion
     found = np.array([motion.y, motion.z, motion.q_x, motion.q_y, motion.q_z])
     np.testing.assert_allclose(found / size, best.x, atol=2e-3)
@@ -106,14 +100,12 @@ def test_what_nothing_holds_stands_in_the_middle_of_its_play():
 @pytest.mark.full
 def test_a_slipper_at_rest_follows_the_rail():
     """Its velocities are the change of the equilibrium along the rail."""
-    at = [state_of(LOADED, 2.2 + shift).motion for shift in (-1e-5, 0.0, 1e-5)]
+    before, here, after = (state_of(LOADED, 2.2 + shift).motion for shift in (-1e-5, 0.0, 1e-5))
     seconds = 2e-5 * 8.0 / 1250.0
-    slopes = {
-        n: (float(getattr(at[2], n)) - float(getattr(at[0], n))) / seconds for n in ("y", "z", "q_x", "q_y", "q_z")
-    }
-    np.testing.assert_allclose([at[1].v_y, at[1].v_z], [slopes["y"], slopes["z"]], rtol=1e-4, atol=1e-5)
-    rates = sj.model.kinematics.attitude_rates(at[1])
-    np.testing.assert_allclose(rates, [slopes["q_x"], slopes["q_y"], slopes["q_z"]], rtol=1e-3, atol=1e-4)
+    slope = jax.tree.map(lambda a, b: (a - b) / seconds, after, before)
+    np.testing.assert_allclose([here.v_y, here.v_z], [slope.y, slope.z], rtol=1e-4, atol=1e-5)
+    rates = sj.model.kinematics.attitude_rates(here)
+    np.testing.assert_allclose(rates, [slope.q_x, slope.q_y, slope.q_z], rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.full
@@ -156,10 +148,8 @@ def test_slippers_find_their_rest_on_many_rails():
 @pytest.mark.full
 def test_sleds_find_their_rest_on_two_rails():
     """Stiff ones, which a few of their slippers could carry."""
-    mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
-    sled = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts)
     track = sj.RandomRails(sj.RandomTrack.sled(length=620.0, ramp=20.0), coherence=0.95)
-    scene = dataclasses.replace(LEVEL, slipper=sled, track=track).replace(clearance=0.8e-3, stiffness=1e10)
+    scene = dataclasses.replace(LEVEL, slipper=narrow_sled(), track=track).replace(clearance=0.8e-3, stiffness=1e10)
 
     def start(seed, epoch):
         at = dataclasses.replace(scene, track=dataclasses.replace(track, seed=seed).prepared())
@@ -184,11 +174,9 @@ def test_sleds_find_their_rest_on_twisted_rails():
     stiffness += [13115545.068676699, 170505129.98014283, 9520422.407709826, 5736740.730739701]
     play = [0.0019260690628046966, 0.00025270422970505656, 0.00021083454427515375, 0.0023114385983423204]
     play += [0.00021975341063131502, 0.0019688869367932293, 0.00047768226917894974, 0.00012087066172731417]
-    mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
     track = sj.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3)
     track = eqx.filter_jit(sj.RandomRails.prepared)(track)
-    sled = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts)
-    scene = dataclasses.replace(sj.paper_scene(600.0), slipper=sled, track=track, gravity=9.81)
+    scene = dataclasses.replace(sj.paper_scene(600.0), slipper=narrow_sled(), track=track, gravity=9.81)
 
     def heights(place, stiffness, clearance):
         return at_rest(scene.replace(stiffness=stiffness, clearance=clearance), place).z
@@ -198,22 +186,15 @@ def test_sleds_find_their_rest_on_twisted_rails():
 
 
 @pytest.mark.full
-def test_a_slipper_without_rest_is_said():
-    """One face, which a load pulls off the rail."""
-    off = dataclasses.replace(LEVEL, gravity=None, load=sj.AppliedLoad(force=[0.0, 0.0, 50.0]))
+def test_what_finds_no_rest_is_said():
+    """A slipper of one face, which a load pulls off the rail; and a sled that a moment turns over, the slippers of
+    which do not reach around the rail, beside one that rests."""
     one = sj.Section(points=[[0.03, 0.013], [-0.03, 0.013]], play=[5e-4], names=("J", "A"), faces=(("A", "J"),))
+    off = dataclasses.replace(LEVEL, gravity=None, load=sj.AppliedLoad(force=[0.0, 0.0, 50.0]), section=one)
     with pytest.warns(sj.ImplausibleWarning, match="A slipper finds no rest on the rail: start it with a motion"):
-        state = sj.initial_state(dataclasses.replace(off, section=one), sj.AtRest())
+        state = sj.initial_state(off, sj.AtRest())
     assert np.isnan(float(state.motion.z))
-
-
-@pytest.mark.full
-def test_a_sled_without_rest_names_the_slippers_that_float():
-    """A moment that turns a sled over, whose slippers do not reach around the rail; beside it, one that rests."""
-    mounts = [sj.Mount(x, y, -0.2, rail=rail) for rail, y in (("left", 0.9), ("right", -0.9)) for x in (1.2, -1.2)]
-    sled = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=mounts)
-    one = sj.Section(points=[[0.03, 0.013], [-0.03, 0.013]], play=[5e-4], names=("J", "A"), faces=(("A", "J"),))
-    parts = dict(section=one, slipper=sled, load=sj.AppliedLoad(moment=[0.0, 0.0, 0.0]))
+    parts = dict(section=one, slipper=sled_on(), load=sj.AppliedLoad(moment=[0.0, 0.0, 0.0]))
     scene = dataclasses.replace(LEVEL, track=sj.TwoRails(LEVEL.track, LEVEL.track), **parts)
     turned = eqx.tree_at(lambda s: s.load.moment, scene, jnp.array([[0.0, 0.0, 0.0], [5e3, 0.0, 0.0]]))
     starts = jax.tree.map(lambda number: jnp.broadcast_to(number, 2), sj.AtRest())

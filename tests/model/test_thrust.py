@@ -160,7 +160,6 @@ def test_faults_of_the_table_are_one_line(old, new, words, tmp_path):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: sj.RocketSled([0.0], [1.0], mass=1.0), "`time` must be 2 or more numbers"),
         (lambda: sj.RocketSled([0.0, 1.0], [1.0, -1.0], mass=1.0), "`thrust` must be zero or positive, but is -1 N"),
         (lambda: sled(brakes=[5]), r"`brakes` must be a list of slipperjax.WaterBrake\(...\), but is \[5\]"),
     ],

@@ -14,6 +14,7 @@ from slipperjax.model.quantities import COORDINATE_SCALES
 from slipperjax.model.step_size import contact_duration
 
 from ..common import fine
+from ..families import facts_of, irregularity_of, motion_of
 
 
 class SineTrack(sj.AbstractTrack):
@@ -50,8 +51,8 @@ def scene_with(track):
 
 def test_harmonic_irregularity_and_its_slope():
     track = sj.HarmonicTrack((8.0, 12.0), 1e-3, 2e-3)
-    distance = jnp.asarray([0.3, 2.0, 805.7])
-    here, slope = track.motion(distance)
+    distance = np.array([0.3, 2.0, 805.7])
+    here, slope = motion_of(track, distance)
     shape = np.sin(2 * np.pi * distance / 8) + np.sin(2 * np.pi * distance / 12)
     rate = 2 * np.pi * (np.cos(2 * np.pi * distance / 8) / 8 + np.cos(2 * np.pi * distance / 12) / 12)
     np.testing.assert_allclose(here.lateral, 1e-3 * shape, atol=1e-15)
@@ -84,12 +85,10 @@ TRACKS = {
 @pytest.mark.parametrize("name", TRACKS)
 def test_tracks_say_whether_they_recur_how_steep_and_how_short_they_are(name):
     track, *needed = TRACKS[name]
-    values = lambda track: (track.recurrence, track.steepest_slope, track.shortest_wavelength)
-    for found in (values(track), jax.jit(values)(track)):
-        np.testing.assert_allclose(found, needed, rtol=1e-9)
+    np.testing.assert_allclose(facts_of(track), needed, rtol=1e-9)
     # the least number of first wavelengths by its definition, which a straight rail does without
-    places = jnp.asarray(np.arange(97) / 97 + np.arange(7)[:, None])
-    heights = np.asarray(track.irregularity(track.wavelength * places).lateral)
+    places = np.arange(97) / 97 + np.arange(7)[:, None]
+    heights = np.asarray(irregularity_of(track, float(track.wavelength) * places).lateral)
     equal = np.max(np.abs(heights[1:] - heights[0]), axis=1) < 1e-12
     if needed[0]:
         assert (np.flatnonzero(equal)[0] + 1 if equal.any() else np.inf) == needed[0] / float(track.wavelength)
@@ -139,7 +138,7 @@ def test_lateral_and_vertical_are_separate():
     normals, seen = np.asarray(scene.section.normals), []
     gaps = sj.jit(lambda t: sj.reactions(t, state, sj.Args(scene)).gap)
     for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
-        here, _ = scene.track.motion(jnp.asarray(8.0 * t))
+        here = irregularity_of(scene.track, np.array(8.0 * t))
         np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
         # of the front; the rear is 0.2 m behind
         seen.append(np.asarray(gaps(t))[0] + normals @ shift)

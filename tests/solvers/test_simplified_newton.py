@@ -3,7 +3,6 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -159,31 +158,6 @@ def test_runs_are_those_of_newtons_method(scene, kind):
     np.testing.assert_allclose(finer, exact, atol=1e-8)  # measured: 5e-10
 
 
-@pytest.mark.slow
-def test_runs_whose_iterations_fail_are_marked():
-    """Two steps per period are far too long for any contact."""
-    solver = diffrax.Kvaerno5(root_finder=SimplifiedNewton(), root_find_max_steps=2)
-    found = sj.simulate(sj.paper_scene(), 4, steps_per_period=2, solver=solver, loads=False)
-    assert int(found.status) == Status.NOT_FINITE
-
-
-@pytest.mark.slow
-def test_an_additive_method_takes_it():
-    """Weight in the explicit part, everything else in the implicit one."""
-    scene = settle_memory(SMOOTH)
-    field, state = vector_field(scene), sj.initial_state(scene, sj.table_2_start())
-    nothing = jax.tree.map(jnp.zeros_like, state)
-    weight = lambda t, y, args: eqx.tree_at(lambda s: s.motion.v_z, nothing, -9.81 * scene.period)
-
-    def end(finder):
-        terms = diffrax.MultiTerm(diffrax.ODETerm(weight), diffrax.ODETerm(field))
-        how = dict(args=Args(scene, 0.0), stepsize_controller=diffrax.ConstantStepSize())
-        found = diffrax.diffeqsolve(terms, diffrax.KenCarp4(root_finder=finder), 0.0, 1.0, STEP, state, **how)
-        return np.array(jax.tree.leaves(found.ys.motion))[:, -1]
-
-    np.testing.assert_allclose(end(SimplifiedNewton()), end(EXACT), atol=1e-6)  # measured: 1e-8
-
-
 def test_other_equations_are_refused():
     term, solver = diffrax.ODETerm(lambda t, y, args: -y), diffrax.Kvaerno3(root_finder=SimplifiedNewton())
     with pytest.raises(ValueError, match="`root_finder` must be another one than SimplifiedNewton"):
@@ -209,9 +183,3 @@ def sweeps(count, solver):
 def test_threads_do_not_wait_for_each_other():
     with ThreadPoolExecutor(1) as pool:
         pool.submit(sweeps, 20, diffrax.ImplicitEuler()).result(timeout=300)
-
-
-@pytest.mark.slow
-def test_a_thousand_calls_on_two_threads_end():
-    with ThreadPoolExecutor(1) as pool:
-        pool.submit(sweeps, 1000, diffrax.Kvaerno5()).result(timeout=1800)

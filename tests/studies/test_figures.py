@@ -48,18 +48,14 @@ def test_figures_and_data_are_written(tmp_path):
     assert plt.imread(tmp_path / "fig13.png").shape == (1080, 700, 4)
 
 
-def test_single_cases(drawn):
+def test_single_cases_show_their_lines_and_their_highest_forces(drawn):
     history, sections = made.singles()
     figure = drawn("4", {"histories": history, "sections": sections})
-    assert [ax.get_title("left") for ax in figure.axes[::3]] == [
-        f"{speed} m/s, 1 mm, 0.2 m" for speed in (900, 1500, 2300)
-    ]
-    shown = figure.axes[4].lines[0]  # the spectrum at 1500 m/s has its lines at f, 2f and 3f
-    x, y = shown.get_xdata(), shown.get_ydata()
-    assert [
-        round(float(x[(x > k - 0.5) & (x < k + 0.5)][np.argmax(y[(x > k - 0.5) & (x < k + 0.5)])]), 2)
-        for k in (1, 2, 3)
-    ] == [1, 2, 3]
+    titles = [ax.get_title("left") for ax in figure.axes[::3]]
+    assert titles == [f"{speed} m/s, 1 mm, 0.2 m" for speed in (900, 1500, 2300)]
+    x, y = figure.axes[4].lines[0].get_data()  # the spectrum at 1500 m/s has its lines at f, 2f and 3f
+    highest = [x[np.where(np.abs(x - k) < 0.5, y, -np.inf).argmax()] for k in (1, 2, 3)]
+    np.testing.assert_allclose(highest, [1, 2, 3], atol=5e-3)
     assert len(drawn("7", {"histories": history}).axes) == 6
     history["peak_force"] = 1.05 * history["peak_force"]  # what is saved misses them
     twelve = drawn("12", {"histories": history}).axes
@@ -68,7 +64,6 @@ def test_single_cases(drawn):
     assert labels[:3] == [f"{p}2: peak {peak:.0f} N" for p, peak in zip("ACJ", peaks, strict=True)]
     dashed = [line for line in twelve[0].lines if line.get_linestyle() == "--"]
     assert [line.get_ydata()[0] for line in dashed] == pytest.approx(peaks / 1e3)
-    assert [line.get_color() for line in dashed] == [line.get_color() for line in twelve[0].get_legend().get_lines()]
 
 
 def test_flagged_cases_are_named_in_their_panels(drawn):
@@ -88,16 +83,11 @@ def test_flagged_cases_are_named_in_their_panels(drawn):
     assert [texts(ax) for ax in drawn("13", {"dual": dual}).axes] == [["flagged: DERAILED"]] * 3
 
 
-def test_lines_are_named_in_figure_13(drawn):
-    axes = drawn("13", {"dual": made.two_waves()}).axes
-    assert all(texts(ax) == list(DUAL_LINES) for ax in axes)
-    assert axes[0].texts[0].get_position()[0] == 150
-
-
-def test_diagrams_and_exponents_are_over_their_parameter(drawn):
-    ds = made.clearances_as_claimed()
-    assert len(drawn("8", {"clearance": ds}).axes) == 5
-    assert not drawn("8", {"clearance": ds}).legends  # no branches
+def test_other_figures_name_their_lines_and_are_over_their_parameter(drawn):
+    assert all(texts(ax) == list(DUAL_LINES) for ax in drawn("13", {"dual": made.two_waves()}).axes)
+    clearances = drawn("8", {"clearance": made.clearances_as_claimed()})
+    assert len(clearances.axes) == 5
+    assert not clearances.legends  # no branches
     found = made.exponents("length", np.linspace(0.1, 0.5, 9), np.arange(9) < 2)
     found["regime"] = ("length", np.where(np.arange(9) < 2, "chaotic", "periodic"))
     ax = drawn("11", {"length_exponents": found}).axes[0]
@@ -109,10 +99,11 @@ def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
     data = {"speed": made.speeds_as_claimed()}
     data |= {f"speed_branch_{one.period}": one.points for one in made.speed_branches()}
     first, spare, *others = drawn("5", data).axes
-    panels = [first, *others]
-    assert len(panels) == 5
-    assert not any(ax.get_legend() for ax in panels)
+    assert len(others) == 4
+    assert not any(ax.get_legend() for ax in (first, *others))
     entries = {text.get_text() for text in spare.get_legend().get_texts()}
     assert entries >= {"period 1, stable", "period 2, unstable", "LP fold", "PD flip", "GR grazing"}
-    top = panels[0]
-    assert {line.get_color() for line in top.lines if line.get_linestyle() == "-"} == {COLORS["blue"], COLORS["red"]}
+    assert {line.get_color() for line in first.lines if line.get_linestyle() == "-"} == {
+        COLORS["blue"],
+        COLORS["red"],
+    }

@@ -69,42 +69,42 @@ MILLION = {"speed": np.linspace(1e3, 2e3, 10**4), "clearance": np.linspace(1e-3,
 TWO = {"speed": [1e3, 2e3]}
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (
-            lambda s, at: sj.sweep(s, MILLION, periods=10**6, record="peak_force", store=at),
-            "cases of .* need about",
-        ),
-        (lambda s, at: sj.lyapunov_sweep(s, MILLION, periods=10**6, store=at), "cases of .* need about"),
-        (lambda s, at: sj.sweep(s, TWO, record="strobe", transient=10**14), "need about .* more than a year"),
-        (lambda s, at: sj.follow(s, TWO, transient=10**12), "need about .*B of memory"),
-        (lambda s, at: sj.period_map(s, sj.initial_state(s), periods=10**12), "need about .*B of memory"),
-        (lambda s, at: sj.sample_box({"speed": (1e3, 2e3)}, 10**12), "1000000000000 points need about 8 TB"),
-        (lambda s, at: sj.simulate(s, 60, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9, store=at), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.sweep(s, TWO, refine=10**9), "`refine` must be at most"),
-        (lambda s, at: sj.follow(s, TWO, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.run(s, length=100.0, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.lyapunov_spectrum(s, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (
-            lambda s, at: sj.lyapunov_spectrum(s, periods=10**12),
-            "1000000000000 forcing periods of 40 steps need about",
-        ),
-        (lambda s, at: sj.periodic_orbit(s, 10**9), "`period` must be at most"),
-        (lambda s, at: sj.periodic_orbit(s, steps_per_period=10**9), "`steps_per_period` must be at most"),
-        (lambda s, at: sj.orbit_sweep(s, TWO, period=10**9), "`period` must be at most"),
-        (lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), period=10**9), "`period` must be at most"),
-        (
-            lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), steps_per_period=10**9),
-            "`steps_per_period` must be",
-        ),
+YEARS = {
+    "cases of .* need about": [
+        lambda s, at: sj.sweep(s, MILLION, periods=10**6, record="peak_force", store=at),
+        lambda s, at: sj.lyapunov_sweep(s, MILLION, periods=10**6, store=at),
     ],
-)
-def test_what_would_take_years_is_refused_before_it_is_begun(tmp_path, call, words):
-    with pytest.raises(ValueError, match=words):
-        call(SCENE, tmp_path / "map.zarr")
+    "need about .* more than a year": [lambda s, at: sj.sweep(s, TWO, record="strobe", transient=10**14)],
+    "need about .*B of memory": [
+        lambda s, at: sj.follow(s, TWO, transient=10**12),
+        lambda s, at: sj.period_map(s, sj.initial_state(s), periods=10**12),
+    ],
+    "1000000000000 points need about 8 TB": [lambda s, at: sj.sample_box({"speed": (1e3, 2e3)}, 10**12)],
+    "1000000000000 forcing periods of 40 steps need about": [lambda s, at: sj.lyapunov_spectrum(s, periods=10**12)],
+    "`refine` must be at most": [lambda s, at: sj.sweep(s, TWO, refine=10**9)],
+    "`period` must be at most": [
+        lambda s, at: sj.periodic_orbit(s, 10**9),
+        lambda s, at: sj.orbit_sweep(s, TWO, period=10**9),
+        lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), period=10**9),
+    ],
+    "`steps_per_period` must be at most": [
+        lambda s, at: sj.simulate(s, 60, steps_per_period=10**9),
+        lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9),
+        lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9, store=at),
+        lambda s, at: sj.follow(s, TWO, steps_per_period=10**9),
+        lambda s, at: sj.run(s, length=100.0, steps_per_period=10**9),
+        lambda s, at: sj.lyapunov_spectrum(s, steps_per_period=10**9),
+        lambda s, at: sj.periodic_orbit(s, steps_per_period=10**9),
+        lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), steps_per_period=10**9),
+    ],
+}
+
+
+@pytest.mark.parametrize("words", YEARS)
+def test_what_would_take_years_is_refused_before_it_is_begun(tmp_path, words):
+    for call in YEARS[words]:
+        with pytest.raises(ValueError, match=words):
+            call(SCENE, tmp_path / "map.zarr")
     assert not list(tmp_path.iterdir())
 
 
@@ -166,7 +166,6 @@ def test_wrong_boxes_are_named():
         ({"spede": (1.0, 2.0)}, {}, "spede"),
         ({"speed": (2e3, 1e3)}, {}, "lower and the higher bound of speed"),
         ({"speed": (1e3, 2e3, 3e3)}, {}, "lower and the higher bound of speed"),
-        ({"speed": (1e3, 2e3)}, dict(count=0), "`count`"),
         ({"speed": (1e3, 2e3)}, dict(log=["mass"]), "`log` must name parameters of `box`, but is 'mass'"),
         ({"start_y": (-1e-3, 1e-3)}, dict(log=["start_y"]), "`log` must name parameters above zero"),
         ({"speed": 1e3}, {}, "bound of speed, or its distribution, but has 1000"),

@@ -13,16 +13,14 @@ import slipperjax as sj
 from slipperjax.flow.datasets import load_call, run_attributes
 from slipperjax.solvers.named import resolve_controller, resolve_solver
 
+from ..families import settling, swept
+
 # other values than the nominal ones, other parts, and a start with closed contacts
 SCENE = sj.paper_scene(restitution=0.85).replace(**{"section.play.2": 4.3e-4})
 SEVERAL = sj.paper_scene(wavelengths=(8.0, 5.0)).replace(gravity=9.81, **{"section.play.2": 4.3e-4})
 START = eqx.tree_at(
     lambda state: state.memory, sj.initial_state(SCENE, sj.table_2_start()), jnp.linspace(-0.5, 0.0, 20)
 )
-GRID = {"speed": [900.0, 1250.0], "start_v_y": [0.5, 0.4]}
-SPEEDS = {"speed": [1250.0, 1500.0]}
-# in the programs of test_sweep and test_exponents
-TEN = dict(transient=10, periods=10)
 
 
 def saved(ds, path):
@@ -32,7 +30,7 @@ def saved(ds, path):
 
 @pytest.fixture(scope="module")
 def grid():
-    return sj.sweep(SCENE, GRID, record="strobe", transient=0, periods=10)
+    return swept([900.0, 1250.0], [0.5, 0.4], scene=SCENE)
 
 
 def test_scenes_and_starts_come_back_exactly():
@@ -51,8 +49,8 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     back = saved(one, tmp_path / "one.nc")
     assert eqx.tree_equal(sj.load_scene(tmp_path / "one.nc"), SCENE.replace(speed=1250.0))
     assert sj.load_start(back).v_y == 0.4
-    assert eqx.tree_equal(sj.load_scene(ds, speed=900.0), SCENE.replace(speed=900.0))
-    assert eqx.tree_equal(sj.load_scene(ds, speed=pint.Quantity(3240.0, "km/h")), SCENE.replace(speed=900.0))
+    for speed in (900.0, pint.Quantity(3240.0, "km/h")):
+        assert eqx.tree_equal(sj.load_scene(ds, speed=speed), SCENE.replace(speed=900.0))
     lost = ds.isel(speed=0).drop_vars("speed")
     for wrong, words in (
         (lambda: sj.load_scene(ds), "`speed` must be given, as the result has 2 values"),
@@ -70,7 +68,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
 
 @pytest.mark.full
 def test_side_by_side_values_choose_one_case():
-    ds = sj.sweep(sj.paper_scene(), SPEEDS | {"start_v_y": [0.5, 0.4]}, product=False, record="strobe", **TEN)
+    ds = swept([1250.0, 1500.0], [0.5, 0.4], [0.0, 0.0], product=False)
     assert float(sj.load_scene(ds, speed=1250.0).speed) == 1250.0
     assert sj.load_start(ds.isel(case=1)).v_y == 0.4
 
@@ -96,16 +94,15 @@ def test_solvers_come_back_or_say_that_they_do_not():
 
 @pytest.mark.full
 def test_a_run_goes_on_where_another_ended():
-    """Seventeen periods, and three of another seventeen, are the twenty of `test_sweep`, whose program they take."""
-    scene, steps = sj.paper_scene(), dict(steps_per_period=50)
-    whole, first = sj.simulate(scene, 20, **steps), sj.simulate(scene, 17, **steps)
+    """Seventeen periods, and three of another seventeen, are twenty."""
+    scene, steps, last = sj.paper_scene(), dict(steps_per_period=50), settling().state.motion.v_y[-1]
+    first = sj.simulate(scene, 17, **steps)
     for start in (first, first.end):
         second = sj.simulate(scene, 17, start=start, **steps)
         # measured: 2e-16, because the phase counts from another period
-        np.testing.assert_allclose(second.state.motion.v_y[150], whole.state.motion.v_y[-1], rtol=1e-12)
+        np.testing.assert_allclose(second.state.motion.v_y[150], last, rtol=1e-12)
     # as a motion alone, contacts that are closed begin anew
     assert np.any(np.asarray(first.end.memory) < 0)
-    swept = sj.sweep(scene, {"speed": [1250.0]}, record="strobe", transient=0, periods=10, start=first, **steps)
-    np.testing.assert_allclose(
-        swept["strobe"].sel(coordinate="v_y").values[0, 2], whole.state.motion.v_y[-1], rtol=1e-9
-    )
+    m = first.end.motion
+    ds = swept([1250.0], [float(m.v_y)], [float(m.z)], start=first, transient=0)
+    np.testing.assert_allclose(ds["strobe"].sel(coordinate="v_y").values[0, 2], last, rtol=1e-9)

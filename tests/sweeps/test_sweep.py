@@ -1,60 +1,61 @@
-"""Batches: equal to one by one, whatever the chunks; failing cases apart; labelled results.
+"""Batches: equal to one by one, whatever the order and threads; failing cases apart; labelled results."""
 
-Few programs are compiled: a batch varies the speed in eight lanes, strobes and sections have ten periods, histories
-and single runs twenty, and there is room for 100 steps; other files of this folder take the same.
-"""
-
+import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.course import over_periods
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import COORDINATES
 
 from ..common import columns
+from ..families import SPEEDS, STEPS, settling, swept
 
-SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
-STEPS = 50
+LOADS = ("peak_force", "impulse", "contact_fraction", "penetration")
 OPTIONS = dict(transient=10, periods=10, steps_per_period=STEPS)
 
 
+@jax.jit
+def last_ten(loads):
+    """Loads of the last ten of twenty periods."""
+    return over_periods(jax.tree.map(lambda a: a[10:], loads))
+
+
 @pytest.fixture(scope="module")
-def strobe():
-    return sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, record="strobe", chunk=8, **OPTIONS)
+def several():
+    return swept()
 
 
-def fine(speed=1250.0, start=None):
-    """Every step of 20 periods: one compiled program for all."""
-    return sj.simulate(sj.paper_scene(speed), 20, steps_per_period=STEPS, start=start)
-
-
-def test_batch_equals_one_by_one(strobe):
+def test_batch_equals_one_by_one(several):
+    assert several.attrs["settled"] == 10
+    assert several["strobe"].dims == ("speed", "strobe_period", "coordinate")
+    assert several["peak_force"].dims == ("speed", "end", "point")
+    assert several["coordinate"].values.tolist() == list(COORDINATES)
+    assert "w_x [rad/s]" in several["strobe"].attrs["long_name"]
     for k in (1, 3):
-        many = strobe["strobe"].values[k].T
+        case, run = several.isel(speed=k), settling(SPEEDS[k])
         # measured 9e-10: sums are reassociated differently in a batch, and rounding grows at every touchdown
-        np.testing.assert_allclose(many.T, columns(fine(SPEEDS[k]))[550::50], rtol=1e-7, atol=1e-9)
-    assert strobe.attrs["settled"] == 10
-    assert strobe["strobe"].dims == ("speed", "strobe_period", "coordinate")
-    assert strobe["coordinate"].values.tolist() == list(COORDINATES)
-    assert "w_x [rad/s]" in strobe["strobe"].attrs["long_name"]
+        np.testing.assert_allclose(case["strobe"], columns(run)[550::50], rtol=1e-7, atol=1e-9)
+        labels, loads = run.to_xarray(), last_ten(run.loads)
+        for name in LOADS:
+            np.testing.assert_allclose(case[name], getattr(loads, name), rtol=1e-7, atol=1e-12, err_msg=name)
+            assert case[name].attrs == labels[name].attrs
 
 
-def test_chunks_and_threads_change_no_bit():
-    options = OPTIONS | dict(transient=0)
-    run = lambda **how: sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, record="strobe", **how, **options)
-    several, one = run(chunk=8), run(chunk=16, workers=1)
+def test_threads_and_the_order_of_cases_change_no_bit(several):
+    turned = swept(SPEEDS[::-1], workers=1)
     for name in several.data_vars:
-        np.testing.assert_array_equal(several[name].values, one[name].values)
+        np.testing.assert_array_equal(turned[name].values[::-1], several[name].values, err_msg=name)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
-def test_a_failing_case_is_flagged_and_leaves_the_others_untouched(strobe):
-    speeds = SPEEDS.copy()
-    speeds[1] = 1e-3  # a period of hours in 50 steps: the first contact throws it out of the finite numbers
-    with_failure = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="strobe", chunk=8, **OPTIONS)
-    good = np.arange(len(SPEEDS)) != 1
+def test_a_failing_case_is_flagged_and_leaves_the_others_untouched(several):
+    # a period of hours in 50 steps: the first contact throws it out of the finite numbers
+    with_failure = swept(np.where(SPEEDS == 1100.0, 1e-3, SPEEDS))
+    good = SPEEDS != 1100.0
     np.testing.assert_array_equal(with_failure["status"].values, np.where(good, 0, 1))
-    np.testing.assert_array_equal(with_failure["strobe"].values[good], strobe["strobe"].values[good])
+    np.testing.assert_array_equal(with_failure["strobe"].values[good], several["strobe"].values[good])
     assert "raise steps_per_period" in with_failure["status"].attrs["meaning"]
 
 
@@ -67,7 +68,7 @@ def test_sections_are_those_of_a_fine_trajectory():
     assert ds["steps_per_period"].values.tolist() == [50, 100]
     assert np.all(ds["status"].values == 0)
     # the crossings are those of a finely saved trajectory, and the strobe is its state once per period
-    case, one = ds.sel(speed=1250.0), fine()
+    case, one = ds.sel(speed=1250.0), settling()
     np.testing.assert_allclose(case["strobe"].values, columns(one)[50:501:50], rtol=1e-9, atol=1e-11)
     y, v = np.asarray(one.state.motion.y)[:501], np.asarray(one.state.motion.v_y)[:501]
     at = np.flatnonzero((y[:-1] < 0) & (y[1:] >= 0))
@@ -90,7 +91,7 @@ def test_cases_of_several_step_counts_are_those_of_each_alone():
         # another order of sums; rounding grows at every touchdown
         found, exact = ds[name].values[::2, 49:100:50], alone["strobe"].sel(coordinate=name).values[::2, :2]
         np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8, err_msg=name)
-    one = fine().to_xarray().isel(time=slice(1, None))
+    one = settling().to_xarray().isel(time=slice(1, None))
     np.testing.assert_allclose(ds["period"].values, one["period"].values, atol=1e-12)
     one, same = one.isel(time=slice(100)), ds.isel(speed=1, time=slice(100))
     np.testing.assert_allclose(same["y"].values, one["y"].values, atol=1e-12)
@@ -104,69 +105,56 @@ def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
     speeds = [1240.0, 1250.0, 1260.0]
     ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
     assert ds["strobe"].dims == ("direction", "speed", "strobe_period", "coordinate")
-    assert ds["direction"].values.tolist() == ["up", "down"]
     assert ds["steps_per_period"].values.tolist() == [[STEPS] * 3] * 2
     assert np.all(ds["status"].values == 0)
     for direction, order in (("up", speeds), ("down", speeds[::-1])):
         end = None
         for speed in order:  # 20 periods: the transient, and what is recorded
-            end = fine(speed, end)
+            end = settling(speed, end)
             found = float(ds["strobe"].sel(direction=direction, speed=speed, coordinate="v_y")[-1])
             assert found == pytest.approx(float(end.end.motion.v_y), rel=1e-8), speed  # measured 1e-12
 
 
 def test_starts_can_be_varied_and_lists_be_read_side_by_side():
-    grid = {"speed": [1250.0, 1500.0], "start_v_y": [0.5, -0.5], "start_z": [1e-4, 2e-4]}
-    options = dict(OPTIONS, record="strobe", transient=0)
-    product, listed = (sj.sweep(sj.paper_scene(), grid, product=how, **options) for how in (True, False))
+    grid = [1250.0, 1500.0], [0.5, -0.5], [1e-4, 2e-4]
+    product, listed = (swept(*grid, product=how) for how in (True, False))
     assert product["strobe"].dims == ("speed", "start_v_y", "start_z", "strobe_period", "coordinate")
     assert product["start_z"].attrs["units"] == "m"
     start = sj.Motion(v_y=-0.5, z=1e-4, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
-    y = columns(fine(start=start))[50:501:50, 0]
-    np.testing.assert_allclose(product["strobe"].sel(coordinate="y").values[0, 1, 0], y, rtol=1e-9, atol=1e-12)
+    y = columns(settling(start=start))[550::50, 0]
+    # as of a batch, beside one by one
+    np.testing.assert_allclose(product["strobe"].sel(coordinate="y").values[0, 1, 0], y, rtol=1e-7, atol=1e-9)
     assert listed["strobe"].dims == ("case", "strobe_period", "coordinate")
     assert listed["speed"].dims == listed["start_z"].dims == ("case",)
     np.testing.assert_array_equal(listed["strobe"].values, [product["strobe"].values[k, k, k] for k in range(2)])
     with pytest.raises(ValueError, match="lists of one length"):
-        sj.sweep(sj.paper_scene(), {"speed": [1e3, 2e3], "length": [0.2]}, product=False)
+        swept([1e3, 2e3], product=False)
 
 
 @pytest.mark.full
 def test_sweeps_say_what_half_the_step_changes():
-    of_steps = lambda steps, **how: sj.sweep(
-        sj.paper_scene(),
-        {"speed": SPEEDS},
-        record="strobe",
-        chunk=8,
-        **(OPTIONS | dict(steps_per_period=steps) | how),
-    )
-    few, more = (of_steps(steps, probe=True) for steps in (25, 100))
+    few, more = (swept(steps_per_period=steps, probe=True) for steps in (25, 100))
     assert np.all((more["probe_error"] > 0) & (more["probe_error"] < 2e-3))  # measured 6e-6 to 5e-4
     assert more["probe_error"].median() < 0.1 * few["probe_error"].median()
-    np.testing.assert_array_equal(more["strobe"], of_steps(100)["strobe"])
-    # as it costs a tenth at most, and there is a program for it
-    assert "probe_error" in of_steps(100, transient=20)
-    assert "probe_error" not in of_steps(100)
-    assert "probe_error" not in of_steps(100, transient=20, probe=False)
+    np.testing.assert_array_equal(more["strobe"], swept(steps_per_period=100)["strobe"])
+    # by default where it costs a tenth at most, and there is a program for it
+    assert "probe_error" in swept(steps_per_period=100, probe=None)
+    assert "probe_error" not in swept(steps_per_period=100, transient=0, probe=None)
+    assert "probe_error" not in swept(steps_per_period=100)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_inaccurate_cases_are_marked():
-    options = OPTIONS | dict(steps_per_period=10, probe=True)
-    ds = sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, record="strobe", chunk=8, **options)
+    ds = swept(steps_per_period=10, probe=True)
     wrong = ds["probe_error"].values > 0.1
     assert 0 < wrong.sum() < len(SPEEDS)
-    fine = ds["status"].isin([Status.FINITE, Status.INACCURATE]).values
-    np.testing.assert_array_equal((ds["status"] == Status.INACCURATE).values, wrong & fine)
+    known = ds["status"].isin([Status.FINITE, Status.INACCURATE]).values
+    np.testing.assert_array_equal((ds["status"] == Status.INACCURATE).values, wrong & known)
 
 
 def test_default_steps_may_be_refined():
-    options = dict(record="strobe", transient=0, periods=10, chunk=8)
-    steps = [sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, refine=k, **options)["steps_per_period"] for k in (1, 3)]
-    np.testing.assert_array_equal(steps[1], 3 * steps[0])
-    for how, words in (
-        (dict(refine=0), "1 or more"),
-        (dict(refine=2, steps_per_period=50), "be 1 where steps_per_p"),
-    ):
+    once, twice = (swept(SPEEDS[SPEEDS > 850], steps_per_period=None, refine=k) for k in (1, 2))
+    np.testing.assert_array_equal(twice["steps_per_period"], 2 * once["steps_per_period"])
+    for steps, refine, words in ((None, 0, "1 or more"), (50, 2, "be 1 where steps_per_p")):
         with pytest.raises(ValueError, match=f"Argument `refine` must .*{words}"):
-            sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options, **how)
+            swept(steps_per_period=steps, refine=refine)
