@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 import slipperjax as sj
 from slipperjax.flow.course import Course, Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import History, PoincareSections, RecordedSpan, RecordSet, Strobe
+from slipperjax.flow.record import History, PoincareSections, RecordedSpan, RecordSet, Samples, Strobe
 from slipperjax.flow.records import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
@@ -19,7 +19,7 @@ from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
 from slipperjax.sweeps.windows import PEAK_DISTANCE, PerWindow
 
-from ..common import STEPS, fine
+from ..common import STEPS, growth, fine
 from .made_up import made_up_course
 
 PERIODS, EPOCH = 3, 5.0
@@ -198,3 +198,21 @@ def test_equal_ones_share_a_program():
     assert RecordSet(tuple(again)) == RecordSet(SEVERAL.records[:4])
     assert hash(RecordSet(tuple(again))) == hash(RecordSet(SEVERAL.records[:4]))
     assert RecordSet(tuple(again)) != RecordSet(SEVERAL.records[:3])
+
+
+@pytest.mark.parametrize("from_start", [False, True])
+def test_samples_of_twice_as_many_calls_are_twice_the_work(from_start):
+    records = RecordSet((Strobe(from_start),))
+
+    def of_calls(count):
+        samples = Samples(records, 3 * count // 2)
+        for call in range(count):
+            samples.add(records, (np.full((2, 3, 10), float(call)),))
+        return samples
+
+    # the last half of the calls, or all
+    (kept,) = of_calls(40).joined()
+    expected = np.repeat(np.arange(0 if from_start else 20, 40), 3)
+    np.testing.assert_array_equal(kept[1, :, 0], expected)
+    # measured 2.00
+    assert growth(lambda count: of_calls(count).joined(), 100) < 2.2
