@@ -525,6 +525,11 @@ tests/sweeps/test_stores.py -k damaged_tile
 -        there = all(file.is_file() for file in (mark, *self.files(number)))
 +        there = mark.is_file()
 
+a tile is written to whatever store has taken the place of its own
+tests/sweeps/test_stores.py -k old_worker
+-        if _digest(content_of(_description(self.path))) != self.digest:
++        if False:
+
 lock taken only by who waits
 tests/sweeps/test_stores.py -k two_processes_cannot_write
 -        lock.acquire(timeout=seconds)
