@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import sys
 from pathlib import Path
 
 import jax
@@ -43,6 +44,31 @@ def among(known, *every_day, slow=()):
     """Parameters of a test from a table of them by name, marked full but for those of every day and slow ones."""
     mark = lambda name: () if name in every_day else pytest.mark.slow if name in slow else pytest.mark.full
     return [pytest.param(value, id=name, marks=mark(name)) for name, value in known.items()]
+
+
+def growth(function, size):
+    """The calls of functions in `function(4 * size)` beyond those of twice the size, over those of twice beyond once:
+    2 where work grows as the size, 4 where it grows as its square, whatever else the machine does."""
+
+    def calls(times):
+        count = 0
+
+        def counted(frame, event, argument):
+            nonlocal count
+            count += event in ("call", "c_call")
+
+        before = sys.getprofile()
+        sys.setprofile(counted)
+        try:
+            function(times * size)
+        finally:
+            sys.setprofile(before)
+        return count
+
+    function(size)  # what happens once, such as imports, is no growth
+    once, twice, four_times = map(calls, (1, 2, 4))
+    assert once < twice < four_times
+    return (four_times - twice) / (twice - once)
 
 
 def cases(name):

@@ -507,8 +507,8 @@ tests/sweeps/test_jumps.py -k keeps_its_number
 
 attractors are numbered anew at each speed
 tests/sweeps/test_jumps.py -k keeps_its_number
--        if distance <= reach and i not in numbers and number not in numbers.values():
-+        if distance <= 0 and i not in numbers and number not in numbers.values():
+-        if i not in numbers and number not in taken:
++        if False:
 
 an escape from chaos passes for the end of a branch
 tests/sweeps/test_jumps.py -k escape_from
@@ -525,6 +525,11 @@ tests/sweeps/test_stores.py -k damaged_tile
 -        there = all(file.is_file() for file in (mark, *self.files(number)))
 +        there = mark.is_file()
 
+a tile is written to whatever store has taken the place of its own
+tests/sweeps/test_stores.py -k old_worker
+-        if _digest(content_of(_description(self.path))) != self.digest:
++        if False:
+
 lock taken only by who waits
 tests/sweeps/test_stores.py -k two_processes_cannot_write
 -        lock.acquire(timeout=seconds)
@@ -535,6 +540,11 @@ resumed by the number of tiles
 tests/sweeps/test_stores.py -k damaged_tile
 -        for number in np.flatnonzero(~archive.complete_tiles()).tolist():
 +        for number in range(int(archive.complete_tiles().sum()), archive.tiles.count):
+
+threads go on after their run
+tests/sweeps/test_interrupts.py -k threads_have_ended
+-            wait(running, patience)
++            wait(running, 0.0)
 
 Ctrl-C swallowed
 tests/sweeps/test_interrupts.py -k finished_chunks_are_kept

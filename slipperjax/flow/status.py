@@ -292,8 +292,8 @@ class Interrupted(KeyboardInterrupt):
         ds = stop.result
     ```
 
-    In an interactive session `sys.last_value.result` is the same. The run's threads end after the call that they are
-    in.
+    In an interactive session `sys.last_value.result` is the same. The run's threads have ended then; a warning says
+    where one goes on to the end of the call that it is in, such as one that compiles.
     """
 
     def __init__(self, result: object, finished: int, of: int | None = None, unit: str = "cases"):

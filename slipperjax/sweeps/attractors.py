@@ -1,5 +1,6 @@
 """Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -111,7 +112,8 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     ranked = rank[numbers]
     basin = np.moveaxis(ranked.reshape(*outer, *inner), range(len(axes)), axes)
-    share = np.mean(ranked[..., None] == np.arange(len(kinds)), axis=1).reshape(*outer, len(kinds))
+    counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in ranked]
+    share = np.reshape(counts, (*outer, len(kinds))) / ranked.shape[1]
     text = "attractor, by falling size of its basin; -1 for cases with a status"
     data = {
         "basin": column(strobe.dims, basin, "", text),
@@ -145,13 +147,6 @@ class _Basin(NamedTuple):
     period: int
     mark: Float[np.ndarray, " marks"]
     cases: Int[np.ndarray, " some"]
-
-    def far(self, other: "_Basin") -> float:
-        """Return how far another attractor is, infinitely of another period; of what does not recur marks tell
-        nothing."""
-        if self.period != other.period:
-            return np.inf
-        return float(np.max(np.abs(self.mark - other.mark))) if self.period else 0.0
 
 
 def _numbered(
@@ -189,13 +184,32 @@ def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_B
     return sorted(found, key=lambda basin: basin.cases[0])
 
 
+def _near(here: list[_Basin], known: list[tuple[int, _Basin]], reach: float) -> Iterator[tuple[float, int, int]]:
+    """Yield the distance, the place in `here` and the number of attractors of one period that are within `reach`."""
+    numbers: dict[int, list[int]] = {}
+    marks: dict[int, list[np.ndarray]] = {}
+    for number, basin in known:
+        numbers.setdefault(basin.period, []).append(number)
+        marks.setdefault(basin.period, []).append(basin.mark)
+    arrays = {period: np.array(of_period) for period, of_period in marks.items()}
+    for i, basin in enumerate(here):
+        if basin.period not in arrays:
+            continue
+        # marks say nothing of what does not recur
+        others = arrays[basin.period] if basin.period else basin.mark[None]
+        apart = np.max(np.abs(others - basin.mark), axis=-1)
+        for k in np.flatnonzero(apart <= reach).tolist():
+            yield float(apart[k]), i, numbers[basin.period][k]
+
+
 def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
     """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
-    pairs = [(basin.far(other), i, number) for i, basin in enumerate(here) for number, other in known]
     numbers: dict[int, int] = {}
-    for distance, i, number in sorted(pairs):
-        if distance <= reach and i not in numbers and number not in numbers.values():
+    taken = set()
+    for _, i, number in sorted(_near(here, known, reach)):
+        if i not in numbers and number not in taken:
             numbers[i] = number
+            taken.add(number)
     for i, basin in enumerate(here):
         if i not in numbers and basin.period == 0 and 0 in kinds:
             # what does not recur is one, wherever it is met

@@ -25,7 +25,7 @@ from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.scene import Scene
 from ..solvers.latching import calls_lapack
 from ..tools.batching import Batched
-from ..tools.checks import TOLD
+from ..tools.checks import TOLD, warn
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.progress import bar as progress_bar, is_live
 from ..tools.types import Real
@@ -34,6 +34,8 @@ from .schedule import Span
 
 TICK = 0.25
 """Seconds between two checks of a run's threads, and for Ctrl-C."""
+PATIENCE = 1.0
+"""Seconds for which running threads are waited for after Ctrl-C: most calls are shorter, except where they compile."""
 
 
 class ChunkRun(NamedTuple):
@@ -288,7 +290,7 @@ def run_chunks(
 ) -> Run:
     """Call `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
 
-    After Ctrl-C it returns at once with the chunks that are finished; threads end after the call that they are in.
+    After Ctrl-C it returns with the chunks that are finished.
 
     **Arguments:**
 
@@ -328,11 +330,12 @@ def gather(
     threads: int,
     executor: Executor | None = None,
     done: Callable[[int], object] = lambda k: None,
-    patience: float = 0.0,
+    patience: float = PATIENCE,
 ) -> None:
     """Run tasks on threads of this process, or by an executor, the first ones first.
 
-    After Ctrl-C, or an error of a task, the others are cancelled; in those that run `heed_interrupts` raises.
+    After Ctrl-C, or an error of a task, the others are cancelled; those that run end after the call that they are in,
+    where `heed_interrupts` raises. A warning says where they last longer than `patience`.
 
     **Arguments:** `done`: called with the number of each task that has ended; `patience`: how long to wait for
     running threads after Ctrl-C or an error [s].
@@ -362,10 +365,17 @@ def gather(
         stop.set()
         if executor is None:
             wait(running, patience)
+            _warn_of_running(sum(not future.done() for future in running))
         raise
     finally:
         if executor is None:
             pool.shutdown(wait=False)  # an executor belongs to the caller
+
+
+def _warn_of_running(threads: int) -> None:
+    """Warn where threads go on after their run."""
+    if threads:
+        warn(f"The run has ended, but {threads} of its threads will go on to the end of the call that they are in.")
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:

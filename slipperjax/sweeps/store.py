@@ -181,6 +181,8 @@ class Archive:
     """A store that exists: what its attribute `MARK` says, and where it is."""
 
     path: Path
+    digest: str
+    """Of its description on disk, which holds the call."""
     call: dict[str, Any]
     versions: dict[str, str]
     dims: list[str]
@@ -215,12 +217,12 @@ class Archive:
 
     def mark_of(self, number: int) -> str:
         """Return what tells a tile from those of other calls and places."""
-        return _digest(f"[{self._called}, {number}]".encode())
+        return _digest(f"{self._called} {number}".encode())
 
     @functools.cached_property
     def _called(self) -> str:
-        """The call as text, which takes long to make."""
-        return json.dumps(self.call, sort_keys=True)
+        """Digest of the call, which may hold a whole rail."""
+        return _digest(json.dumps(self.call, sort_keys=True).encode())
 
     def is_complete(self, number: int) -> bool:
         """Return whether all files of a tile are there, with the mark of this store."""
@@ -258,7 +260,8 @@ class Archive:
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then. `ValueError` where a store
         of another call was put in this one's place.
         """
-        _open_archive(self.path, self.call)  # raises where another store has taken its place
+        if _digest(content_of(_description(self.path))) != self.digest:
+            _open_archive(self.path, self.call)  # raises where a store of another call has taken its place
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
         # chunks of zeros and NaN are written, too, because a tile without all its files is absent
@@ -365,14 +368,19 @@ def _make_archive(path: Path, *contents: object) -> Archive:
     return _open_archive(path)
 
 
+def _description(path: Path) -> Path:
+    """Return the file of a store that says what it is."""
+    return path / "zarr.json"
+
+
 def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archive:
     """Open a store that exists.
 
     **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
     """
     try:
-        attributes = json.loads(content_of(path / "zarr.json"))["attributes"]
-        archive = Archive(path, **json.loads(attributes[MARK]))
+        content = content_of(_description(path))
+        archive = Archive(path, _digest(content), **json.loads(json.loads(content)["attributes"][MARK]))
         archive.files(archive.tiles.count - 1)  # raises where shapes and dimensions do not suit each other
     except (OSError, KeyError, ValueError, TypeError, RecursionError, AttributeError, ZeroDivisionError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 import slipperjax as sj
 from slipperjax.flow.course import Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import PoincareSections, RecordedSpan, RecordSet
+from slipperjax.flow.record import PoincareSections, RecordedSpan, RecordSet, Samples, Strobe
 from slipperjax.flow.records import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
@@ -17,7 +17,7 @@ from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
 from slipperjax.sweeps.windows import PEAK_DISTANCE
 
-from ..common import STEPS, fine
+from ..common import STEPS, fine, growth
 from .made_up import made_up_course
 
 PERIODS, EPOCH = 3, 5.0
@@ -144,3 +144,21 @@ def test_a_sweep_tells_where_its_highest_forces_were():
     ds = sj.sweep(sj.paper_scene(), grid, record=record, transient=2, periods=6, steps_per_period=STEPS)
     np.testing.assert_allclose(ds["peak_distance"], 8.0 * ds["peak_period"], rtol=1e-12)
     assert ds["peak_distance"].attrs["units"] == "m"
+
+
+@pytest.mark.parametrize("from_start", [False, True])
+def test_samples_of_twice_as_many_calls_are_twice_the_work(from_start):
+    records = RecordSet((Strobe(from_start),))
+
+    def of_calls(count):
+        samples = Samples(records, 3 * count // 2)
+        for call in range(count):
+            samples.add(records, (np.full((2, 3, 10), float(call)),))
+        return samples
+
+    # the last half of the calls, or all
+    (kept,) = of_calls(40).joined()
+    expected = np.repeat(np.arange(0 if from_start else 20, 40), 3)
+    np.testing.assert_array_equal(kept[1, :, 0], expected)
+    # measured 2.00
+    assert growth(lambda count: of_calls(count).joined(), 100) < 2.2

@@ -32,12 +32,15 @@ class Found(NamedTuple):
 def interrupt_after(monkeypatch):
     """Interrupts the next runs when so many of their chunks are finished."""
 
+    until = runs.wait
+
     def after(finished):
         def wait(futures, timeout, *first):
-            while first and sum(future.done() for future in futures) < finished:
+            if not first:
+                return until(futures, timeout)
+            while sum(future.done() for future in futures) < finished:
                 time.sleep(0.001)
-            if first:
-                raise KeyboardInterrupt
+            raise KeyboardInterrupt
 
         monkeypatch.setattr(runs, "wait", wait)
 
@@ -65,8 +68,9 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
 
     interrupt_after(2)
     before = time.perf_counter()
-    _, done = run(work)
-    assert time.perf_counter() - before < 2.0  # whatever lasts longer is not waited for
+    with pytest.warns(sj.ImplausibleWarning, match="has ended, but 1 of its threads will go on"):
+        _, done = run(work)
+    assert time.perf_counter() - before < 4.0  # whatever lasts longer is not waited for
     hold.set()
     assert (done.finished.tolist(), done.interrupted) == ([True] * 6 + [False] * 6, True)
     status, value, count = done.results
@@ -74,6 +78,36 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
     np.testing.assert_array_equal(value, [*(1.5 * np.arange(6)), *[np.nan] * 6])
     assert count.tolist() == [1, 2, 3, 4, 5, 6] + [0] * 6
     assert begun == [0, 3, 6]  # none is begun after it
+
+
+def test_threads_have_ended_when_a_run_has():
+    """After an interrupt, and after an error in another thread."""
+    calls = []
+
+    def begins(chunk, on_progress):
+        ends[0](chunk)
+        while True:
+            calls.append("begun")
+            time.sleep(0.05)
+            calls.append("ended")
+            on_progress(1)
+
+    def interrupt(chunk):
+        Stop.here().set()
+
+    def fail(chunk):
+        if chunk.index[0] >= 3:
+            raise ValueError("seen")
+
+    ends = [interrupt]
+    _, done = run(begins, 2)
+    assert done.interrupted
+    assert calls.count("begun") == calls.count("ended") > 0
+    calls.clear()
+    ends = [fail]
+    with pytest.raises(ValueError, match="seen"):
+        run(begins, 2)
+    assert calls.count("begun") == calls.count("ended")
 
 
 @pytest.mark.parametrize("outer", [False, True])

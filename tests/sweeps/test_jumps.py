@@ -10,7 +10,7 @@ from slipperjax.sweeps.attractors import attractors, groups
 from slipperjax.sweeps.follow import find_jump
 from slipperjax.sweeps.run import ChunkRun
 
-from ..common import SCALES
+from ..common import SCALES, growth
 
 
 def dataset(states, dims):
@@ -84,6 +84,21 @@ def test_thousands_of_chaotic_cases_are_one_group():
     states = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4000, 20, 10))
     found = groups(dataset(states, ("a",)))
     assert (found.sizes["attractor"], found["share"].item()) == (1, 1.0)
+
+
+def test_work_grows_as_the_number_of_attractors():
+    """Each start is on an attractor of its own, at each of three speeds."""
+
+    def of_starts(count):
+        level = np.random.default_rng(0).uniform(-100.0, 100.0, (1, count, 1, 10))
+        states = np.tile(level, (3, 1, 4, 1)) * SCALES
+        ds = dataset(states, ("speed", "start_y")).assign_coords(speed=[1e3, 2e3, 3e3], start_y=np.arange(count))
+        found = groups(ds, last=4)
+        # each keeps its number
+        assert np.all(np.diff(found["basin"].values, axis=0) == 0)
+        assert found["share"].values == pytest.approx(1 / count)
+
+    assert growth(of_starts, 50) < 2.2  # measured 2.00
 
 
 @pytest.fixture

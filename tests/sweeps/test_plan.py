@@ -1,5 +1,6 @@
 """Plans: each case's own steps, in chunks that change no result."""
 
+import diffrax
 import numpy as np
 import pytest
 

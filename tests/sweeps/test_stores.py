@@ -1,6 +1,5 @@
 """Stores: the same bytes however a sweep was cut short, and clear words where they cannot be written."""
 
-import dataclasses
 import errno
 import itertools
 import json
@@ -369,11 +368,15 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
 
 
 def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
-    old = dataclasses.replace(module._open_archive(stored), call={"function": "another"})
+    old = module._open_archive(stored)
     ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
+    old.write(2, ds)
+    assert files(stored) == whole
+    call(stored, fresh=True, periods=4)
+    before = files(stored)
     with pytest.raises(ValueError, match="must be of the same call"):
         old.write(2, ds)
-    assert files(stored) == whole
+    assert files(stored) == before
 
 
 def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stored, monkeypatch):
@@ -605,3 +608,22 @@ def test_what_is_no_executor_or_no_store_is_named(tmp_path):
     ):
         with pytest.raises(ValueError, match=words):
             make()
+
+
+def test_the_call_is_digested_once_and_not_for_each_tile(stored, whole, monkeypatch):
+    """A call may hold a whole rail."""
+    shutil.rmtree(stored / "status" / "marks")
+    seen = []
+    of_text = module._digest
+    monkeypatch.setattr(module, "_digest", lambda content: seen.append(len(content)) or of_text(content))
+    opened = []
+    of_store = module._open_archive
+    monkeypatch.setattr(module, "_open_archive", lambda *given: opened.append(given) or of_store(*given))
+    call(stored)
+    assert files(stored) == whole
+    attributes = json.loads((stored / "zarr.json").read_text())["attributes"]
+    long = len(json.dumps(json.loads(attributes[module.MARK])["call"], sort_keys=True))
+    assert seen.count(long) == 1
+    # the file that holds it is digested where it is opened, and by each tile
+    assert sum(length > long for length in seen) == len(opened) + 12
+    assert len(opened) < 5
