@@ -21,14 +21,13 @@ from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
-from ..sweeps.grid import Cases
 from ..sweeps.plan import PERIODS_PER_CALL
 from ..sweeps.run import heed_interrupts
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
 from .channels import begin
-from .course import SIZES, Model, Windows, in_groups, values_read
+from .course import SIZES, Model, Windows, values_read
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractFitMethod, Posterior, Problem
@@ -383,54 +382,34 @@ class _Ensemble:
         own = problem.start.motion if isinstance(problem.start, State) else problem.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
-        cases = self._cases(values, numbers, members, len(levels), seed)
-        of_sensors = values[:, len(problem.names) :]
         noise = np.array([sensor.noise for sensor in problem.rig.sensors])[:, None]
         deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
         settle = method.transient
+        origin = problem.origin + settle
+        reader = model.reader(model.samples, origin)
 
-        def work(index: np.ndarray) -> list[np.ndarray]:
-            scenes, starts = cases.take(index)
-            epoch = np.full(len(index), problem.origin)
-            states = begin(scenes, State(starts, None), epoch, names=problem.names).state
+        def work(scenes, starts, window, q):
+            epoch = np.full(len(window), problem.origin)
+            states = begin(scenes, starts, epoch, names=problem.names).state
             # nothing is recorded until the motion has settled
             for passed in range(0, settle, PERIODS_PER_CALL):
                 heed_interrupts()
                 used = as_argument(min(PERIODS_PER_CALL, settle - passed))
                 how = dict(solver=problem.solver, periods=PERIODS_PER_CALL, used=used)
                 states = advance(scenes, states, problem.origin + passed, model.stepping, **how).state
-            epoch = epoch + settle
-            now = begin(scenes, states, epoch, names=problem.names)
-            seen = model.followed(scenes, now, float(epoch[0]), 0, model.windows.periods)
-            at = np.broadcast_to(model.windows.time[0], (len(index), *model.windows.time.shape[1:]))
-            read = values_read(
-                scenes,
-                problem.rig,
-                of_sensors[index],
-                seen,
-                epoch,
-                epoch[0],
-                at,
-                sensor_names=problem.sensor_names,
-                samples=model.samples,
-            )
-            return [np.asarray(read)]
+            now = begin(scenes, states, epoch + settle, names=problem.names)
+            seen = model.followed(scenes, now, origin, 0, model.windows.periods)
+            return [np.asarray(values_read(reader, scenes, q, seen, epoch + settle, model.windows.time[window]))]
 
-        (read,) = in_groups(cases.count, LANES, work)
-        return read.reshape(len(levels), members, *read.shape[1:]) + noise * deviates
+        (read,) = model.each(values, numbers, LANES, work, **self._rails(members, len(levels), seed))
+        return read.reshape(len(levels), members, *read.shape[2:]) + noise * deviates
 
-    def _cases(self, values: np.ndarray, numbers: np.ndarray, members: int, count: int, seed: int) -> Cases:
-        """Return cases of all members, each on a rail of its own where rails are random."""
-        problem = self.model.problem
-        cases = self.model.cases(values, numbers)
-        track = problem.scene.track
-        if recurs(problem.scene) or not track.chosen_by:
-            return cases
-        path = f"track.{track.chosen_by}"
-        rails = np.tile(np.arange(members) + 1000 * (seed + 1), count)
-        on_rails = Cases(problem.scene, cases.axes | {path: rails}, problem.start, product=False)
-        on_rails.starts = cases.starts
-        return on_rails
+    def _rails(self, members: int, count: int, seed: int) -> dict[str, np.ndarray]:
+        """Return the numbers that choose a rail for each member, where rails are random."""
+        scene = self.model.problem.scene
+        if recurs(scene) or not scene.track.chosen_by:
+            return {}
+        return {f"track.{scene.track.chosen_by}": np.tile(np.arange(members) + 1000 * (seed + 1), count)}
 
 
 def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:
