@@ -50,9 +50,9 @@ SHOWN = 24
 """Of these, whose densities are kept."""
 LANES = 32
 """Runs in one call."""
-UNLIKELY = 0.01
+SIGNIFICANCE_OF_FEATURES = 0.01
 """Share of records that are as far from the others below which a model does not explain one."""
-BESIDE = 200
+MIN_RUNS_FOR_P_VALUE = 200
 """Runs near the likely parameters, at least, beside which a record is seen."""
 
 
@@ -267,7 +267,7 @@ class _Emulator:
         """Return the emulator with what records near the likely levels are like, beside the measured one."""
         away = known.level - self.mean
         far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(self.covariance), away)
-        near = np.argsort(far)[: max(len(far) // 10, -(-BESIDE // known.values.shape[1]))]
+        near = np.argsort(far)[: max(len(far) // 10, -(-MIN_RUNS_FOR_P_VALUE // known.values.shape[1]))]
         runs = known.values[near].reshape(-1, len(record))
         middle, spread_ = runs.mean(axis=0), runs.std(axis=0) + 1e-12
         x = (np.vstack([record, runs]) - middle) / spread_
@@ -448,8 +448,8 @@ class FeaturePosterior(Posterior):
     def ends(self, confidence: float) -> np.ndarray:
         return np.quantile(self.draws, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
 
-    def unexplained(self, rig: Rig) -> list[str]:
-        if self.excess > UNLIKELY:
+    def misfit(self, rig: Rig) -> list[str]:
+        if self.excess > SIGNIFICANCE_OF_FEATURES:
             return []
         far = np.argsort(-np.abs(self.measured - self.expected) / self.spread)[:3]
         worst = ", ".join(self.names[k] for k in far)

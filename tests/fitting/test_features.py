@@ -111,13 +111,13 @@ def test_a_chaotic_record_tells_of_its_parameters():
         error = np.sqrt(found.posterior.covariance[found.names.index(name), found.names.index(name)])
         assert abs(level - one.level(float(scene.value(name)))) < 3 * error
         assert error < 0.5
-    assert not found.unexplained
+    assert not found.misfit
     ds = found.to_xarray()
     assert np.isfinite(ds["density"]).any()
     assert sj.plots.plot(ds).shape == (2, 2)
     # no trajectory stays near this record
     lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
-    assert lost.unexplained
+    assert lost.misfit
 
 
 def test_shares_are_fractions_and_a_record_is_longer_than_its_points():
