@@ -5,6 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design import OrbitSensitivities
+from slipperjax.model.quantities import MOTION_NUMBERS
 
 STEPS = 50
 NAMES = ("clearance", "length")
@@ -12,9 +13,9 @@ NAMES = ("clearance", "length")
 
 @pytest.fixture(scope="module")
 def grid():
-    record = OrbitSensitivities(objectives=("peak_force", "exponent"), parameters=NAMES)
+    record = OrbitSensitivities(objectives=("peak_force",), parameters=NAMES)
     options = dict(record=record, steps_per_period=STEPS, transient=60, periods=1, progress=False)
-    return sj.sweep(sj.paper_scene(), {"speed": [1250.0, 1500.0, 2300.0]}, **options)
+    return sj.sweep(sj.paper_scene(), {"speed": [1250.0, 1500.0]}, **options)
 
 
 @pytest.mark.full
@@ -22,19 +23,18 @@ def test_slopes_over_a_grid_are_those_of_orbits_found_anew(grid):
     case = grid.sel(speed=1500.0)
     scene = sj.paper_scene(1500.0)
     start = sj.periodic_orbit(scene, steps_per_period=STEPS)
-    np.testing.assert_allclose(case["orbit_exponent"], start.exponent, rtol=1e-6)
+    at_z = list(MOTION_NUMBERS).index("z")
     for name in NAMES:
         value = float(scene.value(name))
         ends = []
         for side in (-1, 1):
             near = scene.replace(**{name: value * (1 + side * 1e-5)})
             orbit = sj.periodic_orbit(near, start=start.state, steps_per_period=STEPS)
-            force = orbit.trajectory(saves_per_period=STEPS).peak_force
-            y = sj.model.StateLayout.pack(orbit.state)[1]
-            ends.append([float(np.max(force)), float(orbit.exponent), float(y)])
+            peaks = orbit.trajectory(loads=True).loads.peak_force
+            ends.append([float(np.max(peaks)), float(orbit.state.motion.z)])
         slope = np.subtract(*ends[::-1]) / (2e-5 * value)
         found = case.sel(parameter=name)
-        ours = [found["orbit_peak_force_slope"], found["orbit_exponent_slope"], found["orbit_state_slope"][1]]
+        ours = [found["orbit_peak_force_slope"], found["orbit_state_slope"].values[at_z]]
         np.testing.assert_allclose(ours, slope, rtol=1e-5)
 
 
@@ -42,7 +42,6 @@ def test_slopes_over_a_grid_are_those_of_orbits_found_anew(grid):
 def test_every_case_is_that_of_its_own_scene(grid):
     assert grid["orbit_peak_force_slope"].dims == ("speed", "parameter")
     assert grid["parameter_unit"].values.tolist() == ["m", "m"]
-    # an unstable orbit has slopes, too
     assert np.isfinite(grid["orbit_state_slope"]).all()
     assert not np.allclose(grid["orbit_peak_force_slope"][0], grid["orbit_peak_force_slope"][1])
 
