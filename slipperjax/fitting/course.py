@@ -322,19 +322,20 @@ class Model:
         states = now.state
         kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.samples[0])]
         how = dict(solver=self.problem.solver, periods=CALL, records=self.kept)
-        for passed in range(0, total, CALL):
+        passed = 0
+        while passed < total:
             heed_interrupts()
-            used = min(CALL, total - passed)
+            used = min(CALL, (settle if passed < settle else total) - passed)
             ran = advance(scenes, states, epoch + passed, self.stepping, used=as_argument(used), **how)
             states = ran.state
             # periods and samples in one row, without the periods that are not used
             row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * self.samples, *a.shape[3:])
             kept.append(jax.tree.map(row, ran.samples[0]))
-            if passed + used <= settle:
+            passed += used
+            # of the time in which the motion settles the last instant
+            if passed <= settle:
                 kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
-        seen = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
-        # of the call in which the motion has settled, the rest
-        return jax.tree.map(lambda a: a[:, settle % CALL * self.samples if settle < total else -1 :], seen)
+        return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
 
 
 def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:

@@ -100,7 +100,8 @@ class Trajectories(AbstractFitMethod):
             fit = dataclasses.replace(fit, guess=fit.guess[kept], jump=jump)
             found = search(fit.rows, found.point[kept], shown, rough=ROUGH)
             kept = found.nearest(found.cost[found.lead], REFINED_STARTS)
-        noise = np.where(np.isnan(given), fit.noise_left(found.point[found.lead]), given)
+        point = found.point[[found.lead]]
+        noise = np.where(np.isnan(given), fit.noise_left(fit.course(point), point.size), given)
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
             model = model.with_steps(fit.needed(found.point[found.lead]))
@@ -186,11 +187,8 @@ class Fitting:
         of_levels[..., -1] = others * levels
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
-    def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
+    def noise_left(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
         """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
-        return self._noise_of(self.course(point[None]), point.size)
-
-    def _noise_of(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
         windows = self.model.windows
         left = (course.reading[0] - windows.value) * windows.known
         count = windows.known.sum(axis=(0, 2))
@@ -219,7 +217,7 @@ class Fitting:
         levels, numbers = self.split(point)
         fewer = self.model.course(self.model.values(levels), numbers, stride=2)
         # half the instants have 14 times the error, measured with 20, 40 and 80: cubics are of fourth order
-        return Checked(shift(finer), shift(fewer) / 14, self._noise_of(course, point.size))
+        return Checked(shift(finer), shift(fewer) / 14, self.noise_left(course, point.size))
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what the searches tell of the parameters.
