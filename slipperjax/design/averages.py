@@ -14,15 +14,16 @@ import numpy as np
 
 from ..flow.period_map import states_and_penetrations
 from ..flow.record import RecordSet
+from ..flow.records import AbstractNumber
 from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES, disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
 from ..sweeps.plan import Part, make_plan
+from ..sweeps.records import LargestExponent
 from ..sweeps.run import run_cases, run_chunk
 from .ensembles import Plane, box_corners
-from .gradients import PeriodValues, totals
 from .objectives import Evaluation, EvaluationPlan
 
 
@@ -100,28 +101,24 @@ def _run_members(
     motions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
-    courses = plan.of_courses
-    # objectives of courses are one record; exponents are measured after the record, by stages
-    records = RecordSet((PeriodValues(courses),) if courses else ())
-    stages = tuple(plan.objectives[k] for k in plan.exponents)
     ensemble = plan.ensemble
     options = Call(ensemble.transient, ensemble.periods, plan.steps, steps_per_period=plan.steps, solver=plan.solver)
     cases = Grid(plan.scene, grid, product=False)
-    runs = make_plan(cases, plan.start, options, records, stages)
-    structure = jax.tree.structure(MOTION_SCALES)
+    exponents = plan.places(LargestExponent)
+    stages = tuple(plan.objectives[k] for k in exponents)
+    runs = make_plan(cases, plan.start, options, RecordSet(plan.numbers), stages)
     # each run has its own start, in place of the plan's
-    runs.cases.starts = jax.tree.unflatten(structure, list(motions.T))
+    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), list(motions.T))
 
     def work(part: Part) -> _RunValues:
         # starts of runs may be deep inside contacts, which is no oversight
         states = states_and_penetrations(part.scenes, part.starts)[0]
         run = run_chunk(part, states)
         values = np.empty((len(run.status), len(plan.objectives)))
-        if courses:
-            values[:, plan.courses] = totals(courses, run.record[0])
-        # what stages have measured follows the record of courses, if there is one
-        for k, record in zip(plan.exponents, run.record[bool(courses) :], strict=True):
-            values[:, k] = record.exponent
+        # exponents are measured after the record, by stages, and have a standard error
+        measured = [*run.record[: len(plan.numbers)], *(value for value, _ in run.record[len(plan.numbers) :])]
+        for k, value in zip([*plan.places(AbstractNumber), *exponents], measured, strict=True):
+            values[:, k] = value
         return _RunValues(values, run.status)
 
     run = run_cases(runs, work, periods=runs.periods)

@@ -1,4 +1,4 @@
-"""Derivatives of objectives along motions, and on periodic orbits by the theorem of implicit functions.
+"""Derivatives of objectives on periodic orbits, by the theorem of implicit functions.
 
 An orbit x recurs, P(x, p) = x, so that its derivative by a parameter solves (I - P_x) dx/dp = P_p, of which Newton's
 method leaves the inverse. Forward mode pushes the parameters through the motion once to find P_p, and again along
@@ -12,29 +12,35 @@ from typing import NamedTuple
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from ..analysis.floquet import linearise
-from ..flow.period_map import PeriodMap
+from ..flow.period_map import PeriodMap, SlopePassage, advance_slopes
 from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
+from ..flow.simulate import dynamic_steps
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
+from ..sweeps.orbits import Maps, rows_of
+from ..sweeps.records import LargestExponent
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from ..tools.types import Real
 
-Objectives = tuple[AbstractNumber, ...]
+Objective = AbstractNumber | LargestExponent
+"""A number that a motion is judged by. Equal ones share compiled programs."""
 
 
 @dataclass(frozen=True)
 class PeriodValues(Unlabelled):
     """The values of some numbers in each forcing period, whose totals are differentiated."""
 
-    numbers: Objectives
+    numbers: tuple[AbstractNumber, ...]
 
     def values(self, scene, periods):
         return 10 * len(self.numbers) * periods
@@ -43,90 +49,117 @@ class PeriodValues(Unlabelled):
         return tuple(one.of(course) for one in self.numbers)
 
 
-class PeriodDerivatives(NamedTuple):
-    """States of a batch after a forcing period, the objectives' values in it, and derivatives of both.
+@dataclass(frozen=True)
+class OrbitObjectives:
+    """Objectives that are differentiated on orbits by parameters."""
 
-    The derivatives are along directions of start and parameters.
-    """
+    objectives: tuple[Objective, ...]
+    names: tuple[str, ...]
+    """Of the parameters."""
+    most_steps: int
+    """Steps per period that its programs have capacity for."""
 
-    end: Float[Array, "cases size"]
-    end_slopes: Float[Array, "cases directions size"]
-    kept: PyTree
-    """For each objective, arrays (cases, ...)."""
-    kept_slopes: PyTree
-    """For each objective, arrays (cases, directions, ...)."""
+    @property
+    def numbers(self) -> tuple[AbstractNumber, ...]:
+        """The objectives that are computed from courses of periods: all but exponents."""
+        return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
+
+    def places(self, kind: type) -> list[int]:
+        """Return the indices of the objectives of a kind."""
+        return [k for k, one in enumerate(self.objectives) if isinstance(one, kind)]
+
+    def no_slopes(self, rows: np.ndarray) -> np.ndarray:
+        """Return derivatives of states, (cases, parameters, size), that no parameter moves."""
+        return np.zeros((len(rows), len(self.names), rows.shape[1]))
+
+    def pushed(self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray) -> SlopePassage:
+        """Run cases over a forcing period, with derivatives."""
+        stepping = dynamic_steps(maps.steps, most=self.most_steps)
+        how = dict(names=self.names, records=RecordSet((PeriodValues(self.numbers),)), solver=maps.solver)
+        call = lambda scenes, rows, slopes: advance_slopes(
+            scenes, maps.states(rows), slopes, maps.epoch, stepping, **how
+        )
+        maps.on_progress(0)
+        return maps.of_blocks(call, index, rows, slopes)
+
+    def on(self, maps: Maps, rows: np.ndarray, inverse: np.ndarray) -> "OnOrbits":
+        """Return objectives and derivatives on the orbits of cases, NaN where the period of the map is 0.
+
+        **Arguments:** `rows`: states at the start of the orbits; `inverse`: of I - P_x.
+        """
+        slopes = np.full((len(rows), len(self.names), rows.shape[1]), np.nan)
+        value = np.full((len(rows), len(self.objectives)), np.nan)
+        gradient = np.full((*value.shape, len(self.names)), np.nan)
+        # orbits of one period alike
+        for period in np.unique(maps.periods[maps.periods > 0]):
+            index = np.flatnonzero(maps.periods == period)
+            # P_p at the end of the period, with the start held
+            end = self._periods(maps, index, rows[index], self.no_slopes(rows[index]))[-1][-1]
+            # dx/dp = (I - P_x)^-1 P_p, along which the objectives are differentiated
+            slopes[index] = np.einsum("cij,ckj->cki", inverse[index], end.slopes)
+            periods = self._periods(maps, index, rows[index], slopes[index])
+            if self.numbers:
+                stacked = lambda axis, parts: jax.tree.map(lambda *of: np.stack(of, axis), *parts)
+                kept = stacked(1, [passed.samples for *_, passed in periods])
+                kept_slopes = stacked(2, [passed.sample_slopes for *_, passed in periods])
+                totals = lambda scenes, *both: _total_slopes(self.numbers, *both)
+                at = index[:, None], self.places(AbstractNumber)
+                value[at], gradient[at] = maps.of_blocks(totals, index, *kept, *kept_slopes)
+            for k in self.places(LargestExponent):
+                value[index, k], gradient[index, k] = self._exponents(maps, index, periods)
+        return OnOrbits(slopes, value, gradient)
+
+    def _periods(
+        self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray, SlopePassage]]:
+        """Return states and derivatives at the start of each forcing period of orbits, and what passes in it."""
+        found = []
+        for _ in range(maps.periods[index[0]]):
+            passed = self.pushed(maps, index, rows, slopes)
+            found.append((rows, slopes, passed))
+            rows, slopes = rows_of(passed.state), np.asarray(passed.slopes)
+        return found
+
+    def _exponents(self, maps: Maps, index: np.ndarray, periods) -> tuple[np.ndarray, np.ndarray]:
+        """Return ln |largest multiplier| per period on orbits (cases,), and derivatives (cases, parameters)."""
+        how = dict(names=self.names, solver=maps.solver)
+        call = lambda scenes, rows, slopes: _matrix_slopes(
+            scenes, maps.states(rows), slopes, maps.epoch, dynamic_steps(maps.steps), **how
+        )
+        of_periods = [maps.of_blocks(call, index, rows, slopes) for rows, slopes, _ in periods]
+        stacked = [np.stack(parts, axis=1) for parts in zip(*of_periods, strict=True)]
+        found = [_exponent(*of_case) for of_case in zip(*stacked, strict=True)]
+        value, gradient = zip(*found, strict=True)
+        return np.array(value), np.array(gradient)
 
 
-@functools.partial(jit, static_argnames=("names", "objectives", "solver"))
-def push_period(
-    scenes: Batched[Scene],
-    states: State,
-    slopes: Float[Array, "cases directions size"],
-    epoch: Real,
-    stepping: AbstractStepping,
-    *,
-    names: tuple[str, ...],
-    objectives: Objectives,
-    solver: diffrax.AbstractSolver,
-) -> PeriodDerivatives:
-    """Run one forcing period, and differentiate it by the parameters `names`.
+class OnOrbits(NamedTuple):
+    """Objectives of cases on their orbits, and derivatives by parameters."""
 
-    **Arguments:** `slopes`: derivatives of the states at the start; `epoch`: forcing periods from distance zero.
-    """
-    records = RecordSet((PeriodValues(objectives),))
-
-    def one(scene: Scene, state: State, slopes: Array) -> PeriodDerivatives:
-        flat, unravel = ravel_pytree(state)
-
-        def run(x: Array, p: Array) -> tuple[Array, PyTree]:
-            step = PeriodMap(at_values(scene, names, p), stepping, solver)
-            passage = step.run(unravel(x), epoch, periods=1, records=records)
-            # the only record, without its axis of periods
-            kept = jax.tree.map(lambda a: a[0], passage.samples[0])
-            return ravel_pytree(passage.state)[0], kept
-
-        # Along each parameter, with its change of the start. Values are the same for all parameters: no axis.
-        p = values_of(scene, names)
-        push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
-        every = jax.vmap(push, out_axes=((None, None), 0))
-        (end, kept), (end_slopes, kept_slopes) = every(slopes, jnp.eye(p.size))
-        return PeriodDerivatives(end, end_slopes, kept, kept_slopes)
-
-    return scenes.map(one, states, slopes)
+    state_slope: Float[np.ndarray, "cases parameters size"]
+    """Of all numbers of the state at the start of the orbit."""
+    value: Float[np.ndarray, "cases objectives"]
+    gradient: Float[np.ndarray, "cases objectives parameters"]
 
 
-@functools.partial(jit, static_argnames=("objectives",))
-def totals(objectives: Objectives, kept: PyTree) -> Float[Array, "cases objectives"]:
-    """Return the objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
-    return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
-
-
-@functools.partial(jit, static_argnames=("objectives",))
-def total_slopes(
-    objectives: Objectives,
-    kept: PyTree,
-    slopes: PyTree,
-) -> tuple[Array, Array]:
-    """Return objectives (cases, objectives), and their derivatives (cases, objectives, directions).
+@functools.partial(jit, static_argnames=("numbers",))
+def _total_slopes(numbers: tuple[AbstractNumber, ...], kept: PyTree, slopes: PyTree) -> tuple[Array, Array]:
+    """Return numbers (cases, numbers), and their derivatives (cases, numbers, directions).
 
     **Arguments:** `kept`: values in each period, arrays (cases, periods, ...); `slopes`: their derivatives, arrays
     (cases, directions, periods, ...).
     """
+    totals = lambda kept: jnp.stack([one.total(rows) for one, rows in zip(numbers, kept, strict=True)])
 
     def one(kept: PyTree, slopes: PyTree) -> tuple[Array, Array]:
-        of_rows = functools.partial(_totals, objectives)
-        push = lambda along: jax.jvp(of_rows, (kept,), (along,))
+        push = lambda along: jax.jvp(totals, (kept,), (along,))
         return jax.vmap(push, out_axes=(None, 1))(slopes)
 
     return jax.vmap(one)(kept, slopes)
 
 
-def _totals(objectives: Objectives, kept: PyTree) -> Float[Array, " objectives"]:
-    return jnp.stack([one.total(rows) for one, rows in zip(objectives, kept, strict=True)])
-
-
 @functools.partial(jit, static_argnames=("names", "solver"))
-def matrix_slopes(
+def _matrix_slopes(
     scenes: Batched[Scene],
     states: State,
     slopes: Float[Array, "cases directions size"],
@@ -135,13 +168,13 @@ def matrix_slopes(
     *,
     names: tuple[str, ...],
     solver: diffrax.AbstractSolver,
-) -> Float[Array, "cases directions size size"]:
-    """Differentiate the Jacobian of one forcing period by parameters.
+) -> tuple[Float[Array, "cases size size"], Float[Array, "cases directions size size"]]:
+    """Return the Jacobian of one forcing period, and its derivatives by parameters.
 
     **Arguments:** `slopes`: derivatives of the states at the start.
     """
 
-    def one(scene: Scene, state: State, slopes: Array) -> Array:
+    def one(scene: Scene, state: State, slopes: Array) -> tuple[Array, Array]:
         flat, unravel = ravel_pytree(state)
 
         def matrix(x: Array, p: Array) -> Array:
@@ -150,7 +183,28 @@ def matrix_slopes(
 
         # along each parameter, with what it changes at the start
         p = values_of(scene, names)
-        push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1]
-        return jax.vmap(push)(slopes, jnp.eye(p.size))
+        push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))
+        return jax.vmap(push, out_axes=(None, 0))(slopes, jnp.eye(p.size))
 
     return scenes.map(one, states, slopes)
+
+
+def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return ln |largest multiplier| per period of successive Jacobians (periods, size, size), and its derivatives.
+
+    **Arguments:** `slopes`: derivatives of the Jacobians (periods, parameters, size, size).
+    """
+    count, size = matrices.shape[:2]
+    # the product of the Jacobians and its derivatives, period by period
+    product = np.eye(size)
+    change = np.zeros((slopes.shape[1], size, size))
+    for matrix, slope in zip(matrices, slopes, strict=True):
+        change = matrix @ change + slope @ product
+        product = matrix @ product
+    mu, left, right = scipy.linalg.eig(product, left=True, right=True)  # pyright: ignore[reportAssignmentType]
+    # the derivative of an eigenvalue, by its left and right eigenvectors
+    k = int(np.argmax(np.abs(mu)))
+    w = left[:, k].conj()
+    v = right[:, k]
+    mu_slope = np.einsum("i,pij,j->p", w, change, v) / (w @ v)
+    return float(np.log(np.abs(mu[k])) / count), np.real(mu_slope / mu[k]) / count

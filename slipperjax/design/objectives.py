@@ -19,9 +19,8 @@ from ..model.scene import Scene
 from ..sweeps.records import LargestExponent
 from ..tools.checks import require
 from .ensembles import AbstractEnsemble
+from .gradients import Objective, OrbitObjectives
 
-Objective = AbstractNumber | LargestExponent
-"""A number that a motion is judged by. Equal ones share compiled programs."""
 ObjectiveLike = Objective | str | Callable
 """An objective, a name in `OBJECTIVES`, or a function of a course."""
 
@@ -69,18 +68,13 @@ def objective_named(objective: object) -> Objective:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluationPlan:
+class EvaluationPlan(OrbitObjectives):
     """Objectives to evaluate, parameters to differentiate by, and how cases are simulated."""
 
     scene: Scene
-    names: tuple[str, ...]
-    """Parameters by which objectives are differentiated."""
-    objectives: tuple[Objective, ...]
     solver: diffrax.AbstractSolver
     steps: int
     """Steps per forcing period, the same for all cases: objectives would jump where the number changes."""
-    most_steps: int
-    """Most steps with which cases are judged again; programs have room for them."""
     start: Motion | State
     reach: Mapping[str, float]
     """Distance of ensembles' parameters from a case's, by name [their SI units]."""
@@ -91,24 +85,9 @@ class EvaluationPlan:
     """Lowest and highest values that parameters may have, by name [their SI units]."""
 
     @property
-    def of_courses(self) -> tuple[AbstractNumber, ...]:
-        """The objectives that are computed from courses of periods: all but exponents."""
-        return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
-
-    @property
     def epoch(self) -> float:
         """Forcing periods from distance zero to where runs begin."""
         return float(self.scene.epoch_at(self.scene.track.origin))
-
-    @property
-    def exponents(self) -> list[int]:
-        """Indices of the exponents among the objectives."""
-        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent)]
-
-    @property
-    def courses(self) -> list[int]:
-        """Indices of `of_courses` among the objectives."""
-        return [self.objectives.index(one) for one in self.of_courses]
 
 
 class Evaluation(NamedTuple):

@@ -134,19 +134,6 @@ class Chain(NamedTuple):
             after = found[:, k] = _solved(rows[..., :size], of_windows[:, k] - known)
         return np.concatenate([levels, _flat(found)], axis=1)
 
-    def solve_transposed(self, sums: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points unknowns"]:
-        """Return changes of the residuals, all but the last one, whose products with the slopes are these sums."""
-        size = self.numbers
-        levels, numbers = self._split(sums)
-        left, found = levels.copy(), np.zeros_like(numbers)
-        before = np.zeros((len(left), size))
-        for k in range(numbers.shape[1]):
-            rows = np.swapaxes(self.windows[:, k, :, :-1], 1, 2)
-            found[:, k] = _solved(rows[:, :size], numbers[:, k] - before)
-            before, of_levels = np.split(_times(rows[:, size:], found[:, k]), [size], axis=1)
-            left = left - of_levels
-        return np.concatenate([_flat(found), _solved(np.swapaxes(self.root, 1, 2), left)], axis=1)
-
     def _split(self, unknowns: Float[np.ndarray, "points unknowns"]) -> tuple[np.ndarray, np.ndarray]:
         """Return the levels, and the numbers of windows (points, windows, numbers)."""
         own = self.levels.shape[-1] - 1

@@ -5,17 +5,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
-from ..flow.period_map import advance
+from ..flow.period_map import SlopePassage, advance, advance_slopes
 from ..flow.record import RecordSet
 from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.layout import StateLayout
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
@@ -28,7 +30,7 @@ from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
-from .channels import ChannelRecord, Channels, Pushed, begin, push
+from .channels import ChannelRecord, Channels, begin
 from .measured import MeasuredRun
 from .method import Problem
 
@@ -141,6 +143,11 @@ class Model:
     def stepping(self) -> SampledSteps:
         return SampledSteps(self.samples, as_argument(self.steps // self.samples))
 
+    @property
+    def kept(self) -> RecordSet:
+        """What runs keep of each forcing period."""
+        return RecordSet((ChannelRecord(self.samples),))
+
     def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
         """Return parameters from their levels."""
         return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.problem.unknowns)], axis=1)
@@ -159,25 +166,53 @@ class Model:
         """Forcing periods from distance zero to where the model's run of each window begins."""
         return self.problem.origin - self.problem.lead + self.windows.lag
 
-    def cases(
-        self, values: Float[np.ndarray, "starts parameters"], numbers: Float[np.ndarray, "starts windows 10"]
-    ) -> Cases:
-        """Return a case for each start and window, with the settings of its run and the motion that it begins with.
+    def reader(self, samples: int, origin: float) -> "Reader":
+        """Return how sensors read runs with `samples` instants in each period, whose times count from `origin`."""
+        problem = self.problem
+        return Reader(problem.rig, origin, problem.names, problem.sensor_names, samples)
 
-        **Arguments:** `numbers`: of the motions [scales].
+    def each(
+        self,
+        values: Float[np.ndarray, "starts parameters"],
+        numbers: Float[np.ndarray, "starts windows 10"] | None,
+        lanes: int,
+        work: Callable[[Batched[Scene], State, np.ndarray, np.ndarray], list[np.ndarray]],
+        **rails: np.ndarray,
+    ) -> list[np.ndarray]:
+        """Call `work(scenes, starts, windows, numbers of sensors)` for the runs of all starts and windows.
+
+        **Arguments:** `numbers`: of the motions with which runs begin [scales], None for those of the problem;
+        `lanes`: runs of a call; `rails`: numbers that choose the rail of each run.
+
+        **Returns:** its arrays, (starts, windows, ...).
         """
         count, windows = len(values), self.windows
-        grid = {}
+        grid = rails
         for name in dict.fromkeys(name for run in self.problem.runs for name in run.settings):
             own = float(self.problem.scene.value(name))
             grid[name] = np.tile([self.problem.runs[k].settings.get(name, own) for k in windows.run], count)
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.problem.names)}
-        start = numbers.reshape(-1, len(SIZES)) * SIZES
-        # a grid has one list at least; the starts are set below
-        cases = Cases(self.problem.scene, grid | {"start_y": np.zeros(len(start))}, self.problem.start, product=False)
-        parts = cases.starts.motion if isinstance(cases.starts, State) else cases.starts
-        cases.starts = Motion(*start.T, sled=parts.sled, modes=parts.modes)
-        return cases
+        # a grid has one list at least
+        grid |= {"start_y": np.zeros(count * windows.count)}
+        cases = Cases(self.problem.scene, grid, self.problem.start, product=False)
+        begun = self.problem.start
+        begun = begun if isinstance(begun, State) else State(begun, None)
+        starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (cases.count, *np.shape(a))), begun)
+        if numbers is not None:
+            of_start = numbers.reshape(-1, len(SIZES)) * SIZES
+            motion = Motion(*of_start.T, sled=starts.motion.sled, modes=starts.motion.modes)
+            # closed contacts begin there
+            starts = State(motion, None)
+        window = np.tile(np.arange(windows.count), count)
+        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
+
+        def one(index: np.ndarray) -> list[np.ndarray]:
+            scenes, _ = cases.take(index)
+            begun = jax.tree.map(lambda a: a[index], starts)
+            return work(scenes, begun, window[index], of_sensors[index])
+
+        parts = in_groups(cases.count, lanes, one)
+        return [a.reshape(count, windows.count, *a.shape[1:]) for a in parts]
 
     def course(
         self,
@@ -187,68 +222,58 @@ class Model:
     ) -> Course:
         """Run the model from some starts, and differentiate it.
 
-        **Arguments:** as of `cases`; `stride`: of the instants between which signals are interpolated.
+        **Arguments:** `numbers`: of motions [scales]; `stride`: of the instants between which signals are
+        interpolated.
         """
-        windows = self.windows
-        cases = self.cases(values, numbers)
-        window = np.tile(np.arange(windows.count), len(values))
-        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
+        problem = self.problem
+        reader = self.reader(self.samples // stride, problem.origin)
 
-        def work(index: np.ndarray) -> list[np.ndarray]:
-            of = window[index]
-            scenes, starts = cases.take(index)
-            epoch = self.epoch[of]
-            now = begin(scenes, State(starts, None), epoch, names=self.problem.names)
-            seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
-            slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.channel_slopes)]
-            for k in range(windows.periods + self.problem.lead):
+        def work(scenes, starts, window, q):
+            epoch = self.epoch[window]
+            now = begin(scenes, starts, epoch, names=problem.names)
+            seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.samples)]
+            slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.sample_slopes)]
+            for k in range(self.windows.periods + problem.lead):
                 heed_interrupts()
-                how = dict(names=self.problem.names, samples=self.samples, solver=self.problem.solver)
-                now = push(scenes, now.state, now.slopes, epoch + k, self.stepping, **how)
-                seen.append(jax.tree.map(np.asarray, now.channels))
-                slopes.append(jax.tree.map(np.asarray, now.channel_slopes))
-                if k + 1 == windows.periods:
-                    end, end_slope = _motions(now)
-            reading, slope = readings(
-                scenes,
-                self.problem.rig,
-                of_sensors[index],
-                jax.tree.map(lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *seen),
-                jax.tree.map(lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *slopes),
-                epoch,
-                self.problem.origin,
-                windows.time[of],
-                names=self.problem.names,
-                sensor_names=self.problem.sensor_names,
-                samples=self.samples // stride,
-            )
+                now = self._pushed(scenes, now, epoch + k)
+                seen.append(jax.tree.map(np.asarray, now.samples))
+                slopes.append(jax.tree.map(np.asarray, now.sample_slopes))
+                if k + 1 == self.windows.periods:
+                    # the first numbers of a state are those of its motion
+                    end = StateLayout.pack(now.state)[:, : len(SIZES)]
+                    end_slope = np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
+            (seen_,) = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *seen)
+            (slopes_,) = jax.tree.map(lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *slopes)
+            reading, slope = readings(reader, scenes, q, seen_, slopes_, epoch, self.windows.time[window])
             return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
 
-        parts = in_groups(cases.count, LANES, work)
-        reading, slope, end, end_slope = (a.reshape(len(values), windows.count, *a.shape[1:]) for a in parts)
+        reading, slope, end, end_slope = self.each(values, numbers, LANES, work)
         # numbers of sensors do not move the body
-        at = [len(self.problem.names)] * len(self.problem.sensor_names)
+        at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
         for array in (slope, end_slope):
             array[..., -len(SIZES) :] *= SIZES
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
 
+    def _pushed(self, scenes: Batched[Scene], now: SlopePassage, epoch: np.ndarray) -> SlopePassage:
+        """Return runs after a forcing period, with derivatives."""
+        how = dict(names=self.problem.names, records=self.kept, solver=self.problem.solver)
+        return advance_slopes(scenes, now.state, now.slopes, epoch, self.stepping, **how)
+
     def compile_ahead(self, values: Float[np.ndarray, "starts parameters"]) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
         if calls_lapack(self.problem.solver):
             return  # which must not be called from two threads
-        index = np.arange(LANES) % len(values)
-        cases = self.cases(values, np.zeros((len(values), self.windows.count, len(SIZES))))
-        scenes, starts = cases.take(index)
-        epoch = np.full(len(index), self.problem.origin - self.problem.lead)
+        # no steps at all
+        model = replace(self, steps=0)
 
-        def call() -> None:
-            now = begin(scenes, State(starts, None), epoch, names=self.problem.names)
-            # no steps at all
-            how = dict(names=self.problem.names, samples=self.samples, solver=self.problem.solver)
-            push(scenes, now.state, now.slopes, epoch, SampledSteps(self.samples, as_argument(0)), **how)
+        def work(scenes, starts, window, q):
+            epoch = model.epoch[window]
+            model._pushed(scenes, begin(scenes, starts, epoch, names=model.problem.names), epoch)
+            return []
 
-        ahead(call)
+        numbers = np.zeros((1, self.windows.count, len(SIZES)))
+        ahead(lambda: model.each(values[:1], numbers, LANES, work))
 
     def guesses(
         self, values: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
@@ -258,87 +283,60 @@ class Model:
         Of the motion to which each start settles, they are those after which the next periods are most like the
         record. On rails that do not recur there is one place, and nothing settles.
         """
-        windows = self.windows
-        recurrence = float(np.max(np.asarray(self.problem.scene.recurrence)))
+        windows, problem = self.windows, self.problem
+        recurrence = float(np.max(np.asarray(problem.scene.recurrence)))
         recurs = np.isfinite(recurrence)
         every = max(int(recurrence), 1) if recurs else 1
         shifts = np.arange(SHIFTS if recurs else 1) * every
         settle = -(-transient // every) * every if recurs else 0
-        length = windows.periods + self.problem.lead
+        length = windows.periods + problem.lead
         total = settle + int(windows.lag.max() + shifts[-1]) + length
-        cases = self.cases(values, np.zeros((len(values), windows.count, len(SIZES))))
-        window = np.tile(np.arange(windows.count), len(values))
-        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
+        reader = self.reader(self.samples, problem.origin)
+        first = problem.origin - problem.lead
 
-        def work(index: np.ndarray) -> list[np.ndarray]:
-            of = window[index]
-            scenes, _ = cases.take(index)
-            first = self.problem.origin - self.problem.lead
-            seen = self.followed(scenes, self._begun(scenes, len(index)), first, settle, total)
-            best = np.full(len(index), np.inf)
-            numbers = np.zeros((len(index), len(SIZES)))
+        def work(scenes, starts, window, q):
+            # as runs begin, where the model's first run does
+            now = begin(scenes, starts, np.full(len(window), first), names=problem.names)
+            seen = self.followed(scenes, now, first, settle, total)
+            best = np.full(len(window), np.inf)
+            numbers = np.zeros((len(window), len(SIZES)))
             for shift in shifts:
-                first = (windows.lag[of] + shift) * self.samples
-                at = first[:, None] + np.arange(length * self.samples + 1)
+                place = (windows.lag[window] + shift) * self.samples
+                at = place[:, None] + np.arange(length * self.samples + 1)
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
-                reading = values_read(
-                    scenes,
-                    self.problem.rig,
-                    of_sensors[index],
-                    part,
-                    self.epoch[of],
-                    self.problem.origin,
-                    windows.time[of],
-                    sensor_names=self.problem.sensor_names,
-                    samples=self.samples,
-                )
-                off = (np.asarray(reading) - windows.value[of]) / noise[:, None] * windows.known[of]
+                reading = values_read(reader, scenes, q, part, self.epoch[window], windows.time[window])
+                off = (np.asarray(reading) - windows.value[window]) / noise[:, None] * windows.known[window]
                 far = np.sum(off**2, axis=(1, 2))
                 better = far < best
                 best[better] = far[better]
                 numbers[better] = part.motion[better, 0] / SIZES
             return [numbers, best]
 
-        numbers, far = in_groups(cases.count, VECTOR_LANES, work)
-        shape = len(values), windows.count
-        return numbers.reshape(*shape, -1), far.reshape(shape).sum(axis=1)
+        numbers, far = self.each(values, None, VECTOR_LANES, work)
+        return numbers, far.sum(axis=1)
 
-    def _begun(self, scenes: Batched[Scene], lanes: int) -> Pushed:
-        """Return motions that begin as runs do, where the model's first run begins."""
-        own = self.problem.start
-        own = own if isinstance(own, State) else State(own, None)
-        starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (lanes, *np.shape(a))), own)
-        epoch = np.full(lanes, self.problem.origin - self.problem.lead)
-        return begin(scenes, starts, epoch, names=self.problem.names)
-
-    def followed(self, scenes: Batched[Scene], now: Pushed, epoch: float, settle: int, total: int) -> Channels:
+    def followed(self, scenes: Batched[Scene], now: SlopePassage, epoch: float, settle: int, total: int) -> Channels:
         """Return the channels of motions after `settle` of `total` forcing periods, (lanes, instants, ...).
 
         **Arguments:** `now`: where they begin, `epoch` forcing periods from distance zero.
         """
         states = now.state
-        kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.channels)]
-        how = dict(solver=self.problem.solver, periods=CALL, records=RecordSet((ChannelRecord(self.samples),)))
-        for passed in range(0, total, CALL):
+        kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.samples[0])]
+        how = dict(solver=self.problem.solver, periods=CALL, records=self.kept)
+        passed = 0
+        while passed < total:
             heed_interrupts()
-            used = min(CALL, total - passed)
+            used = min(CALL, (settle if passed < settle else total) - passed)
             ran = advance(scenes, states, epoch + passed, self.stepping, used=as_argument(used), **how)
             states = ran.state
             # periods and samples in one row, without the periods that are not used
             row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * self.samples, *a.shape[3:])
             kept.append(jax.tree.map(row, ran.samples[0]))
-            if passed + used <= settle:
+            passed += used
+            # of the time in which the motion settles the last instant
+            if passed <= settle:
                 kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
-        seen = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
-        # of the call in which the motion has settled, the rest
-        return jax.tree.map(lambda a: a[:, settle % CALL * self.samples if settle < total else -1 :], seen)
-
-
-def _motions(now: Pushed) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers of motions, (runs, 10), and their derivatives, (runs, 10, directions)."""
-    numbers = np.stack([getattr(now.state.motion, name) for name in MOTION_NUMBERS], axis=-1)
-    # the first numbers of a state are those of its motion
-    return numbers, np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
+        return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
 
 
 def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
@@ -355,65 +353,53 @@ def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarr
     return [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
 
 
-def _read(scene: Scene, rig: Rig, seen: Channels, epoch: Real, origin: Real, at: Array, samples: int) -> Array:
-    """Return what all sensors read in a run at some times since it began at `origin`, (sensors, samples)."""
-    instants = epoch + jnp.arange(seen.motion.shape[0]) / samples
-    time = scene.seconds(instants) - scene.seconds(origin)
-    modes = scene.slipper.modes
-    return jnp.stack([sensor.read(seen, time, at[k], modes) for k, sensor in enumerate(rig.sensors)])
+class Reader(eqx.Module):
+    """How sensors read runs, with other values of the scene's parameters and of their own numbers."""
+
+    rig: Rig
+    origin: Real
+    """Forcing periods from distance zero to where times count from."""
+    names: tuple[str, ...] = eqx.field(static=True)
+    sensor_names: tuple[str, ...] = eqx.field(static=True)
+    samples: int = eqx.field(static=True)
+    """Instants in each forcing period."""
+
+    def __call__(self, scene: Scene, p: Array, q: Array, seen: Channels, epoch: Real, at: Array) -> Array:
+        """Return what all sensors read in a run, which begins at `epoch`, at some times, (sensors, samples)."""
+        scene, rig = at_values(scene, self.names, p), at_values(self.rig, self.sensor_names, q)
+        instants = epoch + jnp.arange(seen.motion.shape[0]) / self.samples
+        time = scene.seconds(instants) - scene.seconds(self.origin)
+        modes = scene.slipper.modes
+        return jnp.stack([sensor.read(seen, time, at[k], modes) for k, sensor in enumerate(rig.sensors)])
 
 
-@functools.partial(jit, static_argnames=("sensor_names", "samples"))
-def values_read(
-    scenes: Batched[Scene],
-    rig: Rig,
-    of_sensors: Float[Array, "runs numbers"],
-    seen: Channels,
-    epoch: Float[Array, " runs"],
-    origin: Real,
-    at: Float[Array, "runs sensors samples"],
-    *,
-    sensor_names: tuple[str, ...],
-    samples: int,
-) -> Float[Array, "runs sensors samples"]:
-    """Return what sensors read in some runs."""
+@jit
+def values_read(reader: Reader, scenes: Batched[Scene], *of_runs: PyTree) -> Float[Array, "runs sensors samples"]:
+    """Return what sensors read in some runs.
 
-    def one(scene: Scene, q: Array, seen: Channels, epoch: Real, at: Array) -> Array:
-        return _read(scene, at_values(rig, sensor_names, q), seen, epoch, origin, at, samples)
-
-    return scenes.map(one, of_sensors, seen, epoch, at)
+    **Arguments:** `of_runs`: numbers of the sensors, channels, epochs, and times of each run.
+    """
+    return scenes.map(lambda scene, *of_run: reader(scene, values_of(scene, reader.names), *of_run), *of_runs)
 
 
-@functools.partial(jit, static_argnames=("names", "sensor_names", "samples"))
+@jit
 def readings(
-    scenes: Batched[Scene],
-    rig: Rig,
-    of_sensors: Float[Array, "runs numbers"],
-    seen: Channels,
-    seen_slopes: Channels,
-    epoch: Float[Array, " runs"],
-    origin: Real,
-    at: Float[Array, "runs sensors samples"],
-    *,
-    names: tuple[str, ...],
-    sensor_names: tuple[str, ...],
-    samples: int,
+    reader: Reader, scenes: Batched[Scene], *of_runs: PyTree
 ) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"]]:
-    """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts."""
+    """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts.
+
+    **Arguments:** `of_runs`: as of `values_read`, with derivatives of the channels after these.
+    """
 
     def one(scene: Scene, q: Array, seen: Channels, slopes: Channels, epoch: Real, at: Array) -> tuple[Array, Array]:
-        p = values_of(scene, names)
+        p = values_of(scene, reader.names)
         # numbers of sensors change no channel
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
         slopes = jax.tree.map(none, slopes)
         directions = slopes.motion.shape[0]
+        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        push = lambda *along: jax.jvp(read, (p, q, seen), along)
+        each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), slopes
+        return jax.vmap(push, out_axes=(None, 0))(*each)
 
-        def read(p: Array, q: Array, seen: Channels) -> Array:
-            rig_now = at_values(rig, sensor_names, q)
-            return _read(at_values(scene, names, p), rig_now, seen, epoch, origin, at, samples)
-
-        push = lambda dp, dq, seen_along: jax.jvp(read, (p, q, seen), (dp, dq, seen_along))
-        along = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size)
-        return jax.vmap(push, out_axes=(None, 0))(*along, slopes)
-
-    return scenes.map(one, of_sensors, seen, seen_slopes, epoch, at)
+    return scenes.map(one, *of_runs)

@@ -67,7 +67,7 @@ def fit(
         `simulate`; of trajectories by default `RK4()`, whose derivatives are the quickest.
     - `confidence`: probability of the intervals; `seed`: of the points that are tried first.
 
-    **Returns:** a `Fit`; look at its `status`, and at what is `untold` and `unexplained`.
+    **Returns:** a `Fit`; look at its `status`, and at what is `not_identified` and `misfit`.
 
     **Raises:** `ValueError` that names the argument which is wrong; `KeyboardInterrupt` after Ctrl-C.
     """

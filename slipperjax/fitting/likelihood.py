@@ -6,7 +6,6 @@ did, J. R. Stat. Soc. B 74 (2012) 419, doi:10.1111/j.1467-9868.2011.01010.x. The
 the parameters, fitted to ensembles all over the region that the record leaves, so that chance in one is no matter.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,12 +22,11 @@ from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
-from ..sweeps.grid import Cases
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
 from .channels import begin
-from .course import SIZES, Model, Windows, in_groups, values_read
+from .course import SIZES, Model, Windows, values_read
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractFitMethod, Posterior, Problem
@@ -51,9 +49,9 @@ SHOWN = 24
 """Of these, whose densities are kept."""
 LANES = 32
 """Runs in one call."""
-UNLIKELY = 0.01
+SIGNIFICANCE_OF_FEATURES = 0.01
 """Share of records that are as far from the others below which a model does not explain one."""
-BESIDE = 200
+MIN_RUNS_FOR_P_VALUE = 200
 """Runs near the likely parameters, at least, beside which a record is seen."""
 
 
@@ -93,7 +91,7 @@ class Features(AbstractFitMethod):
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
         ensemble = _Ensemble.of(self, problem)
         target = ensemble.measured()
-        emulator = None
+        likely = None
         levels = spread(problem.unknowns, self.proposals, problem.seed)
         levels[0] = problem.own
         known = _Known(levels[:0], np.empty((0, self.members, len(target))))
@@ -102,34 +100,35 @@ class Features(AbstractFitMethod):
         for number in range(self.rounds):
             shown(f"round {number + 1} of {self.rounds}")
             known = known.with_more(levels, ensemble.features(levels, problem.seed))
-            before = emulator
-            emulator = _Emulator.of(known, target, before)
+            emulator = _Emulator.of(known, target, likely)
+            before, likely = likely, emulator.likely()
             if before is not None:
-                moved = np.abs(emulator.mean - before.mean) / np.sqrt(np.diag(before.covariance))
-                narrowed = np.sqrt(np.diag(emulator.covariance) / np.diag(before.covariance))
+                moved = np.abs(likely.mean - before.mean) / np.sqrt(np.diag(before.covariance))
+                narrowed = np.sqrt(np.diag(likely.covariance) / np.diag(before.covariance))
                 converged = bool(moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25)
                 if converged:
                     break
-            spread_ = rng.multivariate_normal(emulator.mean, WIDER**2 * emulator.covariance, self.proposals)
+            spread_ = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
             # beyond them all values are alike
             levels = np.clip(spread_, -3.0, 3.0)
-        assert emulator is not None  # one round or more
-        draws = emulator.sample(rng, SHOWN)
-        signals = ensemble.signals(draws, 1, problem.seed + 1)
+        assert likely is not None  # there is one round or more
+        shown_draws = likely.draws[rng.choice(len(likely.draws), SHOWN)]
+        signals = ensemble.signals(shown_draws, 1, problem.seed + 1)
+        expected, spread_of_records, excess = _records_near(known, target, likely)
         return FeaturePosterior(
-            level=emulator.mean,
-            covariance=emulator.covariance,
-            information=emulator.information,
+            level=likely.mean,
+            covariance=likely.covariance,
+            information=emulator.information(likely.mean),
             converged=converged,
             minima=np.empty((0, len(problem.unknowns))),
             step_change=np.full(len(problem.unknowns), np.nan),
             start=problem.start.motion if isinstance(problem.start, State) else problem.start,
-            draws=emulator.draws,
+            draws=likely.draws,
             names=ensemble.names,
             measured=target,
-            expected=emulator.expected,
-            spread=emulator.spread,
-            excess=emulator.excess,
+            expected=expected,
+            spread=spread_of_records,
+            excess=excess,
             record=ensemble.record,
             likely=signals[:, 0],
             rate=ensemble.rate,
@@ -171,17 +170,9 @@ class _Emulator:
     """With what the quadratic functions leave, and so more than one on its diagonal."""
     target: Float[np.ndarray, " parameters"]
     """Summaries of the record."""
-    mean: Float[np.ndarray, " parameters"]
-    covariance: Float[np.ndarray, "parameters parameters"]
-    draws: Float[np.ndarray, "draws parameters"]
-    expected: Float[np.ndarray, " features"]
-    """Features of records near the likely levels, their means and standard deviations."""
-    spread: Float[np.ndarray, " features"]
-    excess: float
-    """Share of such records that are as far from the others as the measured one, or farther [1]."""
 
     @classmethod
-    def of(cls, known: _Known, record: np.ndarray, before: "_Emulator | None") -> "_Emulator":
+    def of(cls, known: _Known, record: np.ndarray, before: "_Likely | None") -> "_Emulator":
         """Return the emulator for a record's features, near the likely levels of an earlier one."""
         from scipy.special import digamma
 
@@ -224,12 +215,7 @@ class _Emulator:
         misfit = left.T @ left / max(weight.sum() - terms.shape[1], 1.0)
         values, vectors = np.linalg.eigh(misfit - common / members)
         correlation = common * (1 + 1 / members) + (vectors * np.maximum(values, 0.0)) @ vectors.T
-        target = clipped(record) @ to_level
-        none = known.level[:0]
-        start = cls(
-            centre, scale, means, spreads, correlation, target, centre, np.diag(scale**2), none, record, record, 1.0
-        )
-        return start._sampled()._with_records(known, record)
+        return cls(centre, scale, means, spreads, correlation, clipped(record) @ to_level)
 
     def _logarithm(self, level: np.ndarray) -> np.ndarray:
         """Return the logarithm of the posterior density, up to a constant."""
@@ -240,13 +226,13 @@ class _Emulator:
         chi = np.einsum("li,ij,lj->l", away, np.linalg.inv(self.correlation), away)
         return -0.5 * (chi + np.sum(level**2, axis=1)) - np.sum(np.log(expected), axis=1)
 
-    def _sampled(self) -> "_Emulator":
-        """Return the emulator with likely levels, by importance among others that come nearer in a few rounds."""
+    def likely(self) -> "_Likely":
+        """Return likely levels, by importance among others that come nearer in a few rounds."""
         from scipy.stats import multivariate_t
 
         rng = np.random.default_rng(0)
-        size = len(self.mean)
-        mean, covariance = self.mean, np.diag(np.minimum(self.scale, 1.0) ** 2)
+        size = len(self.centre)
+        mean, covariance = self.centre, np.diag(np.minimum(self.scale, 1.0) ** 2)
         level = np.zeros((1, size))
         share = np.ones(1)
         for _ in range(12):
@@ -262,35 +248,39 @@ class _Emulator:
             mean = share @ level
             covariance = np.einsum("l,li,lj->ij", share, level - mean, level - mean) + 1e-8 * np.eye(size)
         chosen = rng.choice(len(level), DRAWS, p=share)
-        return dataclasses.replace(self, mean=mean, covariance=covariance, draws=level[chosen])
+        return _Likely(mean, covariance, level[chosen])
 
-    def _with_records(self, known: _Known, record: np.ndarray) -> "_Emulator":
-        """Return the emulator with what records near the likely levels are like, beside the measured one."""
-        away = known.level - self.mean
-        far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(self.covariance), away)
-        near = np.argsort(far)[: max(len(far) // 10, -(-BESIDE // known.values.shape[1]))]
-        runs = known.values[near].reshape(-1, len(record))
-        middle, spread_ = runs.mean(axis=0), runs.std(axis=0) + 1e-12
-        x = (np.vstack([record, runs]) - middle) / spread_
-        shape = np.linalg.inv(np.corrcoef(x[1:].T + 1e-9) + np.eye(len(record)))
-        distance = np.einsum("ri,ij,rj->r", x, shape, x)
-        share = (1 + np.sum(distance[1:] >= distance[0])) / len(distance)
-        return dataclasses.replace(self, expected=middle, spread=spread_, excess=float(share))
-
-    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return likely levels."""
-        return self.draws[rng.choice(len(self.draws), count)]
-
-    @property
-    def information(self) -> np.ndarray:
-        """Fisher's information of the summaries on the levels."""
-        z = (self.mean - self.centre) / self.scale
+    def information(self, level: np.ndarray) -> np.ndarray:
+        """Return Fisher's information of the summaries on the levels at some level."""
+        z = (level - self.centre) / self.scale
         step = 1e-3
         slope = np.stack(
             [(_terms(z + h) - _terms(z - h)) @ self.means / (2 * step) for h in step * np.eye(len(z))], axis=-1
         )
         slope = slope / self.scale / np.exp(_terms(z)[: len(z) + 1] @ self.spreads)[:, None]
         return slope.T @ np.linalg.solve(self.correlation, slope)
+
+
+class _Likely(NamedTuple):
+    """Likely levels of the parameters."""
+
+    mean: Float[np.ndarray, " parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    draws: Float[np.ndarray, "draws parameters"]
+
+
+def _records_near(known: _Known, record: np.ndarray, likely: _Likely) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return mean and standard deviation of the features of records near likely levels, and the share of these that
+    are as far from the others as the measured record, or farther [1]."""
+    away = known.level - likely.mean
+    far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(likely.covariance), away)
+    near = np.argsort(far)[: max(len(far) // 10, -(-MIN_RUNS_FOR_P_VALUE // known.values.shape[1]))]
+    runs = known.values[near].reshape(-1, len(record))
+    middle, deviation = runs.mean(axis=0), runs.std(axis=0) + 1e-12
+    x = (np.vstack([record, runs]) - middle) / deviation
+    shape = np.linalg.inv(np.corrcoef(x[1:].T + 1e-9) + np.eye(len(record)))
+    distance = np.einsum("ri,ij,rj->r", x, shape, x)
+    return middle, deviation, float((1 + np.sum(distance[1:] >= distance[0])) / len(distance))
 
 
 def _median(values: np.ndarray, weight: np.ndarray) -> float:
@@ -383,16 +373,15 @@ class _Ensemble:
         own = problem.start.motion if isinstance(problem.start, State) else problem.start
         first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
-        cases = self._cases(values, numbers, members, len(levels), seed)
-        of_sensors = values[:, len(problem.names) :]
         noise = np.array([sensor.noise for sensor in problem.rig.sensors])[:, None]
         deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
         settle = method.transient
+        origin = problem.origin + settle
+        reader = model.reader(model.samples, origin)
 
-        def work(index: np.ndarray) -> list[np.ndarray]:
-            scenes, starts = cases.take(index)
-            epoch = np.full(len(index), problem.origin)
-            states = begin(scenes, State(starts, None), epoch, names=problem.names).state
+        def work(scenes, starts, window, q):
+            epoch = np.full(len(window), problem.origin)
+            states = begin(scenes, starts, epoch, names=problem.names).state
             # nothing is recorded until the motion has settled
             at = problem.origin
             for used in calls_of(settle):
@@ -400,38 +389,19 @@ class _Ensemble:
                 how = dict(solver=problem.solver, periods=ROOM, used=as_argument(used))
                 states = advance(scenes, states, at, model.stepping, **how).state
                 at += used
-            epoch = epoch + settle
-            now = begin(scenes, states, epoch, names=problem.names)
-            seen = model.followed(scenes, now, float(epoch[0]), 0, model.windows.periods)
-            at = np.broadcast_to(model.windows.time[0], (len(index), *model.windows.time.shape[1:]))
-            read = values_read(
-                scenes,
-                problem.rig,
-                of_sensors[index],
-                seen,
-                epoch,
-                epoch[0],
-                at,
-                sensor_names=problem.sensor_names,
-                samples=model.samples,
-            )
-            return [np.asarray(read)]
+            now = begin(scenes, states, epoch + settle, names=problem.names)
+            seen = model.followed(scenes, now, origin, 0, model.windows.periods)
+            return [np.asarray(values_read(reader, scenes, q, seen, epoch + settle, model.windows.time[window]))]
 
-        (read,) = in_groups(cases.count, LANES, work)
-        return read.reshape(len(levels), members, *read.shape[1:]) + noise * deviates
+        (read,) = model.each(values, numbers, LANES, work, **self._rails(members, len(levels), seed))
+        return read.reshape(len(levels), members, *read.shape[2:]) + noise * deviates
 
-    def _cases(self, values: np.ndarray, numbers: np.ndarray, members: int, count: int, seed: int) -> Cases:
-        """Return cases of all members, each on a rail of its own where rails are random."""
-        problem = self.model.problem
-        cases = self.model.cases(values, numbers)
-        track = problem.scene.track
-        if recurs(problem.scene) or not track.chosen_by:
-            return cases
-        path = f"track.{track.chosen_by}"
-        rails = np.tile(np.arange(members) + 1000 * (seed + 1), count)
-        on_rails = Cases(problem.scene, cases.axes | {path: rails}, problem.start, product=False)
-        on_rails.starts = cases.starts
-        return on_rails
+    def _rails(self, members: int, count: int, seed: int) -> dict[str, np.ndarray]:
+        """Return the numbers that choose a rail for each member, where rails are random."""
+        scene = self.model.problem.scene
+        if recurs(scene) or not scene.track.chosen_by:
+            return {}
+        return {f"track.{scene.track.chosen_by}": np.tile(np.arange(members) + 1000 * (seed + 1), count)}
 
 
 def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:
@@ -470,8 +440,8 @@ class FeaturePosterior(Posterior):
     def ends(self, confidence: float) -> np.ndarray:
         return np.quantile(self.draws, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
 
-    def unexplained(self, rig: Rig) -> list[str]:
-        if self.excess > UNLIKELY:
+    def misfit(self, rig: Rig) -> list[str]:
+        if self.excess > SIGNIFICANCE_OF_FEATURES:
             return []
         far = np.argsort(-np.abs(self.measured - self.expected) / self.spread)[:3]
         worst = ", ".join(self.names[k] for k in far)

@@ -92,7 +92,7 @@ class Posterior(abc.ABC):
         return np.stack([self.level - reach, self.level + reach])
 
     @abc.abstractmethod
-    def unexplained(self, rig: Rig) -> list[str]:
+    def misfit(self, rig: Rig) -> list[str]:
         """Return in words what the model does not explain of the signals."""
 
     @abc.abstractmethod

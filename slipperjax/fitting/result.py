@@ -15,7 +15,7 @@ from ..model.sensors import Sensor
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import user_path, write_whole
-from .judged import untold
+from .diagnostics import not_identified
 from .method import AbstractFitMethod, Posterior, Problem
 from .unknowns import Unknown
 
@@ -69,14 +69,14 @@ class Fit:
         return [self._by_name(level) for level in self.posterior.minima]
 
     @property
-    def untold(self) -> list[str]:
+    def not_identified(self) -> list[str]:
         """In words, what the record does not tell."""
-        return untold(self.names, self.posterior.information)
+        return not_identified(self.names, self.posterior.information)
 
     @property
-    def unexplained(self) -> list[str]:
+    def misfit(self) -> list[str]:
         """In words, what the model does not explain."""
-        return self.posterior.unexplained(self.problem.rig)
+        return self.posterior.misfit(self.problem.rig)
 
     @property
     def at_bounds(self) -> dict[str, str]:
@@ -126,7 +126,7 @@ class Fit:
             values = [(one.name, _quantity(one), other[one.name]) for one in self.problem.unknowns]
             shown = [f"{name} {q.shown(value):.5g}{_unit(q)}" for name, q, value in values]
             rows.append(f"another minimum: {', '.join(shown)}")
-        inside = ",\n  ".join([*rows, *self.untold, *self.unexplained])
+        inside = ",\n  ".join([*rows, *self.not_identified, *self.misfit])
         return f"Fit(status: {self.status}, {100 * self.confidence:g} % intervals,\n  {inside})"
 
     def to_xarray(self) -> xr.Dataset:
@@ -172,7 +172,7 @@ class Fit:
         attrs = scene_attributes(self.scene, without=self.problem.names)
         attrs |= run_attributes(self.scene, self.start, self._call())
         attrs |= dict(status=self.status, confidence=self.confidence)
-        attrs |= {"untold": "; ".join(self.untold), "unexplained": "; ".join(self.unexplained)}
+        attrs |= {"not_identified": "; ".join(self.not_identified), "misfit": "; ".join(self.misfit)}
         return result_dataset(data | of_method, coords | along, attrs)
 
     def _call(self) -> dict[str, object]:

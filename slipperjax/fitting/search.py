@@ -6,7 +6,6 @@ point it sees the residuals and their exact derivatives, see `Chain`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,37 +26,52 @@ PATIENCE = 4
 """Points without any gain after which a search stops; of a rough one half as many."""
 APART = 4.0
 """Distance from which on two minima are different ones [standard errors]."""
-HOPELESS = 2.0
+GIVEN_UP_ABOVE = 2.0
 """Sum of squares over the least of all at which a search is given up once another one has converged."""
 POOR, WELL = 0.01, 0.99
-"""Shares of the gain that slopes predict below which a step is not taken, and above which steps become longer; these
+"""Shares of the gain that slopes predict below which steps become shorter, and above which steps become longer; these
 four numbers are those of Gould et al., 4OR 3 (2005) 227."""
 SHORTER, LONGER = 0.25, 3.5
 """What the region of trust is multiplied by then."""
 
 
-class Found(NamedTuple):
-    """The best points of searches."""
+@dataclass
+class Found:
+    """Searches by the method of Levenberg and Marquardt, at the best points that they have seen."""
 
     point: Float[np.ndarray, "starts unknowns"]
     local: Chain
     """Residuals and slopes there."""
-    cost: Float[np.ndarray, " starts"]
-    """Sum of squares."""
-    distance: Float[np.ndarray, " starts"]
-    """From the least squares, as far as the slopes tell [standard errors]."""
+    scale: Float[np.ndarray, "starts unknowns"]
+    """The method damps all unknowns alike: they are counted by what they change, as Marquardt did."""
+    trust: Float[np.ndarray, " starts"]
+    """Inverse of the damping [1]."""
     still: Int[np.ndarray, " starts"]
     """Points since anything was gained."""
-    patience: int = PATIENCE
-    """Of these, after which it stops."""
+    rough: float
+    """Share of the sum of squares that is no gain [1]."""
 
     @classmethod
-    def none(cls, points: Float[np.ndarray, "starts unknowns"], patience: int = PATIENCE) -> "Found":
-        """Return searches that have seen nothing."""
+    def begin(cls, points: Float[np.ndarray, "starts unknowns"], local: Chain, rough: float = 0.0) -> "Found":
+        """Return searches at their starts."""
         count = len(points)
-        far = np.full(count, np.inf)
-        nothing = Chain(np.zeros((count, 0, 0, 1)), np.zeros((count, 1, 1)))
-        return cls(points.copy(), nothing, far, far.copy(), np.zeros(count, int), patience)
+        scale = 1 / np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
+        return cls(points.copy(), Chain(*map(np.copy, local)), scale, np.ones(count), np.zeros(count, int), rough)
+
+    @property
+    def patience(self) -> int:
+        """Points without any gain after which a search stops."""
+        return PATIENCE // 2 if self.rough else PATIENCE
+
+    @property
+    def cost(self) -> Float[np.ndarray, " starts"]:
+        """Sum of squares."""
+        return self.local.cost
+
+    @property
+    def distance(self) -> Float[np.ndarray, " starts"]:
+        """From the least squares, as far as the slopes tell [standard errors]."""
+        return self.local.distance
 
     @property
     def converged(self) -> Bool[np.ndarray, " starts"]:
@@ -83,7 +97,7 @@ class Found(NamedTuple):
         on = ~self.converged & (self.still < self.patience)
         if on[self.lead]:
             return on
-        return on & (self.cost < HOPELESS * self.cost[self.lead]) & (self.apart(self.point[self.lead]) > 1.0)
+        return on & (self.cost < GIVEN_UP_ABOVE * self.cost[self.lead]) & (self.apart(self.point[self.lead]) > 1.0)
 
     def nearest(self, more: float, most: int) -> Int[np.ndarray, " some"]:
         """Return the indices of up to `most` points whose sum of squares is at most `more` above the least, the best
@@ -104,6 +118,26 @@ class Found(NamedTuple):
                 kept.append(k)
         return np.array(kept)
 
+    def next(self, index: np.ndarray) -> Float[np.ndarray, "some unknowns"]:
+        """Return the points to see next of some starts."""
+        weight = 1 / (np.sqrt(self.trust[index])[:, None] * self.scale[index])
+        damped = self.local.at(index).damped(weight)
+        return self.point[index] - damped.solve(damped.residual[:, :-1])
+
+    def see(self, index: np.ndarray, point: np.ndarray, seen: Chain) -> None:
+        """Go to points that were seen where they are better, and change the region of trust."""
+        here = self.local.at(index)
+        predicted = np.sum((here.residual + here.along(point - self.point[index])) ** 2, axis=1) - here.cost
+        change = seen.cost - here.cost
+        gains = change < -self.rough * here.cost - GAIN
+        self.still[index] = np.where(gains, 0, self.still[index] + 1)
+        good = change <= POOR * predicted
+        well = (change < WELL * predicted) & (predicted < 0)
+        self.trust[index] *= np.where(good, np.where(well, LONGER, 1.0), SHORTER)
+        better = change < 0
+        self.point[index[better]] = point[better]
+        self.local.put(index[better], seen.at(better))
+
 
 Evaluate = Callable[[Float[np.ndarray, "some unknowns"], Int[np.ndarray, " some"]], Chain]
 """Returns residuals and slopes at points of some starts, whose indices it is told."""
@@ -120,64 +154,12 @@ def search(
 
     **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
     """
-    first = evaluate(points, np.arange(len(points)))
-    best = Found.none(points, PATIENCE // 2 if rough else PATIENCE)._replace(local=Chain(*map(np.copy, first)))
-    steps = _Steps.of(points, first)
-    index, now = np.arange(len(points)), points
-    for count in range(MOST_STEPS):
-        seen = evaluate(now, index) if count else first
-        _note(best, index, now, seen, rough)
-        shown(f"{best.active.sum()} of {len(points)} searches, chi-squared {best.cost.min():.5g}")
-        if count:
-            steps.judge(index, now, seen)
-        index = np.flatnonzero(best.active)
+    found = Found.begin(points, evaluate(points, np.arange(len(points))), rough)
+    for _ in range(MOST_STEPS):
+        index = np.flatnonzero(found.active)
+        shown(f"{len(index)} of {len(points)} searches, chi-squared {found.cost.min():.5g}")
         if not len(index):
             break
-        now = steps.next(index)
-    return best
-
-
-def _note(best: Found, index: np.ndarray, point: np.ndarray, seen: Chain, rough: float) -> None:
-    """Keep new points of the searches at `index` where they are better."""
-    cost = seen.cost
-    gains = cost < best.cost[index] * (1 - rough) - GAIN
-    best.still[index] = np.where(gains, 0, best.still[index] + 1)
-    better = cost < best.cost[index]
-    kept = best.point, best.cost, best.distance
-    for array, new in zip(kept, (point, cost, seen.distance), strict=True):
-        array[index[better]] = new[better]
-    best.local.put(index[better], seen.at(better))
-
-
-@dataclass
-class _Steps:
-    """Steps of Levenberg and Marquardt from the points that they have led to."""
-
-    point: Float[np.ndarray, "starts unknowns"]
-    local: Chain
-    trust: Float[np.ndarray, " starts"]
-    """Inverse of the damping [1]."""
-    scale: Float[np.ndarray, "starts unknowns"]
-    """The method damps all unknowns alike: they are counted by what they change, as Marquardt did."""
-
-    @classmethod
-    def of(cls, points: Float[np.ndarray, "starts unknowns"], local: Chain) -> "_Steps":
-        scale = 1 / np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
-        return cls(points.copy(), local, np.ones(len(points)), scale)
-
-    def next(self, index: np.ndarray) -> Float[np.ndarray, "some unknowns"]:
-        """Return the points to see next of some starts."""
-        weight = 1 / (np.sqrt(self.trust[index])[:, None] * self.scale[index])
-        damped = self.local.at(index).damped(weight)
-        return self.point[index] - damped.solve(damped.residual[:, :-1])
-
-    def judge(self, index: np.ndarray, point: np.ndarray, seen: Chain) -> None:
-        """Go to points that were seen where they are good enough, and change the region of trust."""
-        here = self.local.at(index)
-        predicted = np.sum((here.residual + here.along(point - self.point[index])) ** 2, axis=1) - here.cost
-        gained = seen.cost - here.cost
-        taken = gained <= POOR * predicted
-        well = (gained < WELL * predicted) & (predicted < 0)
-        self.trust[index] *= np.where(taken, np.where(well, LONGER, 1.0), SHORTER)
-        self.point[index[taken]] = point[taken]
-        self.local.put(index[taken], seen.at(taken))
+        point = found.next(index)
+        found.see(index, point, evaluate(point, index))
+    return found

@@ -10,7 +10,7 @@ from ..flow.record import Labelled
 from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
-from .judged import unexplained, whiteness
+from .diagnostics import misfit, whiteness
 from .method import Posterior
 
 
@@ -41,9 +41,9 @@ class SignalPosterior(Posterior):
         """For each sensor the probability that white noise is as correlated as what the model leaves [1]."""
         return np.array([whiteness(self.left(k)) for k in range(len(self.noise))])
 
-    def unexplained(self, rig: Rig) -> list[str]:
+    def misfit(self, rig: Rig) -> list[str]:
         parts = zip(rig.sensors, self.whiteness, self.noise_left, strict=True)
-        texts = [unexplained(one.name, float(white), float(left), one.noise) for one, white, left in parts]
+        texts = [misfit(one.name, float(white), float(left), one.noise) for one, white, left in parts]
         return [text for text in texts if text]
 
     def label(self, rig: Rig) -> Labelled:

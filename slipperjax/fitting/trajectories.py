@@ -31,13 +31,13 @@ FIRST_NOISE = 0.1
 """Noise over the RMS of a signal, of which nothing is known yet [1]."""
 ROUGH = 0.01
 """Share of the sum of squares that is no gain in the first search [1]."""
-AT_ONCE = 4
+REFINED_STARTS = 4
 """Searches that go on from where the first ones have led: they take as long as one."""
 DRAWS = 15
 """Likely parameters whose signals are kept; with the estimate, two batches."""
 ROUNDS = 6
 """Most searches, after each of which the noise is estimated anew, or steps are halved."""
-NO_MATTER = 0.2
+NEGLIGIBLE_CHANGE = 0.2
 """Change of an estimate by half the step, or by interpolation, that is no matter [standard errors]."""
 LIKELY = 9.0
 """Sum of squares over the least of all up to which another minimum is likely, three standard deviations."""
@@ -95,12 +95,13 @@ class Trajectories(AbstractFitMethod):
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
             )
-        kept = found.nearest(found.cost[found.lead], AT_ONCE)
+        kept = found.nearest(found.cost[found.lead], REFINED_STARTS)
         for jump in CONTINUITY[1:-1] if windows.count > 1 else ():
             fit = dataclasses.replace(fit, guess=fit.guess[kept], jump=jump)
             found = search(fit.rows, found.point[kept], shown, rough=ROUGH)
-            kept = found.nearest(found.cost[found.lead], AT_ONCE)
-        noise = np.where(np.isnan(given), fit.noise_left(found.point[found.lead]), given)
+            kept = found.nearest(found.cost[found.lead], REFINED_STARTS)
+        point = found.point[[found.lead]]
+        noise = np.where(np.isnan(given), fit.noise_left(fit.course(point), point.size), given)
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
             model = model.with_steps(fit.needed(found.point[found.lead]))
@@ -110,9 +111,9 @@ class Trajectories(AbstractFitMethod):
             shown("errors")
             now = fit.checked(found)
             # more steps and instants, until they are no matter
-            if np.abs(now.by_step).max() > NO_MATTER:
+            if np.abs(now.by_step).max() > NEGLIGIBLE_CHANGE:
                 model = model.with_steps(2 * model.steps)
-            if np.abs(now.by_instants).max() > NO_MATTER:
+            if np.abs(now.by_instants).max() > NEGLIGIBLE_CHANGE:
                 model = model.with_samples(2 * model.samples)
             if model is fit.model and np.all(np.isfinite(given) | (np.abs(now.noise / noise - 1) < 0.02)):
                 break
@@ -154,59 +155,40 @@ class Fitting:
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
         `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
-        levels, numbers = self.split(points)
         course = self.course(points)
-        per_level = self._per_level(points)
-        # columns: numbers of this window's start, of the next one's, levels, residual
-        parts = [
-            _banded(*self._weighted(course), per_level),
-            self._jumps(course, numbers, per_level),
-            self._reach(numbers - self.guess[index], levels.shape[1]),
-        ]
-        known = np.broadcast_to(np.eye(levels.shape[1]), (len(levels), levels.shape[1], levels.shape[1]))
-        return Chain.of(np.concatenate(parts, axis=2), np.concatenate([known, levels[..., None]], axis=2))
+        return self._chain(points, index, course, course.reading - self.model.windows.value)
 
-    def _per_level(self, points: Float[np.ndarray, "starts unknowns"]) -> Float[np.ndarray, "starts parameters"]:
-        """Return derivatives of the parameters by their levels."""
-        return np.stack([one.slope(points[:, k]) for k, one in enumerate(self.model.problem.unknowns)], axis=1)
+    def _chain(
+        self, points: np.ndarray, index: np.ndarray, course: Course, difference: np.ndarray, others: float = 1.0
+    ) -> Chain:
+        """Return the chain of some points from their course, and differences of signals from those to be met.
 
-    def _weighted(self, course: Course) -> tuple[np.ndarray, np.ndarray]:
-        """Return differences from samples (starts, windows, rows) and their slopes by a window's own directions."""
-        windows = self.model.windows
+        **Arguments:** `others`: factor of all residuals but these differences [1].
+        """
+        windows, ten = self.model.windows, len(SIZES)
+        levels, numbers = self.split(points)
+        # derivatives of the parameters by their levels
+        unknowns = self.model.problem.unknowns
+        per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(unknowns)], axis=1)
         weight = windows.known / self.noise[:, None]
-        difference = ((course.reading - windows.value) * weight).reshape(-1, windows.count, weight[0].size)
-        return difference, (course.slope * weight[..., None]).reshape(*difference.shape, -1)
-
-    def _jumps(self, course: Course, numbers: np.ndarray, per_level: np.ndarray) -> np.ndarray:
-        run = self.model.windows.run
-        # of the windows that are followed by one of the same run
-        on = np.append(run[1:] == run[:-1], False)
+        samples = _banded(difference * weight, course.slope * weight[..., None], per_level)
+        # windows that are followed by one of the same run end where that begins
+        on = np.append(windows.run[1:] == windows.run[:-1], False)
         weight = on[:, None] / self.jump
         after = np.roll(numbers, -1, axis=1)
-        rows = _banded((course.end - after) * weight, course.end_slope * weight[..., None], per_level)
-        ten = np.arange(len(SIZES))
-        rows[:, :, ten, len(SIZES) + ten] = -weight
-        return rows
+        jumps = _banded(others * (course.end - after) * weight, course.end_slope * weight[..., None], per_level)
+        jumps[:, :, np.arange(ten), ten + np.arange(ten)] = -weight
+        # what is known before of the starts, and of the levels
+        known = np.zeros((*numbers.shape, samples.shape[-1]))
+        known[..., :ten] = np.eye(ten) / START_REACH
+        known[..., -1] = others * (numbers - self.guess[index]) / START_REACH
+        of_levels = np.zeros((*levels.shape, len(unknowns) + 1))
+        of_levels[..., :-1] = np.eye(len(unknowns))
+        of_levels[..., -1] = others * levels
+        return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
-    def _reach(self, away: np.ndarray, levels: int) -> np.ndarray:
-        """Return what is known of the starts before."""
-        ten = len(SIZES)
-        rows = np.zeros((*away.shape, 2 * ten + levels + 1))
-        rows[..., :ten] = np.eye(ten) / START_REACH
-        rows[..., -1] = away / START_REACH
-        return rows
-
-    def _along(self, change: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> Float[np.ndarray, " unknowns"]:
-        """Return the sums of changes (windows, rows) times slopes by a window's own directions, by all unknowns."""
-        sums = np.einsum("wr,wrd->wd", change, slope)
-        own = per_level.size
-        return np.concatenate([sums[:, :own].sum(axis=0) * per_level, sums[:, own:].ravel()])
-
-    def noise_left(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " sensors"]:
+    def noise_left(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
         """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
-        return self._noise_of(self.course(point[None]), point.size)
-
-    def _noise_of(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
         windows = self.model.windows
         left = (course.reading[0] - windows.value) * windows.known
         count = windows.known.sum(axis=(0, 2))
@@ -221,23 +203,21 @@ class Fitting:
 
     def checked(self, found: Found) -> "Checked":
         """Return what the best point leaves, and how exact it is."""
-        point = found.point[[found.lead]]
-        local = found.of_lead
-        errors = np.sqrt(np.diag(_covariance(local)))
+        index = np.array([found.lead])
+        point = found.point[index]
+        errors = np.sqrt(np.diag(_covariance(found.of_lead)))
         course = self.course(point)
-        (slopes,), (per_level,) = self._weighted(course)[1], self._per_level(point)
 
         def shift(other: Course) -> np.ndarray:
-            change = (other.reading - course.reading) * self.model.windows.known / self.noise[:, None]
-            along = self._along(change.reshape(slopes.shape[:2]), slopes, per_level)
-            (moved,) = local.solve(local.solve_transposed(along[None]))
-            return -moved[: len(errors)] / errors
+            # how far the least squares move if signals change by so much, and nothing else
+            chain = self._chain(point, index, course, other.reading - course.reading, others=0.0)
+            return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
         levels, numbers = self.split(point)
         fewer = self.model.course(self.model.values(levels), numbers, stride=2)
         # half the instants have 14 times the error, measured with 20, 40 and 80: cubics are of fourth order
-        return Checked(shift(finer), shift(fewer) / 14, self._noise_of(course, point.size))
+        return Checked(shift(finer), shift(fewer) / 14, self.noise_left(course, point.size))
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what the searches tell of the parameters.
@@ -276,10 +256,11 @@ def _covariance(local: Chain) -> Float[np.ndarray, "parameters parameters"]:
 
 
 def _banded(value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> np.ndarray:
-    """Return values (starts, windows, rows) and slopes by a window's own directions as rows of a `Chain`."""
-    starts, windows, rows = value.shape
+    """Return values (starts, windows, ...) and slopes by a window's own directions as rows of a `Chain`."""
     own, ten = per_level.shape[1], len(SIZES)
-    found = np.zeros((starts, windows, rows, 2 * ten + own + 1))
+    value = value.reshape(*value.shape[:2], -1)
+    slope = slope.reshape(*value.shape, -1)
+    found = np.zeros((*value.shape, 2 * ten + own + 1))
     found[..., :ten] = slope[..., own:]
     found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
     found[..., -1] = value

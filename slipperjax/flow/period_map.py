@@ -12,6 +12,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..analysis.floquet import linearise
@@ -20,6 +21,7 @@ from ..model.contact import AbstractMemory
 from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, contact_points, scales_of
 from ..model.layout import coordinate_rows
+from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
 from ..model.starts import state_and_penetration, warn_of_start
 from ..model.step_size import prepared
@@ -252,6 +254,55 @@ def advance(
         return step.run(state, epoch, periods=periods, records=records, used=used, earlier=earlier)
 
     return scenes.map(one, states, earlier)
+
+
+class SlopePassage(NamedTuple):
+    """A batch after a forcing period, what records sampled in it, and derivatives of both along some directions."""
+
+    state: State
+    slopes: Float[Array, "cases directions size"]
+    """Of all numbers of the states."""
+    samples: tuple[PyTree, ...]
+    """For each record, arrays (cases, ...)."""
+    sample_slopes: tuple[PyTree, ...]
+    """For each record, arrays (cases, directions, ...)."""
+
+
+@functools.partial(jit, static_argnames=("names", "records", "solver"))
+def advance_slopes(
+    scenes: Batched[Scene],
+    states: State,
+    slopes: Float[Array, "cases directions size"],
+    epoch: Real | Float[Array, " cases"],
+    stepping: AbstractStepping,
+    *,
+    names: tuple[str, ...],
+    records: RecordSet,
+    solver: diffrax.AbstractSolver,
+) -> SlopePassage:
+    """Run a batch over one forcing period, and differentiate it in forward mode.
+
+    **Arguments:** `slopes`: derivatives of the states at the start. The first directions change the parameters
+    `names`, too, one each; others change the start alone. `epoch`: one number, or one for each case.
+    """
+
+    def one(scene: Scene, state: State, slopes: Array, own_epoch: Real | None) -> SlopePassage:
+        flat, unravel = ravel_pytree(state)
+
+        def run(x: Array, p: Array) -> tuple[Array, PyTree]:
+            step = PeriodMap(at_values(scene, names, p), stepping, solver)
+            passage = step.run(unravel(x), epoch if own_epoch is None else own_epoch, periods=1, records=records)
+            # without the axis of periods
+            return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.samples)
+
+        p = values_of(scene, names)
+        push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
+        # values are the same along all directions: no axis
+        every = jax.vmap(push, out_axes=((None, None), 0))
+        (end, samples), (end_slopes, sample_slopes) = every(slopes, jnp.eye(len(slopes), p.size))
+        return SlopePassage(unravel(end), end_slopes, samples, sample_slopes)
+
+    return scenes.map(one, states, slopes, None if jnp.ndim(epoch) == 0 else epoch)
 
 
 class TangentPassage(NamedTuple):

@@ -334,36 +334,24 @@ class _Settings:
         self,
         walk: Callable[..., Branch],
         *start,
-        progress: bool | None = None,
-        **options,
-    ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start, with a progress bar; `options`: of `counting`."""
-        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
-            return self.counting(count, walk, *start, **options)
-
-    def counting(
-        self,
-        count: Callable[[Real], None],
-        walk: Callable[..., Branch],
-        *start,
         points: int = 400,
         until: Sequence[str] = (),
+        progress: bool | None = None,
     ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start; raise `Interrupted` with it after Ctrl-C.
-
-        **Arguments:** `count`: is called with the parameter at each point.
-        """
-        branch = walk(
-            *start,
-            self.bounds,
-            observe=self.observe,
-            on_point=lambda node: count(node.z[-1]),
-            tolerance=self.tolerance,
-            # a length of 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
-            pace=Pace(most=0.3),
-            points=points,
-            until=labels(until),
-        )
+        """Return the branch that `walk` makes from a start, with a progress bar; raise `Interrupted` with it after
+        Ctrl-C."""
+        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
+            branch = walk(
+                *start,
+                self.bounds,
+                observe=self.observe,
+                on_point=lambda node: count(node.z[-1]),
+                tolerance=self.tolerance,
+                # a length of 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
+                pace=Pace(most=0.3),
+                points=points,
+                until=labels(until),
+            )
         found = OrbitBranch(self.dataset(branch))
         found.__dict__["branch"] = branch  # fills the cached property, so that points are not evaluated anew
         return finished(found)
@@ -514,14 +502,13 @@ def counted(
     shown: bool | None,
     text: str,
     varied: Parameter,
-    programs: int = 4,
+    programs: int = 3,
 ) -> Iterator[Callable[[Real], None]]:
     """Yield a function that counts a point in a progress bar, given its value of a parameter [SI unit].
 
     The function raises `KeyboardInterrupt` where this run is asked to end.
 
-    **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`; a branch compiles four, the search for
-    its first orbit included.
+    **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`; a branch compiles three.
     """
     with progress_bar(shown, programs=programs, desc=text, unit=" points") as bar:
 
@@ -612,12 +599,11 @@ def continue_orbit(
     check_within(varied.name, value, bounds)
     solver = resolve_solver(scene, solver)
     steps = steps_of_branch(scene, varied, bounds, steps_per_period)
-    with counted(progress, f"branch over {varied.name}", varied) as count:
-        if not isinstance(start, PeriodicOrbit):
-            options = dict(steps_per_period=steps, solver=solver, tolerance=tolerance)
-            start = periodic_orbit(scene, period, start=start, **options)
-            if int(start.status):
-                raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
-        settings = _Settings.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
-        at = start.state, value
-        return settings.counting(count, continue_motion, settings.equations, at, points=points, until=until)
+    if not isinstance(start, PeriodicOrbit):
+        options = dict(steps_per_period=steps, solver=solver, tolerance=tolerance)
+        start = periodic_orbit(scene, period, start=start, **options)
+        if int(start.status):
+            raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
+    settings = _Settings.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
+    at = start.state, value
+    return settings.follow(continue_motion, settings.equations, at, points=points, until=until, progress=progress)

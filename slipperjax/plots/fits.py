@@ -44,7 +44,7 @@ def fit_overview(result: object, sensor: str | None = None) -> np.ndarray:
         _draw_densities(axes[1, 0], at)
         _draw_parameters(axes[1, 1], ds)
         figure = axes[0, 0].figure
-        said = [ds.attrs[name] for name in ("untold", "unexplained") if ds.attrs[name]]
+        said = [ds.attrs[name] for name in ("not_identified", "misfit") if ds.attrs[name]]
         words = textwrap.wrap("; ".join([f"fit: {ds.attrs['status']}", *said]), 120)
         entitle(figure, "\n".join(filter(None, [figure.get_suptitle(), *words])))
     return axes

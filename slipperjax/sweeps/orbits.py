@@ -5,6 +5,7 @@ a new Jacobian. So no case waits for the line search of another one, and finishe
 """
 
 import functools
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Array, Complex, Float, Int, PyTree
 
 from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import LEAST_FALL
@@ -83,7 +84,7 @@ class Maps(NamedTuple):
             # a case whose map is complete stands still
             going = np.flatnonzero(self.periods[index] > k)
             advanced = functools.partial(self._advanced, self.epoch + k)
-            rows[going] = self._of_blocks(advanced, index[going], rows[going])
+            rows[going] = self.of_blocks(advanced, index[going], rows[going])
             self.on_progress(0)
         return np.stack(along, axis=1), rows
 
@@ -95,75 +96,58 @@ class Maps(NamedTuple):
         counts = self.periods[index]
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
-        matrices = self._of_blocks(self._derived, index[lane], along[lane, period])
+        matrices = self.of_blocks(self._derived, index[lane], along[lane, period])
         self.on_progress(0)
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
         """Return proposed states with a memory of contacts that is consistent with them, from that of `mapped`."""
-        return self._of_blocks(lambda *of: rows_of(_settled(*of)), index, proposed, mapped)
+        call = lambda scenes, *rows: rows_of(_settled(scenes, *map(self.states, rows)))
+        return self.of_blocks(call, index, proposed, mapped)
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return the weights by which components of states are scaled [1/unit]; 0 for those that do not count."""
-        return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
+        return self.of_blocks(lambda scenes, rows: rows_of(_weights(scenes, self.states(rows))), index, rows)
 
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
         """Return `Status` codes of states by the contact loads of some periods from there on.
 
         **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
         """
-        return self._of_blocks(functools.partial(self._looked, capacity), index, rows)
+        return self.of_blocks(functools.partial(self._looked, capacity), index, rows)
 
-    def _advanced(self, at: float, scenes: Batched[Scene], states: State) -> np.ndarray:
-        return rows_of(
-            advance(
-                scenes,
-                states,
-                at,
-                dynamic_steps(self.steps),
-                solver=self.solver,
-                periods=1,
-            ).state
-        )
-
-    def _derived(self, scenes: Batched[Scene], states: State) -> np.ndarray:
+    def _advanced(self, at: float, scenes: Batched[Scene], rows: np.ndarray) -> np.ndarray:
         steps = dynamic_steps(self.steps)
-        matrices = batch_jacobians(scenes, states, self.epoch, steps, solver=self.solver, periods=1)
+        return rows_of(advance(scenes, self.states(rows), at, steps, solver=self.solver, periods=1).state)
+
+    def _derived(self, scenes: Batched[Scene], rows: np.ndarray) -> np.ndarray:
+        steps = dynamic_steps(self.steps)
+        matrices = batch_jacobians(scenes, self.states(rows), self.epoch, steps, solver=self.solver, periods=1)
         return np.asarray(matrices)[:, 0]
 
-    def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
+    def _looked(self, capacity: int, scenes: Batched[Scene], rows: np.ndarray) -> Int[Array, " some"]:
         stepping = ConstantSteps(capacity, as_argument(self.steps))
-        seen = advance(
-            scenes,
-            states,
-            self.epoch,
-            stepping,
-            records=RecordSet((ContactChecks(),)),
-            solver=self.solver,
-            periods=FEW,
-        )
-        return np.asarray(
-            judged_by_contacts(
-                scenes,
-                seen.status,
-                *seen.carried,
-                most_stability_number(self.solver),
-            )
-        )
+        how = dict(records=RecordSet((ContactChecks(),)), solver=self.solver, periods=FEW)
+        seen = advance(scenes, self.states(rows), self.epoch, stepping, **how)
+        return judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver))
 
-    def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
-        """Return the rows that `call(scenes, *states)` gives for the cases, in blocks of one size."""
+    def of_blocks(self, call: Callable[..., PyTree], index: np.ndarray, *arrays: PyTree) -> PyTree:
+        """Return the arrays that `call(scenes, *arrays)` gives for the cases, in blocks of one size.
+
+        **Arguments:** `arrays`: with an axis of the cases at `index`.
+        """
         if not len(index):
-            return np.empty((0, *rows[0].shape[1:]))
+            return np.empty((0, *arrays[0].shape[1:]))
         # a program of another size takes as long to compile as hundreds of Jacobians take to compute
         size = 32 if len(self.periods) > 8 else 8
         parts = []
         for first in range(0, len(index), size):
             part = np.arange(first, min(first + size, len(index)))
             lanes = filled(part, size)
-            states = (self.states(r[lanes]) for r in rows)
-            parts.append(call(self.scenes.take(index[lanes]), *states)[: len(part)])
-        return np.concatenate(parts)
+            of_lanes = jax.tree.map(operator.itemgetter(lanes), arrays)
+            made = call(self.scenes.take(index[lanes]), *of_lanes)
+            parts.append(jax.tree.map(operator.itemgetter(slice(len(part))), jax.tree.map(np.asarray, made)))
+        return jax.tree.map(lambda *of: np.concatenate(of), *parts)
 
 
 # Functions of the module, so that each is compiled once and not once for each instance of `Maps`.
@@ -424,12 +408,15 @@ class NearestOrbit(AbstractStage):
         maps = Maps.of(part, np.where(part.good(status), self.period, 0))
         states = jax.tree.map(np.asarray, states)
         orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
+        return self.kept(part, maps, orbits), first_problem(status, orbits.status)
+
+    def kept(self, part: Part, maps: Maps, orbits: Orbits) -> tuple[np.ndarray, ...]:
+        """Return what is kept of the orbits of a chunk, arrays (lanes, ...)."""
         start = coordinates(orbits.state)
-        kept = start, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
-        return kept, first_problem(status, orbits.status)
+        return start, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
 
     def label(self, scene, dims, values) -> Labelled:
-        strobe, state, mu, residual, iterations = values
+        strobe, state, mu, residual, iterations = values[:5]
         largest = np.abs(mu[..., 0])
         with np.errstate(divide="ignore"):  # a multiplier of zero gives minus infinity
             exponent = np.log(largest) / self.period

@@ -35,7 +35,7 @@ from .schedule import Span
 TICK = 0.25
 """Seconds between two checks of a run's threads, and for Ctrl-C."""
 PATIENCE = 1.0
-"""Seconds for which running threads are waited for after Ctrl-C: most calls are shorter, except where they compile."""
+"""Seconds for which threads are waited for after Ctrl-C: most calls are shorter, except where they compile."""
 
 
 class ChunkRun(NamedTuple):

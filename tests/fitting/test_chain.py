@@ -50,8 +50,6 @@ def test_windows_are_eliminated_one_by_one_without_a_change_of_the_sums(windows)
         close(here.solve(-here.residual[:, :-1])[0], best)
         close(here.cost[0] - here.distance[0] ** 2, left[0])
         covariance = np.linalg.inv(slope.T @ slope)
-        every = here.solve(here.solve_transposed(way))
-        close(every, way @ covariance)
         inverse = here.root[0].T @ here.root[0]
         close(inverse, np.linalg.inv(covariance[:OWN, :OWN]))
         weight = np.abs(way[k])

@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.fitting import BandRms, ContactFraction, CorrelationIntegral, Features, ImpactRate, Peaks
-from slipperjax.fitting.likelihood import _Emulator, _Known
+from slipperjax.fitting.likelihood import _Emulator, _Known, _records_near
 
 from .records import record
 
@@ -64,7 +64,7 @@ def test_the_likelihood_of_normal_features_is_the_exact_one():
     known = _Known(level, values)
     found = None
     for _ in range(4):
-        found = _Emulator.of(known, target, found)
+        found = _Emulator.of(known, target, found).likely()
     inverse = np.linalg.inv(root @ root.T)
     covariance = np.linalg.inv(slope.T @ inverse @ slope + np.eye(2))
     mean = covariance @ slope.T @ inverse @ target
@@ -72,8 +72,8 @@ def test_the_likelihood_of_normal_features_is_the_exact_one():
     # 0.05 standard errors, and 3 % of the errors
     np.testing.assert_allclose((found.mean - mean) / error, 0.0, atol=0.2)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / error, 1.0, rtol=0.12)
-    assert found.excess > 0.01
-    assert _Emulator.of(known, target + 5.0 * np.array([1.0, -1.0, 1.0]), found).excess < 0.01
+    assert _records_near(known, target, found)[2] > 0.01
+    assert _records_near(known, target + 5.0 * np.array([1.0, -1.0, 1.0]), found)[2] < 0.01
 
 
 def test_settings_are_checked():
@@ -117,13 +117,13 @@ def test_a_chaotic_record_tells_of_its_parameters():
         error = np.sqrt(found.posterior.covariance[found.names.index(name), found.names.index(name)])
         assert abs(level - one.level(float(scene.value(name)))) < 3 * error
         assert error < 0.5
-    assert not found.unexplained
+    assert not found.misfit
     ds = found.to_xarray()
     assert np.isfinite(ds["density"]).any()
     assert sj.plots.plot(ds).shape == (2, 2)
     # no trajectory stays near this record
     lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
-    assert lost.unexplained
+    assert lost.misfit
 
 
 def test_lost_ensembles_are_told():

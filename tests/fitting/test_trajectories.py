@@ -9,7 +9,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.fitting import Trajectories
-from slipperjax.fitting.judged import untold, whiteness
+from slipperjax.fitting.diagnostics import not_identified, whiteness
 from slipperjax.fitting.signals import densities
 from slipperjax.flow.datasets import load_call
 from slipperjax.tools import limits
@@ -37,8 +37,8 @@ def found(noisy):
 @pytest.mark.full
 def test_what_was_put_in_comes_out(found, noisy):
     assert found.status == "converged", found
-    assert not found.untold
-    assert not found.unexplained
+    assert not found.not_identified
+    assert not found.misfit
     for name, error in found.stderr.items():
         truth = float(TRUTH.value(name))
         # 0.2 to 1.3 standard errors, which are 0.9, 0.1 and 2.6 % of the values
@@ -81,7 +81,7 @@ def test_laws_of_one_form_differ_by_their_restitution_alone():
     # both are K d^1.5 (1 + c d'/d'_0), with c of Flores 8 (1 - e) / 5 e, and of Hunt and Crossley 3 (1 - e) / 2
     other = dataclasses.replace(FAR, contact=sj.HuntCrossley(stiffness=6e7, restitution=0.7))
     found = sj.fit(other, record(TRUTH, SENSORS, PERIODS, noise=0.05), BOUNDS, SENSORS, method=METHOD)
-    assert not found.unexplained
+    assert not found.misfit
     expected = 1 - 8 * (1 - 0.9) / (5 * 0.9) * 2 / 3
     # 0.8815; 0.8 standard errors
     assert abs(found.estimate["restitution"] - expected) < 3 * found.stderr["restitution"]
@@ -95,8 +95,8 @@ def test_a_law_of_another_form_is_said_not_to_explain_the_record():
     few = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
     same = sj.fit(scene, measured, BOUNDS, SENSORS, method=METHOD)
     wrong = sj.fit(other, measured, few, SENSORS, method=METHOD)
-    assert not same.unexplained, same
-    assert "what is left is no white noise" in " ".join(wrong.unexplained)
+    assert not same.misfit, same
+    assert "what is left is no white noise" in " ".join(wrong.misfit)
     assert wrong.posterior.noise.max() > 3 * same.posterior.noise.max()
 
 
@@ -106,7 +106,7 @@ def test_mass_and_stiffness_are_not_told_apart():
     unknowns = {"stiffness": (6e7, 1.7e8), "mass": (8.0, 24.0)}
     unknowns |= {f"slipper.inertia.{k}": (0.6 * j, 1.7 * j) for k, j in enumerate((0.051, 0.060, 0.086))}
     found = sj.fit(TRUTH, record(TRUTH, SENSORS, PERIODS, noise=0.05), unknowns, SENSORS, method=METHOD)
-    (text,) = found.untold
+    (text,) = found.not_identified
     assert text.startswith("the record does not tell")
     assert "mass" in text
     assert "stiffness" in text
@@ -114,11 +114,14 @@ def test_mass_and_stiffness_are_not_told_apart():
 
 def test_directions_are_said_in_words():
     names = ["a", "b", "c"]
-    assert untold(names, np.diag([1e4, 1e4, 0.1])) == ["the record tells little of c"]
+    assert not_identified(names, np.diag([1e4, 1e4, 0.1])) == ["the record tells little of c"]
     way = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
     blind = 1e4 * (np.eye(3) - np.outer(way, way))
-    assert untold(names, blind) in (["the record does not tell a from b"], ["the record does not tell b from a"])
-    assert untold(names, 1e4 * np.eye(3)) == []
+    assert not_identified(names, blind) in (
+        ["the record does not tell a from b"],
+        ["the record does not tell b from a"],
+    )
+    assert not_identified(names, 1e4 * np.eye(3)) == []
 
 
 def test_whiteness_is_a_probability():

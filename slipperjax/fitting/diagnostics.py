@@ -5,18 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-LITTLE = 3.0
+LEAST_INFORMATION = 3.0
 """Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
 standard error is half that of the bounds then."""
-PART = 0.3
+LEAST_SHARE = 0.3
 """Least share of a parameter in a direction over the greatest, to be named."""
-LOUD = 1.2
+MOST_NOISE_RATIO = 1.2
 """What is left over the noise that was given, above which a model does not explain a signal [1]."""
-STRANGE = 1e-3
+SIGNIFICANCE = 1e-3
 """Probability of residuals below which a model does not explain them."""
 
 
-def untold(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
+def not_identified(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
     """Return in words what a record does not tell.
 
     **Arguments:** `information`: Fisher's, of the record alone, by levels: multiples of what is known before.
@@ -24,8 +24,8 @@ def untold(names: Sequence[str], information: Float[np.ndarray, "parameters para
     texts = []
     values, directions = np.linalg.eigh(information)
     for value, way in zip(values, directions.T, strict=True):
-        if value < LITTLE:
-            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > PART * np.abs(way).max()]
+        if value < LEAST_INFORMATION:
+            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > LEAST_SHARE * np.abs(way).max()]
             if len(named) == 1:
                 texts.append(f"the record tells little of {named[0]}")
             else:
@@ -49,11 +49,11 @@ def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
     return float(chi2.sf(statistic, len(lags)))
 
 
-def unexplained(sensor: str, probability: float, noise: float, given: float | None) -> str:
+def misfit(sensor: str, probability: float, noise: float, given: float | None) -> str:
     """Return in words what a model leaves of a signal; empty where that is noise."""
     parts = []
-    if probability < STRANGE:
+    if probability < SIGNIFICANCE:
         parts.append(f"what is left is no white noise (p = {probability:.1g})")
-    if given is not None and noise > LOUD * given:
+    if given is not None and noise > MOST_NOISE_RATIO * given:
         parts.append(f"it is {noise / given:.2g} times the noise")
     return f"the model does not explain {sensor}: {' and '.join(parts)}" if parts else ""
