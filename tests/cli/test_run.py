@@ -1,5 +1,6 @@
 """The command `run`: what it reads, computes, writes and prints."""
 
+import dataclasses
 import re
 import shutil
 
@@ -150,7 +151,9 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
     options = over_rail.call_args[1]
     assert (options["solver"], options["begin"], options["steps_per_period"]) == ("Rodas4", 10.0, 70)
     assert options["start"].v_y == 1.0
-    error_of([*words, "--solver", "RK4", "--rail", EXAMPLES / "survey.csv"], capsys)
+    rail = tmp_path / "rail.csv"
+    rail.write_text("\n".join(["chainage [m],vertical [mm]", *(f"{k / 4},0" for k in range(400))]))
+    error_of([*words, "--solver", "RK4", "--rail", rail], capsys)
     (scene,), options = over_rail.call_args
     assert isinstance(options["solver"], sj.RK4)
     assert isinstance(scene.track, SurveyedTrack)
@@ -190,6 +193,8 @@ def test_the_documented_file_is_read(tmp_path):
     assert table == dict(length=100.0, window=1.0)
     place = float(scene.speed.distance[1])  # where the speed is 900 m/s
     assert static_load(scene, "", place) == pytest.approx(14 * 9.81 + 800 - 324)
+    with_payload = dataclasses.replace(sj.paper_scene().replace(gravity=10.0), sled=sj.SledMass(50.0, [1e6, 1e6]))
+    assert static_load(with_payload, "", 300.0) == pytest.approx(640.0)
 
 
 @pytest.mark.parametrize("there", [True, False])
