@@ -306,3 +306,17 @@ WRONG = [
 def test_wrong_inputs_of_pictures_are_one_line(call, words):
     with pytest.raises(ValueError, match=f"^Argument {words}"):
         call()
+
+
+class InFeet(sj.SampledTrack):
+    """A rail whose survey has its distances in feet."""
+
+    distance_unit = "ft"
+
+
+@pytest.mark.full
+def test_surveys_are_drawn_over_their_own_unit_of_distance():
+    scene = dataclasses.replace(sj.paper_scene(), track=InFeet(np.arange(0.0, 400.0), 0.0, 0.0))
+    upper, below, _ = plots.rail(scene)
+    assert upper.get_xlim() == pytest.approx((0.0, 200 / 0.3048))
+    assert below.get_xlabel() == "distance [ft]"

@@ -225,3 +225,10 @@ def test_wrong_files_and_units_are_one_line(tmp_path):
         with pytest.raises(ValueError, match=words):
             plots.report(**{"ds": run()} | wrong)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_run_from_standstill_begins_at_time_zero():
+    """The first window takes 1.41 of its length over the speed in its middle."""
+    ends = np.arange(1.0, WINDOWS + 1)
+    along = dict(speed=("distance", np.sqrt(2 * (ends - 0.5))), seconds=("distance", np.sqrt(2 * ends)))
+    assert RunView.of(run().assign_coords(along)).times[0] == 0.0

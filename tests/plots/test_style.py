@@ -3,12 +3,13 @@
 import re
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 from slipperjax import plots
 from slipperjax.plots.style import COLORS, FILES
 
-from .shown import marked
+from .shown import drawn, legend, marked
 from .test_plots import LINE, followed, measured, sections, trajectory
 
 CYCLE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
@@ -79,3 +80,13 @@ def test_files_keep_text_and_fonts():
     assert b"/Type3" not in files[".pdf"]
     assert b">periodic</text>" in files[".svg"]
     assert plt.get_fignums() == []
+
+
+def test_numbers_of_both_ways_are_curves_over_the_parameter():
+    ds = followed([(0, 0, 0, 1), (0,) * 4]).drop_vars(["v_y", "v_z", "w_x", "w_y", "w_z"])
+    ds["impulse"] = (("direction", "clearance"), [[1.0, 2.0, 3.0, 4.0], [1.0, 2.5, 3.5, 4.0]])
+    ax = plots.plot(ds)
+    up, down = (line for line in ax.lines if line.get_linestyle() == "-")
+    assert legend(ax) == ["followed up", "status not 0", "followed down"]
+    np.testing.assert_array_equal(drawn(up)[:, 1], [1.0, 2.0, 3.0, np.nan])
+    np.testing.assert_allclose(drawn(down), np.stack([[0.5, 1, 1.5, 2], [1.0, 2.5, 3.5, 4.0]], axis=1))
