@@ -81,16 +81,6 @@ def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     picture(out, 3.5, 2.9)
 
 
-@pytest.mark.slow
-def test_the_branch_of_a_flip_is_followed(tmp_path, capsys):
-    out = tmp_path / "run"
-    text, _ = call([*FROM, "--switch", "PD", "--points", 3, "--out", out], capsys)
-    assert "OrbitBranch of period 2 over speed" in text
-    found = sj.load_branch(f"{out}_PD1.nc")
-    assert found.period == 2
-    assert np.all(found.points["stable"])
-
-
 def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, replaced, tmp_path, capsys):
     switched = replaced(SWITCH, return_value=OrbitBranch(branch.points.assign_attrs(orbit_period=2)))
     drawn = []

@@ -22,6 +22,9 @@ PEAK = ["--minimise", "peak_force", "--vary"]
 GIVEN = ["design", "--minimise", "peak_force", *VARIED, "--no-check", "--no-margins", "--steps-per-period", 50]
 
 
+LIMIT = ["--constraint", "drive_force"]
+
+
 @pytest.fixture
 def bowl(monkeypatch):
     monkeypatch.setattr(Problem, "evaluate", evaluate)
@@ -37,45 +40,30 @@ def test_the_help_names_every_objective_with_its_unit(capsys):
     assert "Design variable with its lower and upper bound; repeat for several. Parameters: speed [m/s]" in text
 
 
-def test_wrong_input_is_one_line(tmp_path, capsys):
-    for arguments, words in (
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
         (VARIED, "Missing option '--minimise'"),
         (["--minimise", "foo", *VARIED], "'foo' is not one of 'peak_slipper_force', "),
         (["--minimise", "peak_force"], "Missing option '--vary'"),
         ([*PEAK, "clearance", 3, 0.2], "Option --vary must have two bounds, the smaller first, but has 3 to 0.2 mm"),
-        ([*PEAK, "clearance", 3, 3], "but has 3 to 3 mm"),
         ([*PEAK, "clearance", -1, 3], "`clearance` must be zero or positive, but is -0.001 m"),
-        ([*PEAK, "speed", "nan", 3], "`speed` must be positive, but is nan"),
         ([*PEAK, "length", "long", 3], "`length` must be a number with a unit"),
-        (PEAK, "Option '--vary' requires 3 arguments"),
         ([*PEAK, "gravity", 1, 10], "the scene has no gravitational acceleration"),
         ([*PEAK, "foo", 1, 2], "`foo` is no parameter; the names are speed, "),
         ([*PEAK, "section.foo", 1, 2], "`section.foo` leads to no number"),
-    ):
-        # without --out in between, whose value would be read as a bound
-        assert words in error_of(["design", "--out", tmp_path / "run", *arguments], capsys)
-    three = ["--speeds", 1000, 1600, 3]
-    for arguments, words in (
-        (["--vary", "length", 1, 2], "Option --vary must name each parameter once, but is 'length'"),
-        (["--vary", "slipper.length", 0.1, 0.2], "`length` must not be given with `slipper.length`"),
-        (["--speeds", 1000, 1600], "--speeds"),
-        (["--speeds", 1600, 1000, 3], "but is 1600 to 1000 m/s and 3"),
-        (["--speeds", 1000, 1600, 1], "Option --speeds must be the lowest and the highest"),
-        (["--speeds", "nan", 1600, 3], "Option --speeds must be the lowest and the highest"),
-        ([*three, "--speed", 1250], "--speeds must not be given with --speed"),
-        ([*three, "--vary", "speed", 900, 1200], "must not be given with --speed or --vary speed"),
-        (["--robust", "best"], "'best' is not one of 'worst', 'mean'"),
-        (["--constraint", "foo", 1, 2], "'foo' is not one of 'peak_slipper_force'"),
-        (["--constraint", "drive_force", 1], "--constraint"),
-        (["--constraint", "drive_force", 3, 1], "`constraints` must have a highest value or (low, high)"),
-        (2 * ["--constraint", "drive_force", 1, 3], "--constraint must name each objective once"),
-        (["--constraint", "drive_force", "-inf", "nan"], "`constraints` must have a highest value"),
-        (["--starts", 0], "'--starts': 0 is not in the range x>=1"),
-        (["--seed", -1], "'--seed': -1 is not in the range x>=0"),
-        (["--scene", "none.toml"], "none.toml"),
-        (["--solver", "foo"], "foo"),
-    ):
-        assert words in error_of([*GIVEN, "--out", tmp_path / "run", *arguments], capsys)
+        ([*GIVEN[1:], "--vary", "length", 1, 2], "Option --vary must name each parameter once, but is 'length'"),
+        ([*GIVEN[1:], "--speeds", 1600, 1000, 3], "but is 1600 to 1000 m/s and 3"),
+        ([*GIVEN[1:], "--speeds", 1000, 1600, 3, "--speed", 1250], "--speeds must not be given with --speed"),
+        ([*GIVEN[1:], "--robust", "best"], "'best' is not one of 'worst', 'mean'"),
+        ([*GIVEN[1:], *LIMIT, 3, 1], "`constraints` must have a highest value or (low, high)"),
+        ([*GIVEN[1:], *LIMIT, 1, 3, *LIMIT, 1, 3], "--constraint must name each objective once"),
+        ([*GIVEN[1:], "--starts", 0], "'--starts': 0 is not in the range x>=1"),
+    ],
+)
+def test_wrong_input_is_one_line(arguments, words, tmp_path, capsys):
+    # without --out behind, which would be read as a bound
+    assert words in error_of(["design", "--out", tmp_path / "run", *arguments], capsys)
     assert names(tmp_path) == []
 
 
@@ -110,7 +98,6 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     assert error.splitlines()[-1].startswith("design for peak_force: 90 trials")
     # the bowl's, as near as the least region of the search: measured 0.99968 mm
     assert float(re.match(r"Design\(status: [a-z ]+, clearance (\S+) mm", text)[1]) == pytest.approx(1.0, abs=1e-3)
-    assert "regimes: 1 x chaotic, 2 x period 1" in text
     lines = text.splitlines()
     assert [line.split() for line in lines[-6:-2]] == [
         ["speed", "[m/s]", "peak_force", "[kN]", "regime"],
@@ -119,21 +106,12 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
         ["1600", "16", "+-", "0.1", "chaotic"],
     ]
     assert lines[-1] == f"wrote {out}.nc and {out}.png"
-    assert "standard error 0.1 kN" in text
     picture(out, 7.2, 5.8)
     ds = dataset(out)
-    assert ds.sizes["case"] == 3
-    assert ds.attrs["status"] == "converged"
-    assert ds["trial_objective"].dims == ("trial", "case")
     np.testing.assert_allclose(ds["design"], [1e-3, 0.31], rtol=0.02)
-    np.testing.assert_allclose(ds["low"], [0.2e-3, 0.12])
     found = sj.load_scene(ds, speed=1300.0)
     assert float(found.value("clearance")) == pytest.approx(float(ds["design"][0]))
-    assert float(found.speed) == 1300
     made = load_call(ds)
-    assert made["function"] == "optimise_design"
-    assert [name for name, *_ in made["variables"]] == ["clearance", "length"]
-    np.testing.assert_allclose([pair for _, *pair in made["variables"]], [[0.2e-3, 3e-3], [0.12, 0.5]])
     assert EnsembleSettings(*made["ensemble"]) == EnsembleSettings()
     # the same from Python
     variables = {name: bounds for name, *bounds in made["variables"]}
@@ -166,15 +144,3 @@ def test_no_motion_is_exit_code_1(monkeypatch, tmp_path, capsys):
     assert text.startswith("Design(status: no motion: no design that was tried stays on the rail; raise ")
     assert "peak_force" not in text
     assert (tmp_path / "run.png").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # of tight designs' first transients
-def test_the_issues_command_works(tmp_path, capsys):
-    more = ["--speeds", 1000, 1600, 2, "--starts", 2, "--max-trials", 3, "--transient", 60]
-    text, _ = call([*GIVEN, *more, "--out", tmp_path / "run"], capsys)
-    assert "worst of 2 cases" in text
-    ds = dataset(tmp_path / "run")
-    first = float(ds["trial_smooth"][0])
-    assert ds.attrs["smooth"] < first
-    assert np.all(np.isfinite(ds["objective"]))

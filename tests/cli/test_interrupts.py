@@ -65,7 +65,7 @@ def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [8.0, 12.0, 16.0, 20.0, 30.0])
+@pytest.mark.parametrize("seconds", [8.0, 16.0, 30.0])
 def test_a_signal_at_any_time(begin, tmp_path, seconds):
     process = begin("bifurcation", "--over", "speed", "100", "2500", "64", "--transient", "40000")
     time.sleep(seconds)
@@ -73,18 +73,7 @@ def test_a_signal_at_any_time(begin, tmp_path, seconds):
     kept = tmp_path / "out" / "run_partial.nc"
     assert kept.exists() == ("nothing is written" not in error)
     if kept.exists():
-        found = dataset(kept.with_suffix(""))["status"].values
-        assert set(np.unique(found)) <= {0, int(Status.NOT_RUN)}
-
-
-@pytest.mark.slow
-def test_a_signal_inside_a_run_over_a_rail(begin, tmp_path):
-    file = tmp_path / "sled.toml"
-    file.write_text('base = "paper"\n[run]\nlength = "900 km"\n')  # some minutes
-    process = begin("run", str(file))
-    time.sleep(25.0)
-    assert "0 of 1 cases were finished: nothing is written" in ended(process, signal.SIGINT)
-    assert names(tmp_path / "out") == []
+        assert set(dataset(kept.with_suffix(""))["status"].values.tolist()) <= {0, int(Status.NOT_RUN)}
 
 
 @pytest.mark.usefixtures("python_s_own_interrupts")
@@ -133,15 +122,12 @@ def test_finished_cases_get_a_name_of_their_own(partial, replaced, tmp_path, cap
 
 
 @pytest.mark.full
-def test_files_are_replaced_which_is_said_even_where_they_are_open(partial, replaced, tmp_path, capsys):
+def test_files_are_replaced_even_where_they_are_open(partial, replaced, tmp_path, capsys):
     replaced("sweeps.sweep.sweep", return_value=partial)
     fig = tmp_path / "fig"
-    for ending in (".nc", ".png"):  # known endings are not repeated
-        assert f"wrote {fig}.nc and {fig}.png\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
-    assert names(tmp_path) == ["fig.nc", "fig.png"]
-    for ending in (".pdf", ".svg"):  # in place of .png
-        assert f"wrote {fig}.nc and {fig}{ending}\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
-    assert names(tmp_path) == ["fig.nc", "fig.pdf", "fig.png", "fig.svg"]
+    for ending, picture in ((".nc", ".png"), (".pdf", ".pdf")):  # known endings are not repeated
+        assert f"wrote {fig}.nc and {fig}{picture}\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
+    assert names(tmp_path) == ["fig.nc", "fig.pdf", "fig.png"]
     partial.attrs["transient"] = 5
     with xr.open_dataset(f"{fig}.nc", engine="h5netcdf") as held:
         call([*FOUR, fig], capsys)

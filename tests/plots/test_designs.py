@@ -1,17 +1,13 @@
 """Pictures of designs of a bowl, whose optimum is known."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.colors import LogNorm
 
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
-from slipperjax.plots.style import color_norm
 
 from ..design.bowl import evaluate
 from .shown import drawn, labels, legend, marked
@@ -61,38 +57,28 @@ def test_cases_are_drawn_over_their_parameter_by_regime(design):
     assert set(legend(ax)) == {"best design", "first design", "worst", "periodic", "irregular"}
     np.testing.assert_allclose(dots(ax, "D")[:, 0], [1600, 1600])
     best = np.stack([ds["speed"], ds["objective"] / 1e3], axis=1)
-    assert best[:2].round(9).tolist() == dots(ax, "o")[2:].round(9).tolist()
+    np.testing.assert_allclose(dots(ax, "o")[2:], best[:2])
     (bar,) = [c for c in ax.collections if len(c.get_segments())]
     np.testing.assert_allclose(np.diff(bar.get_segments()[0][:, 1]), 0.2)  # twice 100 N
     # without motion a cross at the bottom
     ds["trial_objective"][0, 0] = NAN
     np.testing.assert_allclose(dots(panel(0, ds), "x"), [[1000, 0.04]])
-    ax = panel(0, design(speeds=()))
-    assert ax.get_xlabel() == "case"
-    assert "worst" not in legend(ax)
-    ds = ds.assign_coords(mass=("case", [1.0, 2, 3])).assign_attrs(varied=json.dumps(["speed", "mass"]))
-    assert panel(0, ds).get_xlabel() == "case, over speed and mass"
+    assert panel(0, design(speeds=())).get_xlabel() == "case"
 
 
 def test_trials_lie_in_the_plane_of_the_first_two_variables(design):
     ds = design(*BOX)
     ds["trial_violation"][-1] = 0.1
-    axes = plots.design_overview(ds)
-    ax = axes[1]
+    ax = panel(1, ds)
     assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
     assert {"best", "start", "trial", "constraint violated", "bound"} == set(legend(ax))
-    assert sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")[-2:] == [0.2, 3.0]
     assert len(dots(ax, "s")) == 2
     np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
-    # a start frames the star
-    (star,) = marked(ax, "*")
-    assert all(line.get_markersize() > star.get_markersize() for line in marked(ax, "s"))
-    assert f"{SMOOTH}\nworst of 3 cases" in [other.get_ylabel() for other in ax.figure.axes[4:]]
     violated, kept = ax.collections
     assert (len(violated.get_offsets()), len(kept.get_offsets())) == (1, ds.sizes["trial"] - 1)
 
 
-def test_progress_is_the_lowest_that_violates_nothing(design):
+def test_progress_is_the_lowest_that_violates_nothing_and_sensitivities_are_relative(design):
     ds = design()
     ds["trial_smooth"][0] = np.inf
     ds["trial_violation"][int(np.argmin(ds["trial_smooth"].values))] = 0.1
@@ -102,22 +88,10 @@ def test_progress_is_the_lowest_that_violates_nothing(design):
     assert np.isnan(y[0])
     assert np.all(np.diff(y[1:]) <= 0)
     assert x[-1] == ds["trial_simulated"][-1]
-    assert legend(ax) == ["lowest", "constraint violated", "trial", "no motion"]
-    ds["trial_smooth"][1] *= 30
-    assert panel(2, ds).get_yscale() == "log"
-    for values, wide in (([1.0, 9.0, NAN], True), ([1.0, 5.0], False), ([-1.0, 9.0], False)):
-        assert isinstance(color_norm(np.array(values)), LogNorm) == wide
-
-
-@pytest.mark.full
-def test_sensitivities_are_relative(design):
-    ds = design()
     ax = panel(3, ds)
-    assert ax.get_ylabel() == "change of soft peak force\nby 1 % of a variable [%]"
     assert legend(ax) == ["clearance $C$", "length $L$"]
     line = next(line for line in ax.lines if line.get_marker() == "o")
-    expected = ds["gradient"][:, 0] * ds["design"][0] / ds["smooth"]
-    np.testing.assert_allclose(line.get_ydata(), expected)
+    np.testing.assert_allclose(line.get_ydata(), ds["gradient"][:, 0] * ds["design"][0] / ds["smooth"])
 
 
 def test_surroundings_are_a_map_near_the_best_design(design):
@@ -141,17 +115,6 @@ def test_one_variable_has_the_objective_upwards(design):
     assert len(trials.figure.axes) == 5  # no colour bar
 
 
-@pytest.mark.full
-def test_panels_of_a_design_are_as_wide_as_their_row_allows(design):
-    ds = design()
-    axes = plots.design_overview(ds, surroundings(ds), margins=margins())
-    axes[0].figure.draw_without_rendering()
-    widths = [7.2 * ax.get_position().width for ax in axes]
-    assert min(widths) > 2.2  # inches
-    # no row loses the space of another one's colour bar
-    assert min(widths[2:4]) > 2.6
-
-
 def margins():
     """Events on both sides of two parameters of two cases; one side of one has none."""
     rows = [
@@ -170,20 +133,14 @@ def margins():
 def test_a_page_has_margins_to_events_and_a_title(design):
     ds = design()
     axes = plots.design_overview(ds, surroundings(ds), margins=margins())
-    title = axes[0].figure.get_suptitle()
-    assert "\nconverged: clearance" in title or "\nnot converged: clearance" in title
-    assert title.endswith("kN, worst of 3 cases")
+    assert axes[0].figure.get_suptitle().endswith("kN, worst of 3 cases")
     ax = axes[5]
-    assert [text.get_text() for text in ax.get_yticklabels()] == ["clearance [mm]", "length [m]"]
     bars = sorted(float(line.get_xdata()[1]) for line in ax.lines if line.get_linewidth() == 3.5)
     assert bars == pytest.approx([-10.0, -5.0, -5.0, 1.0, 10.0, 20.0], abs=1e-12)
     # an event has a marker and its value; the side without one has neither
     assert [len(dots(ax, marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
-    *values, letter = (text.get_text().strip() for text in ax.texts)
-    assert letter == "(f)"
+    *values, _ = (text.get_text().strip() for text in ax.texts)
     assert sorted(values) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
-    assert sum("m/s" in word for word in legend(ax)) == 2
-    assert sum(word.startswith("GR") for word in legend(ax)) == 1
 
 
 def test_what_cannot_be_drawn_is_named(design):

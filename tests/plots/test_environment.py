@@ -32,29 +32,23 @@ def report():
 @pytest.mark.full
 def test_a_page_has_the_lines_of_its_report_in_g(report):
     axes = plots.vibration(report, 0)
-    assert axes.shape == (2, 3)
     for ax, direction in zip(axes[0], "xyz", strict=True):
-        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-        assert labels(ax)[0] == f"frequency [Hz], along {direction}"
         one = report.isel(place=0).sel(direction=direction)
         *rails, most, mean, limit = [drawn(line)[:, 1] for line in ax.lines]
         np.testing.assert_allclose(rails, one["density"] / G**2)
         for line, name in ((most, "maximum"), (mean, "mean"), (limit, "limit")):
             np.testing.assert_allclose(line, one["density_envelope"].sel(summary=name) / G**2)
-        assert legend(ax) == ["maximum", "mean", "95/50"]
-    assert labels(axes[0, 0])[1] == "power spectral density [g$^2$/Hz]"
+    assert labels(axes[0, 0]) == ("frequency [Hz], along x", "power spectral density [g$^2$/Hz]")
     shock = report["shock_envelope"].isel(place=0).sel(summary="maximum") / G
     np.testing.assert_allclose([drawn(line)[:, 1] for line in axes[1, 0].lines[::2]], shock)
-    # the strongest rail, shaded where it is within 6 dB: noise is so throughout
+    # the strongest rail
     level = report["level"].isel(place=0, rail=2) / G
     np.testing.assert_allclose([drawn(line)[:, 1] for line in axes[1, 1].lines], level)
-    assert len(axes[1, 1].collections) == 3
-    assert "place (0.5, 0, 0.4) m, 3 rails" in axes[0, 0].figure.get_suptitle()
     cells = {at: cell.get_text().get_text() for at, cell in axes[1, 2].tables[0].get_celld().items()}
     rms = report["rms"].isel(place=0, rail=2) / G
     assert [float(cells[1, k]) for k in range(3)] == pytest.approx(rms.values, rel=5e-3)  # three digits
-    assert float(cells[3, 0]) == pytest.approx(float(report["maximax_rms"][:, 0, 0].max()) / G, rel=5e-3)
-    assert float(cells[5, 0]) == pytest.approx(2.0, rel=1e-2)
+    # nothing moves along x at the second place
+    assert not np.any(plots.vibration(report, 1)[0, 0].lines[0].get_ydata())
 
 
 def test_shaded_is_what_is_within_6_db():
@@ -71,47 +65,27 @@ def test_shaded_is_what_is_within_6_db():
     assert legend(axes[0, 0]) == []
 
 
-@pytest.mark.full
-def test_a_direction_without_acceleration_is_an_empty_panel(report):
-    axes = plots.vibration(report, 1)
-    assert not np.any(axes[0, 0].lines[0].get_ydata())
-    assert axes[0, 1].get_yscale() == "log"
-
-
 def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
-    assert plots.plot(report).shape == (2, 3)
-    bands = report.sizes["frequency"]
     plots.report(report, tmp_path / "payload.csv")
     table = pd.read_csv(tmp_path / "payload.csv")
-    assert [path.name for path in tmp_path.iterdir()] == ["payload.csv"]
     assert table.columns.tolist() == environment_table(report).columns.tolist()
-    first = table[:bands]
-    assert len(table) == 2 * bands
+    first = table[: report.sizes["frequency"]]
+    assert len(table) == 2 * len(first)
     assert set(first["x [m]"]) == {0.5}
-    np.testing.assert_allclose(first["low [Hz]"], report["low"], rtol=1e-8)
     limit = report["density_envelope"].sel(summary="limit", direction="z").isel(place=0) / G**2
     np.testing.assert_allclose(first["density z limit [g^2/Hz]"], limit, rtol=1e-8)
     shock = report["shock_envelope"].sel(summary="mean", direction="y").isel(place=0) / G
     np.testing.assert_allclose(first["shock response y mean [g]"], shock[1:], rtol=1e-8)
-    lines = environment_summary(report)
-    assert len(lines) == 4
     strongest = float(report["rms"].isel(place=0).sel(direction="z").max()) / G
-    assert ": g-RMS of the whole record x " in lines[0]
-    assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in lines[0]
-    assert ", in the loudest window x " in lines[0]
-    assert lines[1].startswith("highest shock response ")
-    assert " along z at " in lines[1]
+    words, shocks, *_ = environment_summary(report)
+    assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in words
+    assert shocks.startswith("highest shock response ")
     for ending in ("pdf", "xlsx"):
         assert plots.report(report, tmp_path / f"payload.{ending}").startswith("wrote ")
 
 
 def test_wrong_reports_are_one_line(report):
-    for wrong, words in (
-        (lambda: plots.vibration(report, 2), "`place` must be below 2, the number of places, but is 2"),
-        (
-            lambda: plots.vibration(report.drop_vars("shock_response")),
-            "`report` must be a dataset of slipperjax.env",
-        ),
-    ):
-        with pytest.raises(ValueError, match=words):
-            wrong()
+    with pytest.raises(ValueError, match="`place` must be below 2, the number of places, but is 2"):
+        plots.vibration(report, 2)
+    with pytest.raises(ValueError, match=r"`report` must be a dataset of slipperjax.env"):
+        plots.vibration(report.drop_vars("shock_response"))

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.plots.runs import peak_of
-from slipperjax.plots.style import COLORS
 
 from .shown import check_legend_fits, drawn, legend, marked
 
@@ -48,54 +46,36 @@ def heights(ax):
 
 def test_a_run_is_drawn_over_one_distance():
     axes = plots.run_overview(made(), sj.paper_scene())
-    lateral, rail, speed, force, impacts, spectra = axes
+    lateral, _, speed, force, impacts, spectra = axes
     assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 6
-    assert [ax.get_xlabel() for ax in axes] == [""] * 5 + ["distance [m]"]
-    wanted = [
-        "lateral\n[mm]",
-        "vertical\n[mm]",
-        "speed $V$ [m/s]",
-        "highest single\ncontact point [kN]",
-        "impacts [1/s]",
-    ]
-    assert [ax.get_ylabel() for ax in axes[:5]] == wanted
-    assert rail.figure.get_suptitle() == "$V$ = 100 m/s"
-    for ax in (lateral, rail):
-        assert np.ptp(drawn(ax.lines[0])[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
-    assert lateral.get_ylim() == rail.get_ylim()
-    beside = next(ax for ax in rail.figure.axes if ax.get_ylabel() == "time [s]")
+    assert spectra.get_xlabel() == "distance [m]"
+    assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
     assert drawn(speed.lines[0])[[0, -1]].tolist() == [[100.0, 100.0], [350.0, 100.0]]
+    beside = next(ax for ax in speed.figure.axes if ax.get_ylabel() == "time [s]")
     assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array([[100.0, 0.0], [350.0, 2.5]]))
     (highest, edges), *percentiles = heights(force)
     assert (len(highest), edges[0], edges[-1]) == (WINDOWS, 100.0, 350.0)
     assert (highest[122], np.sum(highest == 1.0)) == (5.0, WINDOWS - 1)
     assert [values.tolist() for values, _ in percentiles] == [[0, 3, 6], [1, 4, 7], [2, 5, 8]]
-    assert all(edges.tolist() == [100.0, *ENDS] for _, edges in percentiles)
     assert drawn(marked(force, "o")[0]).tolist() == [[222.5, 5.0]]
-    assert legend(force) == ["each window", *(f"{k} % of a stretch" for k in (50, 90, 99)), "5 kN: C2, 222.5 m"]
+    assert legend(force)[-1] == "5 kN: C2, 222.5 m"
     assert [values.tolist() for values, _ in heights(impacts)] == [[3, 21, 39], [12, 30, 48]]
     (mesh,) = spectra.collections
     np.testing.assert_array_equal(mesh.get_array(), np.ma.masked_invalid([[1, 3, np.nan], [2, 40, 6]]))
     assert spectra.get_ylim() == pytest.approx((39.8 / 10**0.05, 50.1 * 10**0.05))
-    for ax in (speed, force, impacts):
-        check_legend_fits(ax)
-    assert len({(ax.get_position().x0, ax.get_position().x1) for ax in axes}) == 1
+    check_legend_fits(force)
 
 
 def test_a_run_is_drawn_in_a_user_s_units():
     """Feet are for distances along the rail, and inches for its displacements."""
-    lateral, _, speed, force, _, spectra = plots.run_overview(
-        made(), sj.paper_scene(), ["ft", "in", "lbf", "mph", "g"]
-    )
+    units = ["ft", "in", "lbf", "mph", "g"]
+    lateral, _, speed, force, _, spectra = plots.run_overview(made(), sj.paper_scene(), units)
     assert lateral.get_xlim() == pytest.approx((100 / 0.3048, 350 / 0.3048))
     assert lateral.get_ylabel() == "lateral\n[in]"
     assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0 / 25.4, rel=1e-3)
-    assert speed.get_ylabel() == "speed $V$ [mph]"
     assert drawn(speed.lines[0])[0] == pytest.approx([100 / 0.3048, 100 / 0.44704])
-    assert force.get_ylabel() == "highest single\ncontact point [lbf]"
     assert heights(force)[0][0][122] == pytest.approx(5e3 / 4.4482216)
     assert legend(force)[-1] == "1124 lbf: C2, 729.99 ft"
-    assert spectra.get_xlabel() == "distance [ft]"
     assert np.nanmax(spectra.collections[0].get_array()) == pytest.approx(40 / 9.80665)
 
 
@@ -109,59 +89,37 @@ def test_windows_with_a_status_are_shaded_and_lost_ones_are_not_drawn():
     # the highest force was in a lost window, and stretches with such have no numbers
     assert legend(force)[-2:] == ["1 kN: A1, 222 m", "status not 0"]
     assert np.isnan(heights(force)[1][0]).tolist() == [True, True, False]
-    shaded = [patch.get_extents().transformed(force.transData.inverted()) for patch in force.patches[4:]]
-    assert [box.intervalx.tolist() for box in shaded] == [
-        pytest.approx(ends) for ends in ([150, 160], [222, 223], [300, 350])
-    ]
     # the title alone tells a status of the whole run, of which nothing is drawn but the speed
-    speed, force, impacts, spectra = plots.run_overview(made(status=3))
+    speed, force, impacts, _ = plots.run_overview(made(status=2))
     assert len(drawn(speed.lines[0]))
     assert all(np.isnan(values).all() for ax in (force, impacts) for values, _ in heights(ax))
     assert not marked(force, "o")
-    assert not spectra.collections
+    assert "status: derailed" in speed.figure.get_suptitle()
 
 
 @pytest.mark.parametrize(
     ("part", "stretches", "peak"),
-    [
-        (slice(120, 130), [1], "5 kN: C2, 222.5 m"),
-        (slice(90, 110), [0, 1], "1 kN: A1, 222 m"),
-        (slice(0, 250), [0, 1, 2], "5 kN: C2, 222.5 m"),
-    ],
+    [(slice(120, 130), [1], "5 kN: C2, 222.5 m"), (slice(90, 110), [0, 1], "1 kN: A1, 222 m")],
 )
 def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
-    ds = made().isel(distance=part)
-    begin, end = BEGIN + part.start, BEGIN + part.stop
-    speed, force, impacts, spectra = plots.run_overview(ds)
+    speed, force, impacts, _ = plots.run_overview(made().isel(distance=part))
     assert legend(force)[-1] == peak
     for steps in (heights(force)[1], heights(impacts)[0]):
-        assert steps[1].tolist() == [begin, *(ENDS[k] for k in stretches)]
+        assert steps[1].tolist() == [BEGIN + part.start, *(ENDS[k] for k in stretches)]
     assert heights(force)[1][0].tolist() == [3.0 * k for k in stretches]
-    assert spectra.collections[0].get_array().shape[1] == len(stretches)
     beside = next(ax for ax in speed.figure.axes if ax.get_ylabel() == "time [s]")
-    times = [[begin, part.start / 100], [end, part.stop / 100]]
-    assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array(times))
+    assert drawn(beside.lines[0])[[0, -1], 1] == pytest.approx([part.start / 100, part.stop / 100])
 
 
 def test_what_a_run_lacks_is_left_out():
     axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
     assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "highest single\ncontact point [kN]"]
-    assert axes[-1].get_xlabel() == "distance [m]"
-    spectra = plots.run_overview(made(bands=False))[-1]
-    assert not len(spectra.collections)
+    assert not len(plots.run_overview(made(bands=False))[-1].collections)
     assert peak_of(made().drop_vars("peak_distance"))["peak_distance"] == 223.0
     lost = made()
     lost["peak_force"] = np.nan * lost["peak_force"]
-    force = plots.run_overview(lost)[1]
-    assert not marked(force, "o")
+    assert not marked(plots.run_overview(lost)[1], "o")
     assert np.isnan(peak_of(lost)["peak_force"])
-
-
-def test_a_run_s_status_and_its_varied_speed():
-    ds = made(status=2).rename(speed="speed_along").assign_coords(speed=100.0)
-    title = plots.run_overview(ds)[0].figure._suptitle
-    assert title.get_text().startswith("$V$ = 100 m/s\nstatus: derailed")
-    assert to_hex(title.get_color()) == COLORS["red"]
 
 
 def test_a_run_is_one():
@@ -185,39 +143,31 @@ def climbed(*, rate=50.0, **data):
 def test_windows_are_drawn_over_their_speed_by_the_way_it_goes():
     ax = plots.passing(climbed())
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "$F_{\\mathrm{max}}$ [kN]")
-    assert ax.figure.get_suptitle() == "$C$ = 1 mm"
     assert legend(ax) == ["up, 50 m/s$^{2}$", "down, 50 m/s$^{2}$"]
-    up, down = map(drawn, ax.lines)
-    for way, sign in ((up, 1), (down, -1)):
+    for way, sign in zip(map(drawn, ax.lines), (1, -1), strict=True):
         # all windows but those at a constant speed, at the highest force of all points
         assert 300 <= len(way) <= 301
         assert np.all(sign * np.diff(way[:, 0]) >= 0)
         np.testing.assert_allclose(way[:, 1], 1e-2 * way[:, 0])
-    assert [to_hex(line.get_color()) for line in ax.lines] == [COLORS[name] for name in ("red", "blue")]
-    check_legend_fits(ax)
 
 
 def test_several_runs_pass_over_branches_and_constant_speeds():
-    speed = [100.0, 150.0, 200.0]
     held = {"peak_force": (("direction", "speed", "point"), np.arange(12e3, step=1e3).reshape(2, 3, 2))}
-    held = xr.Dataset(held | {"status": (("direction", "speed"), [[0, 0, 2], [0, 0, 0]])}, {"speed": speed})
+    held |= {"status": (("direction", "speed"), [[0, 0, 2], [0, 0, 0]])}
+    held = xr.Dataset(held, {"speed": [100.0, 150.0, 200.0]})
     points = {"peak_force": ("point", [1e3, 2e3, 3e3]), "stable": ("point", [True, True, False])}
-    points = xr.Dataset(
-        points | {"label": ("point", ["EP", "LP", "EP"])}, {"speed": ("point", [100.0, 200.0, 150.0])}
-    )
+    points |= {"label": ("point", ["EP", "LP", "EP"])}
+    points = xr.Dataset(points, {"speed": ("point", [100.0, 200.0, 150.0])})
     ax = plots.passing([climbed(), climbed(rate=500.0)], points, held)
     rates = [f"{way}, {rate} m/s$^{{2}}$" for rate in (50, 500) for way in ("up", "down")]
     assert legend(ax) == ["constant speed", *rates, "stable orbit", "unstable orbit"]
-    dots, *ways, stable, unstable = ax.lines
-    dots = drawn(dots)
+    dots, *_, stable, unstable = map(drawn, ax.lines)
     # the highest of both points; a case with a status has none
     assert sorted(map(tuple, dots[np.isfinite(dots[:, 1])])) == [
         *((100.0, 1.0), (100.0, 7.0), (150.0, 3.0), (150.0, 9.0), (200.0, 11.0))
     ]
-    assert len({(line.get_color(), line.get_alpha()) for line in ways}) == 4
-    assert (stable.get_linestyle(), unstable.get_linestyle()) == ("-", "--")
-    assert drawn(stable)[:2].tolist() == [[100.0, 1.0], [200.0, 2.0]]
-    assert drawn(unstable)[:2].tolist() == [[200.0, 2.0], [150.0, 3.0]]
+    assert stable[:2].tolist() == [[100.0, 1.0], [200.0, 2.0]]
+    assert unstable[:2].tolist() == [[200.0, 2.0], [150.0, 3.0]]
 
 
 def test_any_number_of_each_window_is_drawn():
@@ -225,11 +175,11 @@ def test_any_number_of_each_window_is_drawn():
     ax = plots.passing(run, quantity="rms_a_z")
     assert ax.get_ylabel() == "rms a z [m/s$^{2}$]"
     assert drawn(ax.lines[0])[0, 1] == 1.0
+    stretches, branch = climbed(rms_a_z=("stretch", [1.0])), xr.Dataset({"stable": ("point", [True])})
     for wrong, words in (
-        (climbed(rms_a_z=("stretch", [1.0])), "runs with `rms_a_z` of each window, .*, but is over stretch"),
-        (climbed(), "`runs` must be a dataset of one run, .* with `rms_a_z`"),
+        ([stretches], "runs with `rms_a_z` of each window, .*, but is over stretch"),
+        ([climbed()], "`runs` must be a dataset of one run, .* with `rms_a_z`"),
+        ([run, branch], r"`branch` must be .* continue_orbit .* with `rms_a_z`"),
     ):
         with pytest.raises(ValueError, match=words):
-            plots.passing(wrong, quantity="rms_a_z")
-    with pytest.raises(ValueError, match=r"`branch` must be .* continue_orbit .* with `rms_a_z`"):
-        plots.passing(run, xr.Dataset({"stable": ("point", [True])}), quantity="rms_a_z")
+            plots.passing(*wrong, quantity="rms_a_z")
