@@ -7,6 +7,7 @@ import numpy as np
 from ..flow.status import Status
 from ..model.parameters import checked_parameters
 from ..sweeps.orbits import NearestOrbit
+from ..tools.checks import tuple_of
 from ..tools.columns import column
 from .gradients import OrbitObjectives
 from .objectives import ObjectiveLike, objective_named
@@ -33,8 +34,10 @@ class OrbitSensitivities(NearestOrbit):
     def __post_init__(self):
         super().__post_init__()
         # equal ones share programs: objectives by name are those objectives
-        object.__setattr__(self, "objectives", tuple(dict.fromkeys(map(objective_named, self.objectives))))
-        object.__setattr__(self, "parameters", tuple(self.parameters))
+        objectives = tuple_of("objectives", self.objectives, object, "a list of objectives")
+        object.__setattr__(self, "objectives", tuple(dict.fromkeys(map(objective_named, objectives))))
+        parameters = tuple_of("parameters", self.parameters, str, "a list of names of parameters")
+        object.__setattr__(self, "parameters", parameters)
 
     name = "orbit_sensitivities"
 
