@@ -45,10 +45,10 @@ OBJECTIVES["exponent"] = LargestExponent()
 axis, such as peak_slipper_force_left1_z, of one net load."""
 
 
-def objective_named(objective: object) -> Objective:
+def objective_named(objective: object, argument: str = "objective") -> Objective:
     """Return the objective of a name, a record, or a function of a course, whose average over periods it is.
 
-    **Raises:** `ValueError` for anything else, with the names.
+    **Raises:** `ValueError` for anything else, which names the `argument` and what it may be.
     """
     if isinstance(objective, LargestExponent):
         return objective
@@ -62,7 +62,7 @@ def objective_named(objective: object) -> Objective:
             if isinstance(one, OnePoint) and objective.startswith(f"{name}_"):
                 return OnePoint(one.record, objective.removeprefix(f"{name}_"))
     need = f"be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a course"
-    require(callable(objective) and not isinstance(objective, type), "objective", need, objective, names=OBJECTIVES)
+    require(callable(objective) and not isinstance(objective, type), argument, need, objective, names=OBJECTIVES)
     name = getattr(objective, "__name__", "functional").strip("<>")
     return Record(Quantity(name, "1", name), objective, "mean")
 

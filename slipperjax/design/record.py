@@ -35,7 +35,8 @@ class OrbitSensitivities(NearestOrbit):
         super().__post_init__()
         # equal ones share programs: objectives by name are those objectives
         objectives = tuple_of("objectives", self.objectives, object, "a list of objectives")
-        object.__setattr__(self, "objectives", tuple(dict.fromkeys(map(objective_named, objectives))))
+        named = dict.fromkeys(objective_named(one, "objectives") for one in objectives)
+        object.__setattr__(self, "objectives", tuple(named))
         parameters = tuple_of("parameters", self.parameters, str, "a list of names of parameters")
         object.__setattr__(self, "parameters", parameters)
 

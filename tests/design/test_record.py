@@ -47,7 +47,7 @@ def test_every_case_is_that_of_its_own_scene(grid):
 
 
 def test_wrong_arguments_are_named():
-    with pytest.raises(ValueError, match="`objective` must be one of"):
+    with pytest.raises(ValueError, match="`objectives` must be one of"):
         OrbitSensitivities(objectives=("peak_farce",))
     record = OrbitSensitivities(parameters=("speeed",))
     with pytest.raises(ValueError, match="`speeed` is no parameter"):
