@@ -185,7 +185,7 @@ tests/sweeps/test_windows.py -k mean_over_time
 
 a search for a rest never takes a step back
 tests/model/test_starts.py -k twisted
--        good = (back <= 0.9 * fell) | (at.count <= SOFT_ITERATIONS)
+-        good = (back <= 0.9 * fell) | (at.count == 0)
 +        good = jnp.ones((), bool)
 
 a lost motion keeps its numbers
@@ -403,11 +403,6 @@ a sled at rest turns after each change of a small force
 tests/model/test_starts.py -k sleds_find_their_rest
 -    held = search.slope - HOLD * jnp.eye(search.unknown.size)
 +    held = search.slope
-
-a sled at rest sought on contacts that are stiff from the first
-tests/model/test_starts.py -k sleds_find_their_rest
--SOFT_ITERATIONS = 14
-+SOFT_ITERATIONS = 0
 
 rotations of sleds judged as if their slippers were near
 tests/model/test_paths.py -k turn_far_slippers
@@ -791,6 +786,11 @@ damaged programs are loaded
 tests/tools/test_kept.py -k damaged
 -        if hashlib.sha256(content).digest() == digest:
 +        if content:
+
+LAPACK is not fetched for a program that is read
+tests/tools/test_kept.py -k lowers_none
+-            if calls_lapack:
++            if False:
 
 arrays of a function are told by their shape
 tests/tools/test_kept.py -k each_change_of_code

@@ -34,6 +34,7 @@ NAMES = {
     "jax.interpreters.ad": "Zero deflinear2 is_undefined_primal primitive_jvps primitive_transposes",
     "jax.interpreters.batching": "bdim_at_front defvectorized primitive_batchers",
     "jax.interpreters.mlir": "LoweringRuleContext lower_fun register_lowering",
+    "jaxlib.lapack": "prepare_lapack_call",
     "jax.interpreters.partial_eval": "custom_partial_eval_rules partial_eval_jaxpr_custom_rules",
 }
 

@@ -37,8 +37,6 @@ CENTRING = 1e-6
 """Force that leads a slipper to the middle of its play where nothing else holds it, at one play over its load [1]."""
 HOLD = 1e-3
 """As `CENTRING`, but of its velocity; the least of what carries a slipper is 100 times as stiff."""
-SOFT_ITERATIONS = 14
-"""In each of the first ones contacts have twice the stiffness of the one before."""
 MOST_ITERATIONS = 300
 """Of 2000 places of sleds on four slippers and twisted rails, with four decades of stiffness, all found their rest,
 the slowest after 170, the mean after 25."""
@@ -270,16 +268,16 @@ def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, " u
     return Motion(*(m + s for m, s in zip(_middle(scene, epoch), scaled, strict=False)), modes=modes)
 
 
-def _wrench(scene: Scene, epoch: Array, motion: Motion, share: Real) -> list[Array]:
+def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
     """Return force along y and z [N], moment about x, y and z [N m] and forces on modes [N kg^-0.5] of a slipper
     that stands there.
 
-    The forces of contacts are elastic, because nothing approaches; a share of them acts.
+    The forces of contacts are elastic, because nothing approaches.
     """
     frame = rail_frame(scene, epoch)
     now = contacts(frame, motion)
     still = jnp.zeros_like(now.gap)
-    force = share * scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
+    force = scene.contact.force(now.gap, still, still if scene.contact.has_memory else None)
     acting = Acting(frame, now, _with_parts(scene, motion), force)
     rates = motion_rates(scene, acting, scene.travel(epoch))
     j_x, j_y, j_z = scene.slipper.inertia
@@ -288,11 +286,9 @@ def _wrench(scene: Scene, epoch: Array, motion: Motion, share: Real) -> list[Arr
     return [mass * rates.v_y, mass * rates.v_z, j_x * rates.w_x, j_y * rates.w_y, j_z * rates.w_z, *modal]
 
 
-def _residual(
-    scene: Scene, epoch: Array, scales: _Scales, unknown: Array, share: Real = 1.0
-) -> Float[Array, " unknowns"]:
+def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, " unknowns"]:
     """Return the work of forces and moments over the scales of a slipper's pose, over that of its load [1]."""
-    wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown), share))
+    wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown)))
     # twice the quaternion is the angle
     ways = scales.pose * np.append([1.0, 1.0, 2.0, 2.0, 2.0], np.ones(unknown.size - 5))
     return wrench * ways / (scales.pose[0] * scales.load) - CENTRING * unknown
@@ -324,17 +320,15 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
     """Return the end of the search for the equilibrium."""
 
     def improve(at: _Search) -> _Search:
-        # soft contacts share the load before few of them carry it
-        soft = 2.0 ** jnp.minimum(at.count - SOFT_ITERATIONS, 0)
         # the residual beside its derivatives, by one program
-        along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u, soft), (unknown,), (way,))
+        along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u), (unknown,), (way,))
         each = jnp.eye(at.unknown.size)
         residual, slope = jax.vmap(along, (None, 0), (None, 1))(at.unknown, each)
         # Forces are those of an energy, whose minimum a step must not pass so far that it climbs as steeply as it
         # fell: steps become shorter where contacts open and close by turns.
         fell = jnp.abs(jnp.dot(at.residual, at.step))
         back = -jnp.dot(residual, at.step)
-        good = (back <= 0.9 * fell) | (at.count <= SOFT_ITERATIONS)
+        good = (back <= 0.9 * fell) | (at.count == 0)
         stiffest = jnp.max(jnp.abs(jnp.diagonal(at.slope)))
         less = jnp.where(back <= 0.5 * fell, at.damping / 4, at.damping)
         damping = jnp.where(good, less, jnp.maximum(8 * at.damping, 1e-3 * stiffest))
@@ -345,8 +339,7 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
         step = full / jnp.maximum(jnp.max(jnp.abs(full)), 1.0)
         return _Search(held + step, step, held, residual, slope, damping, at.count + 1)
 
-    moves = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) | (at.count <= SOFT_ITERATIONS)
-    go_on = lambda at: moves(at) & (at.count < MOST_ITERATIONS)
+    go_on = lambda at: (jnp.max(jnp.abs(at.step)) > 1e-9) & (at.count < MOST_ITERATIONS)
     one = jnp.ones_like(scales.pose)
     first = _Search(0 * one, one, 0 * one, one, jnp.eye(one.size), jnp.asarray(1e-3), jnp.zeros((), int))
     return jax.lax.while_loop(go_on, improve, first)

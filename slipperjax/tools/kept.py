@@ -183,7 +183,12 @@ def _tried(content: bytes, tree: Any, call: Callable[[Callable], PyTree]) -> tup
             from jax.experimental.serialize_executable import deserialize_and_load  # here, because it may vanish
 
             silence_loader()
-            program, example = pickle.loads(content)
+            program, example, calls_lapack = pickle.loads(content)
+            if calls_lapack:
+                from jaxlib import lapack
+
+                # JAX fetches LAPACK where it lowers a program; without it, a program that is read calls an address 0
+                lapack.prepare_lapack_call("getrf_ffi", np.float64)
             run = deserialize_and_load(
                 program,
                 tree,
@@ -204,7 +209,8 @@ def _written(compiled: jax.stages.Compiled) -> bytes:
 
         program, _, out = serialize(compiled)
         # a tree of modules is kept by an example, which is pickled by the names of its classes
-        return pickle.dumps((program, jax.tree.unflatten(out, [0] * out.num_leaves)))
+        example = jax.tree.unflatten(out, [0] * out.num_leaves)
+        return pickle.dumps((program, example, "lapack" in (compiled.as_text() or "")))
     return b""
 
 

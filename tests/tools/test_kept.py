@@ -138,6 +138,16 @@ def kept_in(folder: Path) -> set[str]:
 
 @pytest.mark.full
 @pytest.mark.usefixtures("own_cache")
+def test_programs_with_linear_systems_run_in_a_process_that_lowers_none(tmp_path):
+    """Until LAPACK is fetched, its addresses are 0."""
+    case = Case(function="lambda law, x, how: jnp.linalg.inv(x * jnp.eye(3))")
+    first = in_process(case, tmp_path)
+    assert len(first[1]) == 1
+    assert in_process(case, tmp_path) == first
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("own_cache")
 def test_each_kind_of_change_is_a_new_program(tmp_path):
     """In processes of their own. The digest of each change is another one, too, so that none hides another."""
     printed, before = in_process(Case(), tmp_path)
