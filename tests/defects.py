@@ -750,11 +750,6 @@ tests/tools/test_one_kernel.py -k transformed
 -    of_arrays, closed_over = jax.closure_convert(call, arrays)
 +    of_arrays, closed_over = call, ()
 
-constants of a program are folded into a kernel
-tests/tools/test_one_kernel.py -k constants_of_a_program
--            _hide_constants(call)
-+            pass
-
 reverse mode goes through the steps for few numbers
 tests/tools/test_jacobian.py -k few
 -    if any(k is None for k in known[:count]) or size > MOST_FORWARD:
