@@ -752,13 +752,13 @@ tests/tools/test_one_kernel.py -k transformed
 
 reverse mode goes through the steps for few numbers
 tests/tools/test_jacobian.py -k few
--    if any(k is None for k in known[:count]) or size > MOST_FORWARD:
-+    if any(k is None for k in known[:count]) or size > 0:
+-    if along.size > most:
++    if along.size > 0:
 
 a tangent comes from the first argument alone
 tests/tools/test_jacobian.py -k derivatives_are
--    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
-+    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row[:1], tangents[:1], strict=True))
+-    return value, jax.tree.map(lambda columns: jnp.tensordot(along, columns, axes=1), jacobian)
++    return value, jax.tree.map(lambda columns: along[0] * columns[0], jacobian)
 
 weak types are no part of the key of a program
 tests/tools/test_kept.py -k each_kind

@@ -5,16 +5,22 @@ The table is in CONTRIBUTING.md. A failure here after an update names the module
 
 import importlib
 import io
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import click
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import optimistix
 import pytest
+import zarr
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
-from jax.extend.core import Primitive, get_opaque_trace_state, set_current_trace
+from jax.extend.core import Primitive, get_opaque_trace_state
 from jax.extend.mlir import ir
-from jax.interpreters import ad, batching, mlir, partial_eval
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import AbstractArray, Array, Float
 from tqdm import tqdm
 
@@ -24,7 +30,7 @@ from slipperjax.tools.fields import ShapeChecked, field
 from slipperjax.tools.forms import compiler_options
 
 NAMES = {
-    "jax.extend.core": "ClosedJaxpr Jaxpr Primitive Var get_opaque_trace_state jaxpr_as_fun set_current_trace",
+    "jax.extend.core": "Primitive get_opaque_trace_state",
     "jax.extend.mlir.ir": "DictAttr FlatSymbolRefAttr FloatType FunctionType InsertionPoint Operation "
     "RankedTensorType StringAttr SymbolTable Value WalkResult DenseI64ArrayAttr DenseElementsAttr FloatAttr",
     "jax.extend.mlir.dialects.func": "CallOp FuncOp ReturnOp",
@@ -35,7 +41,6 @@ NAMES = {
     "jax.interpreters.batching": "bdim_at_front defvectorized primitive_batchers",
     "jax.interpreters.mlir": "LoweringRuleContext lower_fun register_lowering",
     "jaxlib.lapack": "prepare_lapack_call",
-    "jax.interpreters.partial_eval": "custom_partial_eval_rules partial_eval_jaxpr_custom_rules",
 }
 
 
@@ -46,7 +51,7 @@ def test_names_are_there(module):
         parent, _, name = module.rpartition(".")
         found = getattr(importlib.import_module(parent), name)
     missing = [name for name in NAMES[module].split() if not hasattr(found, name)]
-    assert not missing, f"slipperjax.tools (compile, fused, jacobian, kept, one_kernel) need {missing} of {module}"
+    assert not missing, f"slipperjax.tools (compile, fused, kept, one_kernel) need {missing} of {module}"
 
 
 def test_the_trace_state_differs_inside_transformations():
@@ -60,14 +65,6 @@ def test_the_trace_state_differs_inside_transformations():
 def doubled():
     """A linear primitive, with the rules that the package writes, and what these were called with."""
     primitive, seen = Primitive("doubled"), {}
-
-    def known_now(trace, tracer):
-        known = tracer.pval.get_known()
-        if known is not None:
-            return primitive.bind(known)
-        seen["unknown"] = True
-        with set_current_trace(trace):
-            return tracer + tracer
 
     def lowered(context, x):
         seen["functions"] = context.module_context.symbol_table
@@ -83,21 +80,19 @@ def doubled():
     ad.primitive_jvps[primitive] = lambda x, t: (primitive.bind(*x), primitive.bind(*t))
     ad.primitive_transposes[primitive] = transposed
     batching.defvectorized(primitive)
-    partial_eval.custom_partial_eval_rules[primitive] = known_now
     mlir.register_lowering(primitive, lowered, platform="cpu", cacheable=False)
     mlir.register_lowering(primitive, mlir.lower_fun(lambda x: 2 * x, multiple_results=False))
     return primitive.bind, seen
 
 
 def test_rules_of_a_primitive_are_used(doubled):
-    bind, seen = doubled
+    bind, _ = doubled
     x = jnp.array([1.0, 3.0])
     assert bind(x).tolist() == jax.jit(jax.vmap(bind))(x).tolist() == [2.0, 6.0]
-    words = "slipperjax.tools.fused, jacobian and one_kernel give rules for derivatives and batches"
+    words = "slipperjax.tools.fused and one_kernel give rules for derivatives and batches"
     assert jax.jvp(bind, (x,), (x,))[1].tolist() == [2.0, 6.0], words
     assert jax.linear_transpose(bind, x)(x)[0].tolist() == [2.0, 6.0], words
     assert jax.jit(jax.grad(lambda x: jnp.sum(bind(x))))(x).tolist() == [2.0, 2.0], words
-    assert seen["unknown"], "slipperjax.tools.jacobian has a rule for known arguments with unknown tangents"
     assert jax.typeof(x).to_tangent_aval().shape == (2,), "slipperjax.tools.fused makes zeros of tangent types"
 
 
@@ -138,6 +133,72 @@ def test_texts_of_cache_warnings(tmp_path, own_cache):
 
 def test_options_of_jax_can_be_listed():
     assert "jax_enable_x64" in jax.config.values, "slipperjax.tools.kept reads all options there"
+
+
+def solved(solver, t1=1.0, **options):
+    """The shapes of a solution of y' = -y by diffrax, of which nothing is computed."""
+    term = diffrax.ODETerm(lambda t, y, args: -y)
+    return jax.eval_shape(lambda: diffrax.diffeqsolve(term, solver, 0.0, t1, 0.1 * t1, jnp.ones(2), **options))
+
+
+class Watching(optimistix.Newton):
+    """A root finder that keeps what it is called with."""
+
+    seen: list = eqx.field(static=True, default_factory=list)
+
+    def init(self, fn, y, args, options, *others, **named):
+        self.seen.append((len(args), "init_state" in options))
+        return super().init(fn, y, args, options, *others, **named)
+
+
+@pytest.mark.parametrize(("method", "numbers"), [(diffrax.Kvaerno3, {7, 8}), (diffrax.ImplicitEuler, {5})])
+def test_diffrax_calls_a_root_finder_with_these_numbers_of_arguments(method, numbers):
+    finder = Watching(rtol=1e-6, atol=1e-6)
+    solved(method(root_finder=finder))
+    words = "slipperjax.solvers.SimplifiedNewton tells the kinds of stages apart by the number of their arguments"
+    assert {count for count, _ in finder.seen} <= numbers, words
+
+
+def test_diffrax_gives_the_state_of_a_step_to_the_root_finders_of_its_stages():
+    finder = Watching(rtol=1e-6, atol=1e-6)
+    solved(diffrax.Kvaerno3(root_finder=finder))
+    assert any(begun for _, begun in finder.seen), "slipperjax.solvers.SimplifiedNewton linearises once a step"
+
+
+def test_diffrax_wraps_terms_that_run_backwards():
+    seen = []
+
+    class Back(diffrax.Euler):
+        def step(self, terms, *others, **options):
+            seen.append(hasattr(terms, "term"))
+            return super().step(terms, *others, **options)
+
+    solved(Back(), t1=-1.0)
+    assert seen[0], "slipperjax.solvers.latching finds the vector field inside such terms"
+
+
+def test_loops_over_stages_of_diffrax_have_a_kind():
+    assert diffrax.Kvaerno5().scan_kind is None, "slipperjax.solvers.latching.differentiable sets it"
+
+
+def test_the_next_step_of_a_controller_of_diffrax_comes_first():
+    keep = diffrax.SaveAt(t1=True, controller_state=True)
+    controller = diffrax.PIDController(rtol=1e-3, atol=1e-3)
+    solution = solved(diffrax.Tsit5(), saveat=keep, stepsize_controller=controller)
+    assert solution.controller_state[0].shape == (), "slipperjax.flow.stepping hands it on to the next period"
+
+
+def test_zarr_writes_parts_that_end_in_partial(monkeypatch, tmp_path):
+    names, replace = [], Path.replace
+    monkeypatch.setattr(Path, "replace", lambda path, to: (names.append(path.name), replace(path, to))[1])
+    zarr.create_array(tmp_path / "a.zarr", shape=(2,), dtype="f8")[:] = 1.0
+    assert all(name.endswith(".partial") for name in names), "slipperjax.sweeps.store clears away those of killed work"
+    assert names
+
+
+def test_an_executor_of_processes_knows_how_it_starts_them():
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert pool._mp_context.get_start_method() == "spawn", "slipperjax.sweeps.store refuses one that forks"
 
 
 def test_a_bar_of_tqdm_is_wiped_out_when_its_delay_is_set_to_0():

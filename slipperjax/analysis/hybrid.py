@@ -7,17 +7,18 @@ are arrays along one axis.
 """
 
 import abc
+import math
 from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, positive, require, whole
 from ..tools.forms import in_one_kernel
 from ..tools.hermite import highest_point
+from ..tools.jacobian import by_jacobian
 from ..tools.types import Real
 
 Field = Callable[[Array, Array], Array]
@@ -416,44 +417,8 @@ def in_both_modes(function: Callable[[Array, Array], Array], state: Array, k: Re
     Its Jacobian is formed by forward mode, with respect to all numbers that are differentiated, also those that
     `function` closes over: a derivative costs as many tangents as there are such numbers. States are small.
     """
-    state, k = jnp.asarray(state), jnp.asarray(k)
-    return _by_jacobian(eqx.filter_closure_convert(function, state, k), state, k)
-
-
-@eqx.filter_custom_jvp
-def _by_jacobian(function, state, k):
-    return in_one_kernel(function, state, k)
-
-
-@_by_jacobian.def_jvp
-def _(primals, tangents):
-    moving = jax.tree.leaves(jax.tree.map(lambda _, tangent: tangent is not None, primals, tangents))
-    function, state, k = primals
-    # `_by_jacobian` again, so that derivatives of any order work in this way
-    value, jacobian = _by_jacobian(_Linearised(function, tuple(moving)), state, k)
-    flat, back = ravel_pytree(value)
-    return value, back((jacobian @ ravel_pytree(tangents)[0]).astype(flat.dtype))
-
-
-class _Linearised(eqx.Module):
-    """Function that returns the value of another one and its Jacobian by all numbers that are differentiated."""
-
-    function: Callable[[Array, Array], Array]
-    moving: tuple[bool, ...] = eqx.field(static=True)
-
-    def __call__(self, state, k) -> tuple[PyTree, Array]:
-        primals = self.function, state, k
-        moving, fixed = eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moving))
-        # all numbers that are differentiated, as one vector
-        flat, unravel = ravel_pytree(moving)
-
-        def end(flat):
-            function, state, k = eqx.combine(unravel(flat), fixed)
-            return function(state, k)
-
-        slopes = lambda direction: jax.jvp(end, (flat,), (direction,))
-        value, slopes = jax.vmap(slopes, out_axes=(None, 0))(jnp.eye(flat.size))
-        return value, jax.vmap(lambda slope: ravel_pytree(slope)[0], out_axes=1)(slopes)
+    kernel = lambda state, k: in_one_kernel(function, state, k)
+    return by_jacobian(kernel, jnp.asarray(state), jnp.asarray(k), most=math.inf)
 
 
 def switched_step(

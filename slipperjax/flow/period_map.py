@@ -28,7 +28,8 @@ from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import jit, with_standard_promotion
-from ..tools.forms import by_jacobian, in_one_kernel
+from ..tools.forms import in_one_kernel
+from ..tools.jacobian import by_jacobian
 from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet

@@ -26,7 +26,7 @@ from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import Check, finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
 from ..tools.compile import as_argument, call_compiled, jit
 from ..tools.description import describe
-from ..tools.forms import by_jacobian
+from ..tools.jacobian import by_jacobian
 from ..tools.limits import refuse_impossible
 from ..tools.progress import bar as progress_bar
 from ..tools.tracing import is_traced

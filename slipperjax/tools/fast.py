@@ -3,11 +3,9 @@
 import jax
 
 from .fused import circle, spread, store, store_cotangent, store_if_differentiated, sums
-from .jacobian import by_jacobian
 from .one_kernel import in_one_kernel
 
 __all__ = [
-    "by_jacobian",
     "circle",
     "compiler_options",
     "in_one_kernel",

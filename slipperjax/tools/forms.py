@@ -41,15 +41,6 @@ def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
     return _form().in_one_kernel(fun, *args)
 
 
-def by_jacobian(fun: Callable, *args: PyTree) -> PyTree:
-    """Call `fun(*args)`; in the fast form its derivatives in reverse mode are by few numbers products with its
-    Jacobian, see `jacobian`.
-
-    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
-    """
-    return _form().by_jacobian(fun, *args)
-
-
 def sums(*operands):
     """Return the sum of each operand over its last axis, in the fast form in one pass; the operands share one shape.
 

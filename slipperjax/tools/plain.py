@@ -21,10 +21,6 @@ def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
     return fun(*args)
 
 
-def by_jacobian(fun: Callable, *args: PyTree) -> PyTree:
-    return fun(*args)
-
-
 def sums(*operands):
     return [jnp.sum(x, axis=-1) for x in operands]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipperjax.tools import fast, plain
+from slipperjax.tools.jacobian import by_jacobian
 
 from ..common import among
 
@@ -34,7 +35,7 @@ def loop_in(form):
 
     def number(rate):
         # with a value that the function closes over, besides the argument
-        end = form.by_jacobian(lambda: run(rate)) if form is fast else run(rate)
+        end = by_jacobian(lambda: run(rate)) if form is fast else run(rate)
         return jnp.sum(end["end"])
 
     return number

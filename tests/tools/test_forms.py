@@ -50,7 +50,7 @@ def test_another_value_in_the_environment_is_one_clear_error(monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.usefixtures("undecided")
-@pytest.mark.parametrize("name", ["sums", "circle", "store", "by_jacobian"])
+@pytest.mark.parametrize("name", ["sums", "circle", "store", "in_one_kernel"])
 def test_a_trick_that_gives_wrong_numbers_is_found(name, monkeypatch):
     right = getattr(fast, name)
     wrong = lambda *args: jax.tree.map(lambda x: 1.001 * x, right(*args))

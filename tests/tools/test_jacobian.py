@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.tools.forms import is_plain
 from slipperjax.tools.jacobian import MOST_FORWARD, by_jacobian
 
 from ..common import among
@@ -80,11 +79,10 @@ def test_few_numbers_have_no_backward_pass_and_many_have():
 
 
 @pytest.mark.full
-@pytest.mark.skipif(is_plain(), reason="for the fast form")
-def test_gradients_of_runs_have_no_backward_pass():
+def test_gradients_of_runs_have_a_backward_pass_by_many_numbers_alone():
     scene = sj.paper_scene(speed=1250.0)
     state = sj.initial_state(scene, sj.table_2_start())
     end = lambda speed: sj.period_map(scene.replace(speed=speed), state, steps_per_period=4).motion.y
     assert loops_backwards(jax.grad(end), 1250.0) == 0
     start = lambda motion: sj.period_map(scene, sj.State(motion, state.memory), steps_per_period=4).motion.y
-    assert loops_backwards(jax.grad(start), state.motion) == 0
+    assert loops_backwards(jax.grad(start), state.motion) > 0

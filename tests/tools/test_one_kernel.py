@@ -192,7 +192,7 @@ def loops_outside(program):
 @pytest.mark.full
 @pytest.mark.skipif(is_plain(), reason="for the fast form")
 @pytest.mark.parametrize(
-    ("transform", "forward", "most"), [(lambda f: f, 16, 0), (jax.jacfwd, 16, 0), (jax.grad, 16, 0), (jax.grad, 0, 1)]
+    ("transform", "forward", "most"), [(lambda f: f, 8, 0), (jax.jacfwd, 8, 0), (jax.grad, 8, 0), (jax.grad, 0, 1)]
 )
 def test_the_loops_of_the_period_map_are_kernels(transform, forward, most, monkeypatch):
     """But for the one over periods back, which has one pass; the steps of each period are kernels there, too."""
