@@ -119,6 +119,7 @@ def run(
         at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
         same all the way; by default those that the least speed of each window needs, times `refine`.
+        Cases that need nearly the same steps share the larger ones, in one batch.
     - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
         track or 8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
         a tenth the status says so.
