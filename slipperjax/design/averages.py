@@ -7,23 +7,20 @@ All corners have the same disturbances.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from ..flow.period_map import states_and_penetrations
 from ..flow.record import RecordSet
-from ..flow.records import AbstractNumber
 from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES, disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.call import Call
 from ..sweeps.grid import Grid
-from ..sweeps.plan import Part, make_plan
-from ..sweeps.records import LargestExponent
+from ..sweeps.plan import make_plan
 from ..sweeps.run import run_cases, run_chunk
-from .ensembles import Plane, box_corners
+from .ensembles import box_corners
 from .objectives import Evaluation, EvaluationPlan
 
 
@@ -43,56 +40,43 @@ def ensemble_averages(
     cases = len(evaluation.status)
     signs = box_corners(len(plan.names))
     rail, chosen = settings.conditions(plan.scene.track, len(signs))
-    repeats = len(rail)
-    members = len(signs) * repeats
     # corner by corner for each case, and run by run for each corner
-    runs = {}
-    for name, values in grid.items():
-        runs[name] = np.repeat(values, members)
+    shape = (cases, len(signs), len(rail))
+    each = lambda values: np.broadcast_to(values, shape).ravel()
+    runs = {name: each(values[:, None, None]) for name, values in grid.items()}
     offsets = np.tile(signs, (cases, 1, 1))  # in multiples of the reach
     for k, name in enumerate(plan.names):
         here = grid[name][:, None]
         reach = plan.reach[name]
-        low, high = plan.bounds.get(name, (-np.inf, np.inf))
         # corners beyond a bound are moved to it
-        corner = np.clip(here + signs[:, k] * reach, low, high)
+        corner = np.clip(here + signs[:, k] * reach, *plan.bounds.get(name, (-np.inf, np.inf)))
         offsets[..., k] = (corner - here) / reach
-        runs[name] = runs[name] + np.repeat(offsets[..., k], repeats) * reach
-    # the same rails at all corners
-    for path, numbers in chosen.items():
-        runs[path] = np.tile(numbers, cases * len(signs))
-    # the same disturbances at all corners, too
-    motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
-    disturbed = disturbances(plan.scene, 0.1, repeats, np.random.default_rng(settings.seed))
-    motions += np.tile(disturbed, (cases * len(signs), 1))
-    values, status = _run_members(plan, runs, motions)
-    values = values.reshape(cases, len(signs), repeats, -1)
-    stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
-    # one fit for each case, of whose planes the parts are stacked
+        runs[name] = each((here + offsets[..., k] * reach)[..., None])
+    # the same rails and disturbances at all corners
+    runs |= {path: each(numbers) for path, numbers in chosen.items()}
+    disturbed = disturbances(plan.scene, 0.1, len(rail), np.random.default_rng(settings.seed))
+    motions = evaluation.state[:, None, None, : disturbed.shape[1]] + disturbed
+    values, status = _run_members(plan, runs, np.broadcast_to(motions, (*shape, disturbed.shape[1])))
+    values = values.reshape(*shape, -1)
+    status = status.reshape(shape)
+    stayed = status == Status.FINITE
+    # one fit for each case
     fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, stayed, strict=True)]
-    plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
+    planes, errors = map(np.array, zip(*fits, strict=True))
     # slopes are per reach
     per = 1 / np.array([plan.reach[name] for name in plan.names])
-    worst = status.reshape(cases, members).max(axis=1)
     lost = np.sum(~stayed, axis=(1, 2))
     # too few runs stayed on the rail
-    few = np.isnan(plane.value).all(axis=1) & (lost > 0)
+    few = np.isnan(planes[..., 0]).all(axis=1) & (lost > 0)
     return evaluation._replace(
-        value=plane.value,
-        stderr=plane.stderr,
-        gradient=plane.slope * per,
-        gradient_stderr=plane.slope_stderr * per,
-        status=np.where(few, worst, int(Status.FINITE)),
+        value=planes[..., 0],
+        stderr=errors[..., 0],
+        gradient=planes[..., 1:] * per,
+        gradient_stderr=errors[..., 1:] * per,
+        status=np.where(few, status.max(axis=(1, 2)), int(Status.FINITE)),
         lost=lost,
-        simulated=evaluation.simulated + members * (settings.transient + settings.periods),
+        simulated=evaluation.simulated + stayed[0].size * (settings.transient + settings.periods),
     )
-
-
-class _RunValues(NamedTuple):
-    """Objectives (lanes, objectives) and statuses of the runs of a chunk."""
-
-    value: np.ndarray
-    status: np.ndarray
 
 
 def _run_members(
@@ -100,26 +84,21 @@ def _run_members(
     grid: Mapping[str, np.ndarray],
     motions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
+    """Return the objectives (runs, objectives) and the statuses of runs from `motions` (..., numbers)."""
     ensemble = plan.ensemble
     options = Call(ensemble.transient, ensemble.periods, plan.steps, steps_per_period=plan.steps, solver=plan.solver)
-    cases = Grid(plan.scene, grid, product=False)
-    exponents = plan.places(LargestExponent)
-    stages = tuple(plan.objectives[k] for k in exponents)
-    runs = make_plan(cases, plan.start, options, RecordSet(plan.numbers), stages)
+    runs = make_plan(
+        Grid(plan.scene, grid, product=False), plan.start, options, RecordSet(plan.numbers), plan.exponents
+    )
     # each run has its own start, in place of the plan's
-    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), list(motions.T))
-
-    def work(part: Part) -> _RunValues:
-        # starts of runs may be deep inside contacts, which is no oversight
-        states = states_and_penetrations(part.scenes, part.starts)[0]
-        run = run_chunk(part, states)
-        values = np.empty((len(run.status), len(plan.objectives)))
-        # exponents are measured after the record, by stages, and have a standard error
-        measured = [*run.record[: len(plan.numbers)], *(value for value, _ in run.record[len(plan.numbers) :])]
-        for k, value in zip([*plan.places(AbstractNumber), *exponents], measured, strict=True):
-            values[:, k] = value
-        return _RunValues(values, run.status)
-
+    starts = list(motions.reshape(-1, len(MOTION_NUMBERS)).T)
+    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), starts)
+    # starts may be deep inside contacts, which is no oversight
+    work = lambda part: run_chunk(part, states_and_penetrations(part.scenes, part.starts)[0])
     run = run_cases(runs, work, periods=runs.periods)
-    return run.checked(lambda: tuple(run.results))
+    made = run.checked(lambda: run.results)
+    measured = dict(zip((*plan.numbers, *plan.exponents), made.record, strict=True))
+    for one in plan.exponents:
+        # without its standard error
+        measured[one], _ = measured[one]
+    return np.stack([measured[one] for one in plan.objectives], axis=1), made.status

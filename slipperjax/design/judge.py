@@ -22,7 +22,6 @@ from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import Maps, find_orbits, rows_of
 from ..sweeps.plan import Chunk, OnProgress, Part, make_plan
 from ..sweeps.reached import reached_orbits
-from ..sweeps.records import LargestExponent
 from ..sweeps.run import run_chunk, run_chunks
 from ..tools.compile import ahead
 from ..tools.limits import cores
@@ -175,7 +174,7 @@ def _differentiate(found: Evaluation, maps: Maps, plan: EvaluationPlan) -> None:
     if plan.names:
         _, found.value[:], found.gradient[:] = plan.on(maps, found.state, found.inverse)
         cost = 2 * SLOPES_COST
-        if plan.places(LargestExponent):
+        if plan.exponents:
             # each Jacobian once for its value, and about twice more for each derivative
             cost += (1 + 2 * len(plan.names)) * JACOBIAN
         found.simulated[:] += cost * found.period

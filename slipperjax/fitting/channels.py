@@ -43,17 +43,18 @@ class ChannelRecord(Unlabelled):
 
 @functools.partial(jit, static_argnames=("names",))
 def begin(
-    scenes: Batched[Scene], starts: State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
+    scenes: Batched[Scene], starts: Motion | State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
 ) -> SlopePassage:
-    """Return runs at their beginning, with the channels there as samples.
+    """Return runs at their beginning, with the channels there as the sample of one instant.
 
     Derivatives are first by the parameters, then by the ten numbers of the start's motion.
 
-    **Arguments:** `starts`: with a memory of None where closed contacts begin there; `epoch`: forcing periods from
-    distance zero; `names`: of the parameters by which runs are differentiated.
+    **Arguments:** `starts`: motions where closed contacts begin there; `epoch`: forcing periods from distance zero;
+    `names`: of the parameters by which runs are differentiated.
     """
 
-    def one(scene: Scene, start: State, epoch: Real) -> SlopePassage:
+    def one(scene: Scene, start: Motion | State, epoch: Real) -> SlopePassage:
+        start = start if isinstance(start, State) else State(start, None)
         count = len(names)
         numbers = jnp.stack([getattr(start.motion, name) for name in MOTION_NUMBERS])
         both = jnp.concatenate([values_of(scene, names), numbers])
@@ -62,7 +63,8 @@ def begin(
             here = at_values(scene, names, both[:count])
             motion = Motion(*both[count:], sled=start.motion.sled, modes=start.motion.modes)
             state, _ = state_and_penetration(here, State(motion, start.memory), epoch)
-            return state, channels(Args(here, epoch), 0.0, state)
+            seen = channels(Args(here, epoch), 0.0, state)
+            return state, jax.tree.map(lambda a: a[None], seen)
 
         push = lambda way: jax.jvp(at, (both,), (way,))
         (state, seen), (slopes, seen_slopes) = jax.vmap(push, out_axes=((None, None), 0))(jnp.eye(both.size))

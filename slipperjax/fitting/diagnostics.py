@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 LEAST_INFORMATION = 3.0
 """Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
@@ -38,8 +39,6 @@ def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
     """
-    from scipy.stats import chi2
-
     count = len(residual)
     lags = np.arange(1, min(20, count // 5) + 1)
     x = residual - residual.mean()
@@ -47,13 +46,3 @@ def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
     correlation = np.array([x[k:] @ x[:-k] for k in lags]) / power
     statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
     return float(chi2.sf(statistic, len(lags)))
-
-
-def misfit(sensor: str, probability: float, noise: float, given: float | None) -> str:
-    """Return in words what a model leaves of a signal; empty where that is noise."""
-    parts = []
-    if probability < SIGNIFICANCE:
-        parts.append(f"what is left is no white noise (p = {probability:.1g})")
-    if given is not None and noise > MOST_NOISE_RATIO * given:
-        parts.append(f"it is {noise / given:.2g} times the noise")
-    return f"the model does not explain {sensor}: {' and '.join(parts)}" if parts else ""

@@ -27,17 +27,20 @@ class Signal(NamedTuple):
     """In the sensor's unit."""
 
 
-class MeasuredRun(NamedTuple):
-    """The signals of a run, in the order of the sensors; None for those that it lacks."""
+NO_SIGNAL = Signal(np.empty(0), np.empty(0))
 
-    signals: tuple[Signal | None, ...]
+
+class MeasuredRun(NamedTuple):
+    """The signals of a run, in the order of the sensors; `NO_SIGNAL` for those that it lacks."""
+
+    signals: tuple[Signal, ...]
     settings: dict[str, float]
     """Parameters that are known of this run, such as its speed, by name [SI units]."""
 
     @property
     def end(self) -> float:
         """Time of the last sample [s]."""
-        return max(float(one.time[-1]) for one in self.signals if one is not None)
+        return float(np.concatenate([one.time for one in self.signals]).max())
 
 
 def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
@@ -56,7 +59,7 @@ def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
         require(isinstance(one, xr.Dataset | str | os.PathLike), "measured", need, one)
         runs.append(_of_dataset(one, rig) if isinstance(one, xr.Dataset) else _of_file(one, rig))
     for k, sensor in enumerate(rig.sensors):
-        has = any(run.signals[k] is not None for run in runs)
+        has = any(run.signals[k].time.size for run in runs)
         require(has, "measured", f"have the signal of each sensor, such as {sensor.name}", shown="without it")
     return tuple(runs)
 
@@ -119,8 +122,8 @@ def _constant(name: str, values: np.ndarray) -> float:
 
 
 def _run(signals: Mapping[str, Sequence[np.ndarray]], rig: Rig, known: dict[str, float]) -> MeasuredRun:
-    found = [_signal(sensor, *signals[sensor.name]) if sensor.name in signals else None for sensor in rig.sensors]
-    require(any(found), "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
+    found = [_signal(s, *signals[s.name]) if s.name in signals else NO_SIGNAL for s in rig.sensors]
+    require(signals, "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
     return MeasuredRun(tuple(found), known)
 
 

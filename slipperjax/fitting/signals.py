@@ -10,7 +10,7 @@ from ..flow.record import Labelled
 from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
-from .diagnostics import misfit, whiteness
+from .diagnostics import MOST_NOISE_RATIO, SIGNIFICANCE, whiteness
 from .method import Posterior
 
 
@@ -26,25 +26,34 @@ class SignalPosterior(Posterior):
     draws: Float[np.ndarray, "draws windows sensors samples"]
     """Those of parameters and starts that are as likely."""
 
-    def left(self, sensor: int) -> Float[np.ndarray, " samples"]:
-        """Return what the model leaves of a sensor's signals, one window after the other [its unit]."""
-        known = self.windows.known[:, sensor] > 0
-        return (self.windows.value - self.reading)[:, sensor][known]
+    @property
+    def left(self) -> list[Float[np.ndarray, " samples"]]:
+        """What the model leaves of each sensor's signals, one window after the other [its unit]."""
+        left = np.moveaxis(self.windows.value - self.reading, 1, 0)
+        known = np.moveaxis(self.windows.known > 0, 1, 0)
+        return [left[k][known[k]] for k in range(len(left))]
 
     @property
     def noise_left(self) -> Float[np.ndarray, " sensors"]:
         """RMS of what the model leaves of each sensor's signals [its unit]."""
-        return np.array([np.sqrt(np.mean(self.left(k) ** 2)) for k in range(len(self.noise))])
+        return np.array([np.sqrt(np.mean(left**2)) for left in self.left])
 
     @property
     def whiteness(self) -> Float[np.ndarray, " sensors"]:
         """For each sensor the probability that white noise is as correlated as what the model leaves [1]."""
-        return np.array([whiteness(self.left(k)) for k in range(len(self.noise))])
+        return np.array([whiteness(left) for left in self.left])
 
     def misfit(self, rig: Rig) -> list[str]:
-        parts = zip(rig.sensors, self.whiteness, self.noise_left, strict=True)
-        texts = [misfit(one.name, float(white), float(left), one.noise) for one, white, left in parts]
-        return [text for text in texts if text]
+        texts = []
+        for sensor, white, left in zip(rig.sensors, self.whiteness, self.noise_left, strict=True):
+            parts = []
+            if white < SIGNIFICANCE:
+                parts.append(f"what is left is no white noise (p = {white:.1g})")
+            if sensor.noise is not None and left > MOST_NOISE_RATIO * sensor.noise:
+                parts.append(f"it is {left / sensor.noise:.2g} times the noise")
+            if parts:
+                texts.append(f"the model does not explain {sensor.name}: {' and '.join(parts)}")
+        return texts
 
     def label(self, rig: Rig) -> Labelled:
         windows = self.windows
