@@ -1,4 +1,7 @@
-"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives."""
+"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives.
+
+Channels are what sensors can read of a body's motion.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -9,20 +12,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..flow.period_map import SlopePassage, advance, advance_slopes
-from ..flow.record import RecordSet
+from ..flow.record import RecordSet, Unlabelled
 from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
-from ..model.dynamics import State
+from ..model.dynamics import Args, State
 from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.layout import StateLayout
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
-from ..model.sensors import Rig
-from ..model.step_size import default_steps_per_period
+from ..model.sensors import Channels, Rig, channels
+from ..model.starts import state_and_penetration
 from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
 from ..sweeps.run import gather
@@ -30,7 +34,6 @@ from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
-from .channels import ChannelRecord, Channels, begin
 from .measured import MeasuredRun
 from .method import Problem
 
@@ -100,6 +103,57 @@ def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
     return [np.interp(one.time, times, grid) + 1e-9 for one in run.signals]
 
 
+@dataclass(frozen=True)
+class ChannelRecord(Unlabelled):
+    """The channels at equal distances of each forcing period, of which its end is the last."""
+
+    samples: int
+
+    @property
+    def inside(self):
+        return True
+
+    def values(self, scene, periods):
+        return 20 * self.samples * periods
+
+    def sample(self, course) -> Channels:
+        saved = course.saved(self.samples)
+        instants = jnp.arange(1, self.samples + 1) / self.samples
+        return jax.vmap(lambda t, state: channels(course.args, t, state))(instants, saved)
+
+
+@functools.partial(jit, static_argnames=("names",))
+def begin(
+    scenes: Batched[Scene], starts: Motion | State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
+) -> SlopePassage:
+    """Return runs at their beginning, with the channels there as the sample of one instant.
+
+    Derivatives are first by the parameters, then by the ten numbers of the start's motion.
+
+    **Arguments:** `starts`: motions where closed contacts begin there; `epoch`: forcing periods from distance zero;
+    `names`: of the parameters by which runs are differentiated.
+    """
+
+    def one(scene: Scene, start: Motion | State, epoch: Real) -> SlopePassage:
+        start = start if isinstance(start, State) else State(start, None)
+        count = len(names)
+        numbers = jnp.stack([getattr(start.motion, name) for name in MOTION_NUMBERS])
+        both = jnp.concatenate([values_of(scene, names), numbers])
+
+        def at(both: Array) -> tuple[State, Channels]:
+            here = at_values(scene, names, both[:count])
+            motion = Motion(*both[count:], sled=start.motion.sled, modes=start.motion.modes)
+            state, _ = state_and_penetration(here, State(motion, start.memory), epoch)
+            seen = channels(Args(here, epoch), 0.0, state)
+            return state, jax.tree.map(lambda a: a[None], seen)
+
+        push = lambda way: jax.jvp(at, (both,), (way,))
+        (state, seen), (slopes, seen_slopes) = jax.vmap(push, out_axes=((None, None), 0))(jnp.eye(both.size))
+        return SlopePassage(state, jax.vmap(lambda slope: ravel_pytree(slope)[0])(slopes), (seen,), (seen_slopes,))
+
+    return scenes.map(one, starts, epoch)
+
+
 class Course(NamedTuple):
     """Runs of the model, one for each start and window."""
 
@@ -126,12 +180,9 @@ class Model:
     def of(cls, problem: Problem, windows: Windows) -> "Model":
         """Return the model of a fit."""
         # of the scene's own values, and of those in the middle
-        middle = {one.name: float(one.value(np.zeros(()))) for one in problem.unknowns if not one.of_sensors}
-        scenes = [*problem.scenes, *(scene.replace(**middle) for scene in problem.scenes)]
-        samples = max(map(default_steps_per_period, scenes))
-        return cls(problem=problem, windows=windows, steps=samples, samples=samples).with_steps(
-            problem.steps or samples
-        )
+        samples = max(map(problem.needed, (problem.own, 0 * problem.own)))
+        model = cls(problem=problem, windows=windows, steps=samples, samples=samples)
+        return model.with_steps(problem.steps or samples)
 
     @property
     def stepping(self) -> SampledSteps:
@@ -141,10 +192,6 @@ class Model:
     def kept(self) -> RecordSet:
         """What runs keep of each forcing period."""
         return RecordSet((ChannelRecord(self.samples),))
-
-    def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
-        """Return parameters from their levels."""
-        return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.problem.unknowns)], axis=1)
 
     def with_steps(self, steps: int) -> "Model":
         """Return the same with as many steps per period, or more."""
@@ -167,7 +214,7 @@ class Model:
 
     def each(
         self,
-        values: Float[np.ndarray, "starts parameters"],
+        levels: Float[np.ndarray, "starts parameters"],
         numbers: Float[np.ndarray, "starts windows 10"] | None,
         lanes: int,
         work: Callable[[Batched[Scene], Motion | State, np.ndarray, np.ndarray], list[np.ndarray]],
@@ -180,7 +227,8 @@ class Model:
 
         **Returns:** its arrays, (starts, windows, ...).
         """
-        problem, windows, count = self.problem, self.windows, len(values)
+        problem, windows, count = self.problem, self.windows, len(levels)
+        values = problem.values(levels)
         total = count * windows.count
         grid = rails
         for name in dict.fromkeys(name for run in problem.runs for name in run.settings):
@@ -209,7 +257,7 @@ class Model:
 
     def course(
         self,
-        values: Float[np.ndarray, "starts parameters"],
+        levels: Float[np.ndarray, "starts parameters"],
         numbers: Float[np.ndarray, "starts windows 10"],
         stride: int = 1,
     ) -> Course:
@@ -243,7 +291,7 @@ class Model:
             end_slope = np.asarray(last.slopes)[..., : len(SIZES)]
             return [reading, np.moveaxis(slope, 1, -1), end, np.moveaxis(end_slope, 1, -1)]
 
-        reading, slope, end, end_slope = self.each(values, numbers, LANES, work)
+        reading, slope, end, end_slope = self.each(levels, numbers, LANES, work)
         # numbers of sensors do not move the body
         at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
@@ -251,16 +299,16 @@ class Model:
             array[..., -len(SIZES) :] *= SIZES
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
 
-    def compile_ahead(self, values: Float[np.ndarray, "starts parameters"]) -> None:
+    def compile_ahead(self, levels: Float[np.ndarray, "starts parameters"]) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
         # LAPACK must not be called from two threads
         if not calls_lapack(self.problem.solver):
             numbers = np.zeros((1, self.windows.count, len(SIZES)))
             # no steps at all
-            ahead(lambda: replace(self, steps=0).course(values[:1], numbers))
+            ahead(lambda: replace(self, steps=0).course(levels[:1], numbers))
 
     def guesses(
-        self, values: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
+        self, levels: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
     ) -> tuple[Float[np.ndarray, "starts windows 10"], Float[np.ndarray, " starts"]]:
         """Return motions with which the windows may begin [scales], and how far they are from the samples.
 
@@ -288,7 +336,7 @@ class Model:
                 place = (windows.lag[window] + shift) * self.samples
                 at = place[:, None] + np.arange(length * self.samples + 1)
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
-                reading = values_read(reader, scenes, q, part, self.epoch[window], windows.time[window])
+                reading, _ = readings(reader, scenes, q, part, None, self.epoch[window], windows.time[window])
                 off = (np.asarray(reading) - windows.value[window]) / noise[:, None] * windows.known[window]
                 far = np.sum(off**2, axis=(1, 2))
                 better = far < best
@@ -296,7 +344,7 @@ class Model:
                 numbers[better] = part.motion[better, 0] / SIZES
             return [numbers, best]
 
-        numbers, far = self.each(values, None, VECTOR_LANES, work)
+        numbers, far = self.each(levels, None, VECTOR_LANES, work)
         return numbers, far.sum(axis=1)
 
     def followed(self, scenes: Batched[Scene], now: SlopePassage, epoch: float, settle: int, total: int) -> Channels:
@@ -344,32 +392,28 @@ class Reader(eqx.Module):
 
 
 @jit
-def values_read(reader: Reader, scenes: Batched[Scene], *of_runs: PyTree) -> Float[Array, "runs sensors samples"]:
-    """Return what sensors read in some runs.
-
-    **Arguments:** `of_runs`: numbers of the sensors, channels, epochs, and times of each run.
-    """
-    return scenes.map(lambda scene, *of_run: reader(scene, values_of(scene, reader.names), *of_run), *of_runs)
-
-
-@jit
 def readings(
     reader: Reader, scenes: Batched[Scene], *of_runs: PyTree
-) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"]]:
+) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"] | None]:
     """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts.
 
-    **Arguments:** `of_runs`: as of `values_read`, with derivatives of the channels after these.
+    **Arguments:** `of_runs`: numbers of the sensors; channels, and their derivatives, of which None leads to none;
+    epochs, and times of each run.
     """
 
-    def one(scene: Scene, q: Array, seen: Channels, slopes: Channels, epoch: Real, at: Array) -> tuple[Array, Array]:
+    def one(
+        scene: Scene, q: Array, seen: Channels, slopes: Channels | None, epoch: Real, at: Array
+    ) -> tuple[Array, Array | None]:
         p = values_of(scene, reader.names)
+        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        if slopes is None:
+            return read(p, q, seen), None
         # numbers of sensors change no channel
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
-        slopes = jax.tree.map(none, slopes)
-        directions = slopes.motion.shape[0]
-        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        every = jax.tree.map(none, slopes)
+        directions = every.motion.shape[0]
         push = lambda *along: jax.jvp(read, (p, q, seen), along)
-        each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), slopes
+        each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), every
         return jax.vmap(push, out_axes=(None, 0))(*each)
 
     return scenes.map(one, *of_runs)

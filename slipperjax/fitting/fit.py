@@ -10,7 +10,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..model.sensors import Rig, Sensor
-from ..model.step_size import default_steps_per_period, given_steps
+from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import TOLD, instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar, is_live
@@ -101,7 +101,7 @@ def fit(
     windows = Windows.of(runs, problem.scenes, problem.origin, None)
     check_rail(scene, windows.periods, origin)
     # at each instant the channels of some runs, along all directions: times may be in a wrong unit
-    steps = problem.steps or max(map(default_steps_per_period, problem.scenes))
+    steps = problem.steps or problem.needed(problem.own)
     refuse_periods(windows.periods, steps, CHANNELS * steps * windows.periods * (len(problem.unknowns) + len(SIZES)))
     method.check(problem)
     told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point

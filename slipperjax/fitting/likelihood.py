@@ -22,8 +22,7 @@ from ..model.sensors import Rig
 from ..orbits.motions import recurs
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
-from .channels import begin
-from .course import SIZES, Model, Windows, values_read
+from .course import SIZES, Model, Windows, begin, readings
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractFitMethod, Posterior, Problem
@@ -80,9 +79,8 @@ class Features(AbstractFitMethod):
     def check(self, problem: Problem) -> None:
         for sensor in problem.rig.sensors:
             require(sensor.noise is not None, "noise", f"be given of the sensor {sensor.name} for features", None)
-        for scene in problem.scenes:
-            steady = scene.travel(0.0).acceleration is None
-            require(steady, "method", "be Trajectories() at a speed that changes", self)
+        steady = problem.scene.travel(0.0).acceleration is None
+        require(steady, "method", "be Trajectories() at a speed that changes", self)
         _Ensemble.of(self, problem)
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
@@ -100,17 +98,16 @@ class Features(AbstractFitMethod):
             emulator = _Emulator.of(known, target, likely)
             before, likely = likely, emulator.likely()
             if before is not None:
-                moved = np.abs(likely.mean - before.mean) / np.sqrt(np.diag(before.covariance))
-                narrowed = np.sqrt(np.diag(likely.covariance) / np.diag(before.covariance))
+                moved = np.abs(likely.mean - before.mean) / before.stderr
+                narrowed = likely.stderr / before.stderr
                 converged = bool(moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25)
                 if converged:
                     break
-            spread_ = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
+            levels = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
             # beyond them all values are alike
-            levels = np.clip(spread_, -3.0, 3.0)
+            levels = np.clip(levels, -3.0, 3.0)
         assert likely is not None  # there is one round or more
-        shown_draws = likely.draws[rng.choice(len(likely.draws), SHOWN)]
-        signals = ensemble.signals(shown_draws, 1, problem.seed + 1)
+        signals = ensemble.signals(rng.choice(likely.draws, SHOWN), 1, problem.seed + 1)
         expected, spread_of_records, excess = _records_near(known, target, likely)
         return FeaturePosterior(
             level=likely.mean,
@@ -174,7 +171,7 @@ class _Emulator:
         size = known.level.shape[1]
         members = known.values.shape[1]
         centre = np.zeros(size) if before is None else before.mean
-        scale = np.ones(size) if before is None else np.sqrt(np.diag(before.covariance)) * WIDER
+        scale = np.ones(size) if before is None else before.stderr * WIDER
         z = (known.level - centre) / scale
         # near ones count most, and of regular motions, which have hardly any spread, none
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
@@ -262,6 +259,11 @@ class _Likely(NamedTuple):
     covariance: Float[np.ndarray, "parameters parameters"]
     draws: Float[np.ndarray, "draws parameters"]
 
+    @property
+    def stderr(self) -> Float[np.ndarray, " parameters"]:
+        """Their standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
 
 def _records_near(known: _Known, record: np.ndarray, likely: _Likely) -> tuple[np.ndarray, np.ndarray, float]:
     """Return mean and standard deviation of the features of records near likely levels, and the share of these that
@@ -338,7 +340,6 @@ class _Ensemble:
     ) -> Float[np.ndarray, "ensembles members sensors samples"]:
         """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
         method, model, problem = self.method, self.model, self.model.problem
-        values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
         change = disturbances(problem.scene, 0.3, members, rng)
@@ -353,17 +354,17 @@ class _Ensemble:
             epoch = np.full(len(window), problem.origin)
             now = begin(scenes, starts, epoch, names=problem.names)
             seen = model.followed(scenes, now, problem.origin, settle, settle + model.windows.periods)
-            return [np.asarray(values_read(reader, scenes, q, seen, epoch + settle, model.windows.time[window]))]
+            read, _ = readings(reader, scenes, q, seen, None, epoch + settle, model.windows.time[window])
+            return [np.asarray(read)]
 
-        (read,) = model.each(values, numbers, LANES, work, **self._rails(members, len(levels), seed))
+        rails = {}
+        scene = problem.scene
+        if scene.track.chosen_by and not recurs(scene):
+            # of random rails each member has its own
+            number = np.arange(members) + 1000 * (seed + 1)
+            rails[f"track.{scene.track.chosen_by}"] = np.tile(number, len(levels))
+        (read,) = model.each(np.repeat(levels, members, axis=0), numbers, LANES, work, **rails)
         return read.reshape(len(levels), members, *read.shape[2:]) + noise * deviates
-
-    def _rails(self, members: int, count: int, seed: int) -> dict[str, np.ndarray]:
-        """Return the numbers that choose a rail for each member, where rails are random."""
-        scene = self.model.problem.scene
-        if recurs(scene) or not scene.track.chosen_by:
-            return {}
-        return {f"track.{scene.track.chosen_by}": np.tile(np.arange(members) + 1000 * (seed + 1), count)}
 
 
 def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:

@@ -14,6 +14,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.sensors import Rig
+from ..model.step_size import default_steps_per_period
 from ..solvers.named import resolve_solver
 from .measured import MeasuredRun
 from .unknowns import Unknown
@@ -62,6 +63,15 @@ class Problem:
         """Levels of the values that scene and sensors have."""
         parts = [(one, self.rig if one.of_sensors else self.scene) for one in self.unknowns]
         return np.array([float(one.level(float(one.parameter.of(part)))) for one, part in parts])
+
+    def values(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
+        """Return the unknowns' values from their levels."""
+        return np.stack([one.value(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
+
+    def needed(self, levels: Float[np.ndarray, " parameters"]) -> int:
+        """Return the steps per period that runs need."""
+        own = dict(zip(self.names, self.values(levels), strict=False))
+        return max(default_steps_per_period(scene.replace(**own)) for scene in self.scenes)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,12 @@
 """The result of a fit: estimates with intervals, what the record does not tell, and what the model leaves of it."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..model.kinematics import Motion
@@ -14,9 +16,13 @@ from ..model.sensors import Sensor
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import user_path, write_whole
-from .diagnostics import not_identified
 from .method import AbstractFitMethod, Posterior, Problem
 
+LEAST_INFORMATION = 3.0
+"""Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
+standard error is half that of the bounds then."""
+LEAST_SHARE = 0.3
+"""Least share of a parameter in a direction over the greatest, to be named."""
 AT_BOUND = 2.33
 """Level beyond which an estimate is at a bound, among the 1 % of values next to it."""
 
@@ -197,6 +203,23 @@ class Fit:
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write `to_xarray()`, whole or not at all; `load_scene` reads the scene with the estimates from it."""
         write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
+
+
+def not_identified(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
+    """Return in words what a record does not tell.
+
+    **Arguments:** `information`: Fisher's, of the record alone, by levels: multiples of what is known before.
+    """
+    texts = []
+    values, directions = np.linalg.eigh(information)
+    for value, way in zip(values, directions.T, strict=True):
+        if value < LEAST_INFORMATION:
+            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > LEAST_SHARE * np.abs(way).max()]
+            if len(named) == 1:
+                texts.append(f"the record tells little of {named[0]}")
+            else:
+                texts.append(f"the record does not tell {named[0]} from {' and '.join(map(str, named[1:]))}")
+    return texts
 
 
 def _unit(q: Parameter) -> str:

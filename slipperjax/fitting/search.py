@@ -35,6 +35,10 @@ SHORTER, LONGER = 0.25, 3.5
 """What the region of trust is multiplied by then."""
 
 
+Evaluate = Callable[[np.ndarray, np.ndarray], Chain]
+"""Returns residuals and slopes at points of some starts, whose indices it is told."""
+
+
 @dataclass
 class Found:
     """Searches by the method of Levenberg and Marquardt, at the best points that they have seen."""
@@ -109,15 +113,14 @@ class Found:
                 kept.append(k)
         return np.array(kept)
 
-    def next(self, index: np.ndarray) -> Float[np.ndarray, "some unknowns"]:
-        """Return the points to see next of some starts."""
-        damped = self.local.at(index).damped(self.damping[index])
-        return self.point[index] - damped.solve(damped.residual[:, :-1])
-
-    def see(self, index: np.ndarray, point: np.ndarray, seen: Chain) -> None:
-        """Go to points that were seen where they are better, and change the damping."""
+    def step(self, index: np.ndarray, evaluate: Evaluate) -> None:
+        """Look at the next points of some starts, go there where they are better, and change the damping."""
         here = self.local.at(index)
-        predicted = np.sum((here.residual + here.along(point - self.point[index])) ** 2, axis=1) - here.cost
+        damped = here.damped(self.damping[index])
+        way = -damped.solve(damped.residual[:, :-1])
+        point = self.point[index] + way
+        seen = evaluate(point, index)
+        predicted = np.sum((here.residual + here.along(way)) ** 2, axis=1) - here.cost
         change = seen.cost - here.cost
         gains = change < -self.rough * here.cost - GAIN
         self.still[index] = np.where(gains, 0, self.still[index] + 1)
@@ -131,7 +134,7 @@ class Found:
 
 
 def search(
-    evaluate: Callable[[np.ndarray, np.ndarray], Chain],
+    evaluate: Evaluate,
     points: Float[np.ndarray, "starts unknowns"],
     shown: Callable[[str], object] = lambda text: None,
     *,
@@ -139,8 +142,7 @@ def search(
 ) -> Found:
     """Search the least squares from some points.
 
-    **Arguments:** `evaluate`: returns residuals and slopes at points of some starts, whose indices follow; `shown`:
-    is told of the progress; `rough`: share of the sum of squares that is no gain [1].
+    **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
     """
     found = Found.begin(points, evaluate(points, np.arange(len(points))), rough)
     for _ in range(MOST_STEPS):
@@ -148,6 +150,5 @@ def search(
         shown(f"{len(index)} of {len(points)} searches, chi-squared {found.cost.min():.5g}")
         if not len(index):
             break
-        point = found.next(index)
-        found.see(index, point, evaluate(point, index))
+        found.step(index, evaluate)
     return found

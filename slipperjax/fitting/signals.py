@@ -4,14 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from ..analysis.environment import band_edges, window_densities
 from ..flow.record import Labelled
 from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
-from .diagnostics import MOST_NOISE_RATIO, SIGNIFICANCE, whiteness
 from .method import Posterior
+
+MOST_NOISE_RATIO = 1.2
+"""What is left over the noise that was given, above which a model does not explain a signal [1]."""
+SIGNIFICANCE = 1e-3
+"""Probability of residuals below which a model does not explain them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +89,20 @@ class SignalPosterior(Posterior):
         return data | rows, coords | {"run": ("window", windows.run)}
 
 
+def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
+    """Return the probability that white noise is as correlated as some residuals, or more, by Ljung and Box's test.
+
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
+    """
+    count = len(residual)
+    lags = np.arange(1, min(20, count // 5) + 1)
+    x = residual - residual.mean()
+    power = x @ x
+    correlation = np.array([x[k:] @ x[:-k] for k in lags]) / power
+    statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
+    return float(chi2.sf(statistic, len(lags)))
+
+
 def densities(
     time: Float[np.ndarray, "sensors samples"],
     known: np.ndarray,
@@ -95,20 +114,19 @@ def densities(
 
     **Returns:** no frequencies where no sensor has eight samples, the fewest of a density.
     """
-    used = [k for k in range(len(time)) if known[k].sum() >= 8]
-    spans = {k: np.ptp(time[k][known[k]]) for k in used}
-    rates = {k: (known[k].sum() - 1) / spans[k] for k in used}
+    used = {k: time[k][known[k]] for k in range(len(time)) if known[k].sum() >= 8}
+    rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
+    longest = max(map(np.ptp, used.values()), default=0.0)
     edges = np.ones(1)
     if used:
         top = max(rates.values()) / 2
-        edges = band_edges(min(4.0 / max(spans.values()), top / 4), top, per_octave=3)
+        edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
     found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
-    for k in used:
-        at = time[k][known[k]]
+    for k, at in used.items():
         # unequal samples become equal ones, of all signals alike
         grid = np.linspace(at[0], at[-1], len(at))
         equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
-        found[:, k] = window_densities(equal, rates[k], edges, window=max(spans.values()))[1].mean(axis=-2)
+        found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
     along = ("sensor", "frequency")
     text = "power spectral density, the square of the sensor's unit per Hz"
     data = {"measured_density": column(along, found[0], "", f"{text}, measured")}

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..model.kinematics import Motion
-from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from ..tools.limits import refuse_impossible
@@ -83,9 +82,8 @@ class Trajectories(AbstractFitMethod):
         # the scene's own values, and others
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
-        values = model.values(levels)
-        model.compile_ahead(values)
-        guess, far = model.guesses(values, self.transient, noise)
+        model.compile_ahead(levels)
+        guess, far = model.guesses(levels, self.transient, noise)
         kept = np.argsort(far, kind="stable")[: self.starts]
         points = np.hstack([levels, guess.reshape(len(guess), -1)])
         # roughly from all starts, then from the few minima that they have found
@@ -103,7 +101,8 @@ class Trajectories(AbstractFitMethod):
         noise = or_given(fit.noise_left(fit.course(points[[found.lead]])))
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
-            model = model.with_steps(fit.needed(found.point[found.lead]))
+            levels, _ = fit.split(found.point)
+            model = model.with_steps(problem.needed(levels[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
             kept = found.distinct(LIKELY)
@@ -137,8 +136,7 @@ class Fitting:
 
     def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
         """Return the model's runs at some points. Arguments as for `Model.course`."""
-        levels, numbers = self.split(points)
-        return self.model.course(self.model.values(levels), numbers, stride)
+        return self.model.course(*self.split(points), stride)
 
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
@@ -183,12 +181,6 @@ class Fitting:
         count = windows.known.sum(axis=(0, 2))
         free = count - unknowns * count / count.sum()
         return np.sqrt(np.sum(left**2, axis=(0, 2)) / np.maximum(free, 1.0))
-
-    def needed(self, point: Float[np.ndarray, " unknowns"]) -> int:
-        """Return the steps per period that a point's parameters need."""
-        values = self.model.values(self.split(point[None])[0])[0]
-        own = dict(zip(self.model.problem.names, values, strict=False))
-        return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.problem.scenes)
 
     def checked(self, found: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what half the step changes of the best point's parameters, what the interpolation of signals changes
