@@ -159,11 +159,9 @@ def judge_on_orbits(
     # fewer periods do not show whether an orbit was reached
     transient = settling.strobes(0, max(plan.transient, 20))
     cases = transient.cases
+    groups = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
     # the last chunk is filled with copies
-    chunks = []
-    for first in range(0, cases.count, LANES_PER_CALL):
-        index = np.arange(first, min(first + LANES_PER_CALL, cases.count))
-        chunks.append(Chunk(filled(index, LANES_PER_CALL), len(index), transient.schedules[0]))
+    chunks = [Chunk(filled(index, LANES_PER_CALL), len(index), transient.schedules[0]) for index in groups]
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         part = Part(transient, *cases.take(chunk.index), chunk.index, *chunk, on_progress)
@@ -186,7 +184,8 @@ def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluatio
     """Return an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
     cases = Cases(plan.scene, grid, plan.start, product=False)
     scenes, starts = cases.take(np.arange(cases.count))
-    return Evaluation.of_states(plan, rows_of(initial_states(scenes, starts, plan.epoch)))
+    epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
+    return Evaluation.of_states(plan, rows_of(initial_states(scenes, starts, epoch)))
 
 
 # Steps in the evaluation of a chunk, which write into `found`. Period maps are over the periods in it.

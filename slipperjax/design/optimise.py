@@ -278,6 +278,11 @@ class Trial(NamedTuple):
     taken: bool
     simulated: float
 
+    @property
+    def order(self) -> tuple[bool, float]:
+        """By which trials are sorted, the best first: those that break no constraint, and of these the lowest."""
+        return self.values.violation > VIOLATED, self.values.total
+
 
 class _Search:
     """Several starts on their way, judged together."""
@@ -301,13 +306,10 @@ class _Search:
         """Judge designs, begin from `count` of them, the first `fixed` included, and judge at most `rounds` trials
         of each start, those of a round together."""
         judged = self._judge(self.problem, dict(enumerate(designs)))
-        # designs that break no constraint come first
-        total = np.array([trial.values.total for trial in judged])
-        violation = np.array([trial.values.violation for trial in judged])
-        order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
+        order = sorted(range(len(judged)), key=lambda k: judged[k].order)
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
             # there is no way on from a design without a motion
-            if np.isfinite(total[k]):
+            if np.isfinite(judged[k].values.total):
                 self.moves[start] = method.moves(designs[k], judged[k].values)
             self._add(judged[k]._replace(start=start, taken=True))
         proposed = self._proposed()
@@ -408,7 +410,7 @@ class _Search:
         ends = list(self._latest().values())
         if checked and problem.on_rails:
             ends = self._judge(self.unseen, {end.start: end.at for end in ends})
-        best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
+        best = min(ends, key=lambda trial: trial.order)
         values = best.values
         evaluation = best.evaluation._replace(simulated=np.zeros(problem.count))
         change = np.full(problem.count, np.nan)

@@ -250,7 +250,7 @@ def first_designs(
 
 def spread_designs(
     at: Float[np.ndarray, "designs parameters"],
-    order: np.ndarray,
+    order: Sequence[int],
     count: int,
     fixed: int,
 ) -> list[int]:
@@ -258,10 +258,10 @@ def spread_designs(
 
     **Arguments:** `order`: indices of all designs, the best one first.
     """
-    chosen = list(range(fixed)) or [int(order[0])]
+    chosen = list(range(fixed)) or [order[0]]
     # nearer ones where not enough designs lie far apart [unit box]
     for apart in (0.3, 0.15, -1.0):
-        for k in map(int, order):
+        for k in order:
             # to the nearest one that was chosen
             distance = np.min(np.max(np.abs(at[chosen] - at[k]), axis=1))
             if len(chosen) < count and k not in chosen and distance > apart:

@@ -328,12 +328,11 @@ class _Ensemble:
     def features(self, levels: np.ndarray, seed: int) -> Float[np.ndarray, "ensembles members features"]:
         """Return features of ensembles at some levels, NaN for lost runs."""
         signals = self.signals(levels, self.method.members, seed)
-        flat = signals.reshape(-1, *signals.shape[2:])
-        good = np.isfinite(flat).all(axis=(1, 2))
-        found = np.full((len(flat), len(self.names)), np.nan)
+        good = np.isfinite(signals).all(axis=(2, 3))
+        found = np.full((*good.shape, len(self.names)), np.nan)
         if good.any():
-            found[good] = self.values(flat[good])
-        return found.reshape(*signals.shape[:2], -1)
+            found[good] = self.values(signals[good])
+        return found
 
     def signals(
         self, levels: np.ndarray, members: int, seed: int

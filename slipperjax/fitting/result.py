@@ -85,8 +85,8 @@ class Fit:
     @property
     def at_bounds(self) -> dict[str, str]:
         """Parameters that ended at one of their bounds, "lower" or "upper"."""
-        level = dict(zip(self.names, self.posterior.level, strict=True))
-        return {name: "lower" if x < 0 else "upper" for name, x in level.items() if abs(x) > AT_BOUND}
+        levels = zip(self.names, self.posterior.level, strict=True)
+        return {name: "lower" if x < 0 else "upper" for name, x in levels if abs(x) > AT_BOUND}
 
     @property
     def status(self) -> str:

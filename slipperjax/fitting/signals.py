@@ -62,30 +62,25 @@ class SignalPosterior(Posterior):
 
     def label(self, rig: Rig) -> Labelled:
         windows = self.windows
-        over = ("window", "sensor", "sample")
+        known = windows.known > 0
         low, high = np.quantile(self.draws, [0.05, 0.95], axis=0)
-
-        def signal(values: np.ndarray, text: str) -> tuple:
-            return column(over, np.where(windows.known > 0, values, np.nan), "", f"{text}, in the sensor's unit")
-
+        over = ("window", "sensor", "sample")
+        signal = lambda values, unit, text: column(over, np.where(known, values, np.nan), unit, text)
         data = {
             "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
             "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
-            "seconds": column(
-                over, np.where(windows.known > 0, windows.time, np.nan), "s", "time since the run began"
-            ),
-            "measured": signal(windows.value, "measured signal"),
-            "fitted": signal(self.reading, "signal of the model"),
-            "fitted_low": signal(low, "5 % quantile of likely signals"),
-            "fitted_high": signal(high, "95 % quantile of likely signals"),
+            "seconds": signal(windows.time, "s", "time since the run began"),
+            "measured": signal(windows.value, "", "measured signal, in the sensor's unit"),
+            "fitted": signal(self.reading, "", "signal of the model, in the sensor's unit"),
+            "fitted_low": signal(low, "", "5 % quantile of likely signals, in the sensor's unit"),
+            "fitted_high": signal(high, "", "95 % quantile of likely signals, in the sensor's unit"),
         }
         # of the window with the most samples, with noise
-        known = windows.known > 0
         most = np.argmax(known.sum(axis=(1, 2)))
-        rng = np.random.default_rng(0)
-        likely = self.draws[:, most] + self.noise[:, None] * rng.normal(size=self.draws[:, most].shape)
-        signals = [windows.value[most], *likely]
-        rows, coords = densities(windows.time[most], known[most], np.array(signals))
+        draws = self.draws[:, most]
+        likely = draws + self.noise[:, None] * np.random.default_rng(0).normal(size=draws.shape)
+        signals = np.array([windows.value[most], *likely])
+        rows, coords = densities(windows.time[most], known[most], signals)
         return data | rows, coords | {"run": ("window", windows.run)}
 
 
