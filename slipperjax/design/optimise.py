@@ -312,9 +312,11 @@ class _Search:
             if np.isfinite(judged[k].values.total):
                 self.moves[start] = method.moves(designs[k], judged[k].values)
             self._add(judged[k]._replace(start=start, taken=True))
-        proposed = self._proposed()
-        for _ in range(rounds):
-            if not proposed:
+        for left in reversed(range(rounds + 1)):
+            proposed = {k: at for k, move in self.moves.items() if (at := next(move, None)) is not None}
+            # the others have ended
+            self.moves = {k: self.moves[k] for k in proposed}
+            if not (left and proposed):
                 break
             # orbits are followed from the last accepted trials
             latest = self._latest()
@@ -323,13 +325,6 @@ class _Search:
             for trial in self._judge(self.problem, proposed, warm_start):
                 taken = self.moves[trial.start].send(trial.values)
                 self._add(trial._replace(taken=taken))
-            proposed = self._proposed()
-
-    def _proposed(self) -> dict[int, np.ndarray]:
-        """Return the next design of each start that moves; the others have ended."""
-        proposed = {k: at for k, move in self.moves.items() if (at := next(move, None)) is not None}
-        self.moves = {k: self.moves[k] for k in proposed}
-        return proposed
 
     def _judge(
         self,
