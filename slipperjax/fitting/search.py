@@ -53,12 +53,6 @@ class Found:
     rough: float
     """Share of the sum of squares that is no gain [1]."""
 
-    @classmethod
-    def begin(cls, points: Float[np.ndarray, "starts unknowns"], local: Chain, rough: float = 0.0) -> "Found":
-        """Return searches at their starts."""
-        damping = np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
-        return cls(points.copy(), local, damping, np.zeros(len(points), int), rough)
-
     @property
     def patience(self) -> int:
         """Points without any gain after which a search stops."""
@@ -144,7 +138,9 @@ def search(
 
     **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
     """
-    found = Found.begin(points, evaluate(points, np.arange(len(points))), rough)
+    local = evaluate(points, np.arange(len(points)))
+    damping = np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
+    found = Found(points.copy(), local, damping, np.zeros(len(points), int), rough)
     for _ in range(MOST_STEPS):
         index = np.flatnonzero(found.active)
         shown(f"{len(index)} of {len(points)} searches, chi-squared {found.cost.min():.5g}")
