@@ -61,8 +61,7 @@ class Problem:
     @property
     def own(self) -> Float[np.ndarray, " parameters"]:
         """Levels of the values that scene and sensors have."""
-        parts = [(one, self.rig if one.of_sensors else self.scene) for one in self.unknowns]
-        return np.array([float(one.level(float(one.parameter.of(part)))) for one, part in parts])
+        return np.array([float(one.level(one.own)) for one in self.unknowns])
 
     def values(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
         """Return the unknowns' values from their levels."""

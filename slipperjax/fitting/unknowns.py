@@ -32,6 +32,8 @@ class Unknown(NamedTuple):
     """Its unit is that of the value, of a sensor's bias the sensor's own."""
     prior: Any
     """A frozen distribution of `scipy.stats`."""
+    own: float
+    """Value in the user's scene or sensors."""
 
     @property
     def name(self) -> str:
@@ -101,7 +103,7 @@ def _unknown(one: Parameter, priors: Mapping[str, object], part: Scene | Rig) ->
     low, high = map(float, prior.support())
     need = f"have bounds on both sides of the scene's own value, {value:.6g} {one.unit}".rstrip()
     require(low < value < high, one.name, need, shown=f"{low:g} to {high:g}")
-    return Unknown(one, prior)
+    return Unknown(one, prior, value)
 
 
 def spread(unknowns: Sequence[Unknown], count: int, seed: int) -> Float[np.ndarray, "count unknowns"]:
