@@ -15,13 +15,17 @@ from jaxtyping import Float
 from scipy.special import digamma
 from scipy.stats import multivariate_t
 
+from ..flow.period_map import advance
 from ..flow.record import Labelled
+from ..flow.status import heed_interrupts
+from ..flow.stepping import ROOM, calls_of
 from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
 from ..orbits.motions import recurs
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
+from ..tools.compile import as_argument
 from .course import SIZES, Model, Windows, begin, readings
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
@@ -347,12 +351,21 @@ class _Ensemble:
         noise = np.array([sensor.noise for sensor in problem.rig.sensors])[:, None]
         deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
         settle = method.transient
-        reader = model.reader(model.samples, problem.origin + settle)
+        origin = problem.origin + settle
+        reader = model.reader(model.samples, origin)
 
         def work(scenes, starts, window, q):
             epoch = np.full(len(window), problem.origin)
-            now = begin(scenes, starts, epoch, names=problem.names)
-            seen = model.followed(scenes, now, problem.origin, settle, settle + model.windows.periods)
+            states = begin(scenes, starts, epoch, names=problem.names).state
+            # nothing is recorded until the motion has settled
+            at = problem.origin
+            for used in calls_of(settle):
+                heed_interrupts()
+                how = dict(solver=problem.solver, periods=ROOM, used=as_argument(used))
+                states = advance(scenes, states, at, model.stepping, **how).state
+                at += used
+            now = begin(scenes, states, epoch + settle, names=problem.names)
+            seen = model.followed(scenes, now, origin, 0, model.windows.periods)
             read, _ = readings(reader, scenes, q, seen, None, epoch + settle, model.windows.time[window])
             return [np.asarray(read)]
 
