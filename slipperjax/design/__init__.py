@@ -5,5 +5,4 @@ from .ensembles import EnsembleSettings as EnsembleSettings, RailEnsemble as Rai
 from .methods import AbstractMethod as AbstractMethod, Descent as Descent, TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
 from .optimise import Design as Design
-from .record import OrbitSensitivities as OrbitSensitivities
-from .sensitivities import sensitivities as sensitivities
+from .sensitivities import OrbitSensitivities as OrbitSensitivities, sensitivities as sensitivities

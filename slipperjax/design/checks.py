@@ -49,7 +49,7 @@ def surroundings(
     problem = instance("design", design, Design, "a result of optimise_design").problem
     count = whole("points", points, 1) | 1
     far = number(positive, "width", width)
-    grid: dict[str, np.ndarray] = {}
+    grid = {}
     # around each variable, its own value included
     for name, (low, high) in problem.bounds.items():
         around = design.design[name] + far * (high - low) * np.linspace(-1, 1, count)
@@ -88,8 +88,7 @@ def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset
     on those of the last judgement."""
     other = problem.unseen.with_seed(problem.unseen.ensemble.seed + 1_000_000)
     # every combination of the variables, design by design
-    mesh = np.meshgrid(*grid.values(), indexing="ij")
-    designs = np.stack([values.ravel() for values in mesh], axis=1)
+    designs = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
     evaluation = other.evaluate((designs - problem.low) / problem.width, None)
     axes = grid | problem.over
     dims = tuple(axes)
@@ -137,14 +136,10 @@ def event_margins(
     steps = dict(steps_per_period=2 * problem.steps, solver=problem.solver)
     rows = []
     for case in cases:
-        period = int(design.cases["period"].values[case])
-        if period == 0:
-            regime = design.regime[case]
-            raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {regime}.")
-        of_case = {name: float(values[case]) for name, values in problem.cases.items()}
-        scene = design.scene.replace(**of_case)
-        state = jnp.asarray(design.cases["state"].values[case])
-        start = StateLayout.of(scene).unpack(state)
+        period = int(design.cases["period"][case])
+        require(period, "cases", "be on orbits", shown=f"case {case} is {design.regime[case]}")
+        scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
+        start = StateLayout.of(scene).unpack(jnp.asarray(design.cases["state"].values[case]))
         orbit = periodic_orbit(scene, period, start=start, **steps)
         # one parameter at a time, both ways
         for name in names:
@@ -153,11 +148,10 @@ def event_margins(
             ends = (value - far * size, value + far * size)
             options = steps | dict(points=points, until=EVENTS, progress=progress)
             branch = continue_orbit(scene, name, ends, start=orbit, **options)
+            unit = parameter(name, problem.scene).unit
             for direction, label, end in _first_events(branch, value):
                 change = end - value
-                relative = change / size
-                unit = parameter(name, problem.scene).unit
-                rows.append((case, name, direction, label, end, change, relative, unit))
+                rows.append((case, name, direction, label, end, change, change / size, unit))
     require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative", "unit")
     ds = xr.Dataset()

@@ -2,7 +2,7 @@
 
 import abc
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -15,28 +15,9 @@ from ..model.tracks import AbstractTrack
 from ..orbits.motions import recurs
 from ..tools.checks import instance, require, whole
 
-
-class Plane(NamedTuple):
-    """Values at a design and slopes per reach, from runs around it; NaN where the runs are too few."""
-
-    value: Float[np.ndarray, " objectives"]
-    stderr: Float[np.ndarray, " objectives"]
-    slope: Float[np.ndarray, "objectives parameters"]
-    slope_stderr: Float[np.ndarray, "objectives parameters"]
-
-    @classmethod
-    def of(cls, planes: np.ndarray, errors: np.ndarray) -> "Plane":
-        """Return the planes whose coefficients, and their errors, are rows (objectives, 1 + parameters)."""
-        return cls(planes[:, 0], errors[:, 0], planes[:, 1:], errors[:, 1:])
-
-
-class Conditions(NamedTuple):
-    """What the runs at each corner of a box differ by, the same at all corners and for all designs."""
-
-    rail: Int[np.ndarray, " runs"]
-    """Number of the rail of each run: those of one rail are not independent."""
-    chosen: dict[str, np.ndarray]
-    """Numbers that choose the rails of the runs, by their paths in the scene; of no path where all share one."""
+Planes = tuple[Float[np.ndarray, "objectives unknowns"], Float[np.ndarray, "objectives unknowns"]]
+"""Of each objective its value at a design and its slopes per reach, and the standard errors of both; NaN where runs
+are too few."""
 
 
 class AbstractEnsemble(abc.ABC):
@@ -51,8 +32,14 @@ class AbstractEnsemble(abc.ABC):
     seed: int
 
     @abc.abstractmethod
-    def conditions(self, track: AbstractTrack, corners: int) -> Conditions:
-        """Return what the runs at each corner differ by."""
+    def conditions(
+        self, track: AbstractTrack, corners: int
+    ) -> tuple[Int[np.ndarray, " runs"], dict[str, np.ndarray]]:
+        """Return what the runs at each corner differ by, the same at all corners and for all designs.
+
+        **Returns:** the number of the rail of each run, those of one rail not being independent; and the numbers that
+        choose the rails, by their paths in the scene, of no path where all share one.
+        """
 
     @abc.abstractmethod
     def fit(
@@ -61,7 +48,7 @@ class AbstractEnsemble(abc.ABC):
         values: Float[np.ndarray, "corners runs objectives"],
         kept: Bool[np.ndarray, "corners runs"],
         rail: Int[np.ndarray, " runs"],
-    ) -> Plane:
+    ) -> Planes:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
         **Arguments:** `corners`: differences from the design, in the reach; `kept`: whether each run stayed on the
@@ -92,7 +79,7 @@ class EnsembleSettings(AbstractEnsemble):
 
     def conditions(self, track, corners):
         # every corner has as many runs as are needed for all members
-        return Conditions(np.arange(-(-self.members // corners)), {})
+        return np.arange(-(-self.members // corners)), {}
 
     def fit(self, corners, values, kept, rail):
         _, runs, objectives = values.shape
@@ -107,7 +94,7 @@ class EnsembleSettings(AbstractEnsemble):
         left = rows[used] - system @ planes
         variance = np.sum(left**2, axis=0) / freedom
         covariance = np.linalg.pinv(system.T @ system)
-        return Plane.of(planes.T, np.sqrt(np.diag(covariance)[:, None] * variance).T)
+        return planes.T, np.sqrt(np.diag(covariance)[:, None] * variance).T
 
 
 @dataclass(frozen=True)
@@ -148,7 +135,7 @@ class RailEnsemble(AbstractEnsemble):
                 chosen[path] = self.seed * count + np.arange(count, dtype=float)
         # rails that have a part in common are not independent; of one rail alone each start counts
         parts = [np.unique(numbers, return_inverse=True)[1] for numbers in chosen.values()]
-        return Conditions(min(parts, key=np.max, default=np.arange(count)), chosen)
+        return min(parts, key=np.max, default=np.arange(count)), chosen
 
     def unseen(self, track: AbstractTrack) -> str:
         """Return in words what a search along these rails has not seen, along which its designs are judged."""
@@ -177,7 +164,8 @@ class RailEnsemble(AbstractEnsemble):
 
             found, drawn = bootstrap(plane, rails)
             fits.append((found, standard_error(drawn, rails)))
-        return Plane.of(*map(np.array, zip(*fits, strict=True)))
+        planes, errors = map(np.array, zip(*fits, strict=True))
+        return planes, errors
 
 
 def _check_whole(ensemble: AbstractEnsemble, **size: int) -> None:
@@ -191,9 +179,9 @@ def _system(corners: Float[np.ndarray, "corners parameters"], runs: int) -> Floa
     return np.column_stack([np.ones(len(corners) * runs), np.repeat(corners, runs, axis=0)])
 
 
-def _unknown(corners: np.ndarray, objectives: int) -> Plane:
+def _unknown(corners: np.ndarray, objectives: int) -> Planes:
     unknown = np.full((objectives, 1 + corners.shape[1]), np.nan)
-    return Plane.of(unknown, unknown)
+    return unknown, unknown
 
 
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
@@ -228,7 +216,7 @@ def ensemble_for(scene: Scene, ensemble: AbstractEnsemble | None) -> AbstractEns
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
         # the search has one half of a set of rails, and the last judgement the other
-        halves = [replace(ensemble, seed=seed).conditions(scene.track, 1).rail for seed in (0, 1)]
+        halves = [replace(ensemble, seed=seed).conditions(scene.track, 1)[0] for seed in (0, 1)]
         check_quantile(ensemble.quantile, min(len(np.unique(rail)) for rail in halves))
     return ensemble
 

@@ -7,7 +7,6 @@ method leaves the inverse. Forward mode pushes the parameters through the motion
 
 import functools
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import diffrax
 import jax
@@ -64,9 +63,10 @@ class OrbitObjectives:
         """The objectives that are computed from courses of periods: all but exponents."""
         return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
 
-    def places(self, kind: type) -> list[int]:
-        """Return the indices of the objectives of a kind."""
-        return [k for k, one in enumerate(self.objectives) if isinstance(one, kind)]
+    @property
+    def exponents(self) -> tuple[LargestExponent, ...]:
+        """The other objectives."""
+        return tuple(one for one in self.objectives if isinstance(one, LargestExponent))
 
     def no_slopes(self, rows: np.ndarray) -> np.ndarray:
         """Return derivatives of states, (cases, parameters, size), that no parameter moves."""
@@ -82,8 +82,15 @@ class OrbitObjectives:
         maps.on_progress(0)
         return maps.of_blocks(call, index, rows, slopes)
 
-    def on(self, maps: Maps, rows: np.ndarray, inverse: np.ndarray) -> "OnOrbits":
-        """Return objectives and derivatives on the orbits of cases, NaN where the period of the map is 0.
+    def on(
+        self, maps: Maps, rows: np.ndarray, inverse: np.ndarray
+    ) -> tuple[
+        Float[np.ndarray, "cases parameters size"],
+        Float[np.ndarray, "cases objectives"],
+        Float[np.ndarray, "cases objectives parameters"],
+    ]:
+        """Return the derivatives of states at the start of orbits, the objectives on these, and their derivatives;
+        NaN where the period of the map is 0.
 
         **Arguments:** `rows`: states at the start of the orbits; `inverse`: of I - P_x.
         """
@@ -98,16 +105,18 @@ class OrbitObjectives:
             # dx/dp = (I - P_x)^-1 P_p, along which the objectives are differentiated
             slopes[index] = np.einsum("cij,ckj->cki", inverse[index], end.slopes)
             periods = self._periods(maps, index, rows[index], slopes[index])
+            found: dict[Objective, tuple] = {one: self._exponents(maps, index, periods) for one in self.exponents}
             if self.numbers:
                 stacked = lambda axis, parts: jax.tree.map(lambda *of: np.stack(of, axis), *parts)
                 kept = stacked(1, [passed.samples for *_, passed in periods])
                 kept_slopes = stacked(2, [passed.sample_slopes for *_, passed in periods])
                 totals = lambda scenes, *both: _total_slopes(self.numbers, *both)
-                at = index[:, None], self.places(AbstractNumber)
-                value[at], gradient[at] = maps.of_blocks(totals, index, *kept, *kept_slopes)
-            for k in self.places(LargestExponent):
-                value[index, k], gradient[index, k] = self._exponents(maps, index, periods)
-        return OnOrbits(slopes, value, gradient)
+                made = maps.of_blocks(totals, index, *kept, *kept_slopes)
+                by_number = (np.moveaxis(array, 1, 0) for array in made)
+                found |= dict(zip(self.numbers, zip(*by_number, strict=True), strict=True))
+            for k, one in enumerate(self.objectives):
+                value[index, k], gradient[index, k] = found[one]
+        return slopes, value, gradient
 
     def _periods(
         self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray
@@ -131,15 +140,6 @@ class OrbitObjectives:
         found = [_exponent(*of_case) for of_case in zip(*stacked, strict=True)]
         value, gradient = zip(*found, strict=True)
         return np.array(value), np.array(gradient)
-
-
-class OnOrbits(NamedTuple):
-    """Objectives of cases on their orbits, and derivatives by parameters."""
-
-    state_slope: Float[np.ndarray, "cases parameters size"]
-    """Of all numbers of the state at the start of the orbit."""
-    value: Float[np.ndarray, "cases objectives"]
-    gradient: Float[np.ndarray, "cases objectives parameters"]
 
 
 @functools.partial(jit, static_argnames=("numbers",))

@@ -84,11 +84,6 @@ class EvaluationPlan(OrbitObjectives):
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest values that parameters may have, by name [their SI units]."""
 
-    @property
-    def epoch(self) -> float:
-        """Forcing periods from distance zero to where runs begin."""
-        return float(self.scene.epoch_at(self.scene.track.origin))
-
 
 class Evaluation(NamedTuple):
     """Objectives of cases and the motions that they belong to; arrays with a leading axis of cases."""

@@ -8,7 +8,6 @@ from collections.abc import Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import diffrax
-import jax
 import numpy as np
 import xarray as xr
 
@@ -137,29 +136,24 @@ class Design:
         """
         problem = self.problem
         names = problem.names
-        best = [self.design[name] for name in names]
         units = [parameter(name, problem.scene).unit for name in names]
         each = "in the unit of each variable"
         variables = xr.Dataset(
             {
-                "design": column("variable", best, "", f"best design, {each}"),
+                "design": column("variable", list(self.design.values()), "", f"best design, {each}"),
                 "low": column("variable", problem.low, "", f"lower bound, {each}"),
                 "high": column("variable", problem.low + problem.width, "", f"upper bound, {each}"),
             },
             {"variable": list(names), "variable_unit": ("variable", units)},
         )
-        tables = {"start": self.starts, "trial": self.history}
-        if margins is not None:
-            tables["margin"] = margins
-        # tables have variables of the same names, and so get prefixes
         parts = [variables, self.cases]
-        for prefix, table in tables.items():
-            renamed = {name: f"{prefix}_{name}" for name in table.data_vars}
-            parts.append(table.rename(renamed))
+        # tables have variables of the same names, and so get prefixes
+        for prefix, table in (("start", self.starts), ("trial", self.history), ("margin", margins)):
+            if table is not None:
+                parts.append(table.rename({name: f"{prefix}_{name}" for name in table.data_vars}))
         # what was chosen or varied has no value for all
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
-        call = _call(problem)
-        attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over))
+        attrs |= run_attributes(self.scene, problem.start, _call(problem), problem.over)
         attrs |= dict(
             objective=self.objective,
             smooth=self.smooth,
@@ -180,9 +174,7 @@ def _call(problem: Problem) -> dict[str, object]:
     """Return the arguments of `optimise_design` that state a problem, as `load_call` gives them."""
     # JSON has no infinity
     finite = lambda v: v if math.isfinite(v) else None
-    limits = []
-    for one, low, high in problem.constraints:
-        limits.append([one.name, finite(low), finite(high)])
+    limits = [[one.name, finite(low), finite(high)] for one, low, high in problem.constraints]
     return {
         "function": "optimise_design",
         "objective": problem.objective.name,
@@ -286,6 +278,11 @@ class Trial(NamedTuple):
     taken: bool
     simulated: float
 
+    @property
+    def order(self) -> tuple[bool, float]:
+        """By which trials are sorted, the best first: those that break no constraint, and of these the lowest."""
+        return self.values.violation > VIOLATED, self.values.total
+
 
 class _Search:
     """Several starts on their way, judged together."""
@@ -309,35 +306,25 @@ class _Search:
         """Judge designs, begin from `count` of them, the first `fixed` included, and judge at most `rounds` trials
         of each start, those of a round together."""
         judged = self._judge(self.problem, dict(enumerate(designs)))
-        # designs that break no constraint come first
-        total = np.array([trial.values.total for trial in judged])
-        violation = np.array([trial.values.violation for trial in judged])
-        order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
+        order = sorted(range(len(judged)), key=lambda k: judged[k].order)
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
             # there is no way on from a design without a motion
-            if np.isfinite(total[k]):
+            if np.isfinite(judged[k].values.total):
                 self.moves[start] = method.moves(designs[k], judged[k].values)
             self._add(judged[k]._replace(start=start, taken=True))
-        proposed = self._proposed()
-        for _ in range(rounds):
-            if not proposed:
+        for left in reversed(range(rounds + 1)):
+            proposed = {k: at for k, move in self.moves.items() if (at := next(move, None)) is not None}
+            # the others have ended
+            self.moves = {k: self.moves[k] for k in proposed}
+            if not (left and proposed):
                 break
             # orbits are followed from the last accepted trials
             latest = self._latest()
             evaluations = [latest[k].evaluation for k in proposed]
-            warm_start = jax.tree.map(lambda *parts: np.concatenate(parts), *evaluations)
+            warm_start = Evaluation(*map(np.concatenate, zip(*evaluations, strict=True)))
             for trial in self._judge(self.problem, proposed, warm_start):
                 taken = self.moves[trial.start].send(trial.values)
                 self._add(trial._replace(taken=taken))
-            proposed = self._proposed()
-
-    def _proposed(self) -> dict[int, np.ndarray]:
-        """Return the next design of each start that moves."""
-        proposed = {k: next(move, None) for k, move in self.moves.items()}
-        # the others have ended
-        proposed = {k: at for k, at in proposed.items() if at is not None}
-        self.moves = {k: self.moves[k] for k in proposed}
-        return proposed
 
     def _judge(
         self,
@@ -373,7 +360,8 @@ class _Search:
 
     def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
         """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits, and that
-        change of the smooth objective in each case [1]; NaN where motions from disturbed starts are averaged.
+        change of the smooth objective in each case [1]; NaN where motions from disturbed starts are averaged, which
+        change by chance.
 
         Only the check counts as simulated. Gives a warning where the change is more than a tenth, and more than can
         be the chance of rails: twice its error.
@@ -381,9 +369,6 @@ class _Search:
         problem = self.problem
         evaluation = trial.evaluation
         on_orbit = evaluation.period > 0
-        # averages from disturbed starts change by chance
-        if not (problem.on_rails or on_orbit.any()):
-            return _unchecked(evaluation)
         finer = dataclasses.replace(self.unseen, steps=2 * problem.steps)
         half = finer.evaluate(trial.at[None], None if problem.on_rails else evaluation)
         at = problem.index(problem.objective.smooth)
@@ -420,16 +405,19 @@ class _Search:
         ends = list(self._latest().values())
         if checked and problem.on_rails:
             ends = self._judge(self.unseen, {end.start: end.at for end in ends})
-        best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
+        best = min(ends, key=lambda trial: trial.order)
         values = best.values
-        evaluation, change = self._with_half_step(best) if checked else _unchecked(best.evaluation)
+        evaluation = best.evaluation._replace(simulated=np.zeros(problem.count))
+        change = np.full(problem.count, np.nan)
+        if checked and (problem.on_rails or evaluation.period.any()):
+            evaluation, change = self._with_half_step(best)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         # the error of the worst case, or of the mean of independent ones
         if problem.robust == "worst":
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
             stderr = errors[np.argmax(known)]
         else:
-            stderr = np.sqrt(np.sum(errors**2)) / len(errors)
+            stderr = np.linalg.norm(errors) / len(errors)
         if not np.isfinite(values.total):
             status = "no motion"
         elif values.violation > VIOLATED:
@@ -466,12 +454,6 @@ def _judged(problem: Problem, evaluation: Evaluation, checked: bool) -> str:
     if lost:
         words.append(f"{lost} runs lost and left out")
     return ", ".join(words)
-
-
-def _unchecked(evaluation: Evaluation) -> tuple[Evaluation, np.ndarray]:
-    """Return an evaluation for which nothing more was simulated, and unknown changes by half the step."""
-    count = len(evaluation.status)
-    return evaluation._replace(simulated=np.zeros(count)), np.full(count, np.nan)
 
 
 def _cases(
@@ -513,22 +495,17 @@ def _cases(
 
 def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     """Return the dataset of trials, a row each."""
+    start, at, values, evaluations, taken, simulated = map(list, zip(*trials, strict=True))
     hard = problem.index(problem.objective)
-    objective = [trial.evaluation.value[:, hard] for trial in trials]
-    regime = [trial.evaluation.regime for trial in trials]
-    designs = problem.in_units(np.stack([trial.at for trial in trials]))
-    total = [trial.values.total for trial in trials]
-    violation = [trial.values.violation for trial in trials]
-    simulated = [trial.simulated for trial in trials]
-    of_smooth = _labels(problem.objective.smooth.quantity)
+    over = ("trial", "case")
     data = {
-        "start": ("trial", [trial.start for trial in trials]),
-        "design": (("trial", "variable"), designs),
-        "smooth": ("trial", total, of_smooth),
-        "violation": ("trial", violation, {"units": "1"}),
-        "taken": ("trial", [trial.taken for trial in trials]),
-        "objective": (("trial", "case"), objective, _labels(problem.objective.quantity)),
-        "regime": (("trial", "case"), regime),
+        "start": ("trial", start),
+        "design": (("trial", "variable"), problem.in_units(np.stack(at))),
+        "smooth": ("trial", [one.total for one in values], _labels(problem.objective.smooth.quantity)),
+        "violation": ("trial", [one.violation for one in values], {"units": "1"}),
+        "taken": ("trial", taken),
+        "objective": (over, [one.value[:, hard] for one in evaluations], _labels(problem.objective.quantity)),
+        "regime": (over, [one.regime for one in evaluations]),
         "simulated": ("trial", simulated, {"units": "forcing periods"}),
     }
     return xr.Dataset(data, {"variable": list(problem.names)})

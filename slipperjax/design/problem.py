@@ -80,6 +80,11 @@ class Problem(EvaluationPlan):
         """Return designs of the unit box in SI units."""
         return self.low + at * self.width
 
+    def in_box(self, designs: Sequence[Mapping[str, float]]) -> Float[np.ndarray, "designs parameters"]:
+        """Return designs as points of the unit box."""
+        values = np.array([[float(one[name]) for name in self.names] for one in designs])
+        return (values - self.low) / self.width
+
     def with_seed(self, seed: int) -> "Problem":
         """Return the problem with other disturbances, or other rails."""
         return dataclasses.replace(self, ensemble=dataclasses.replace(self.ensemble, seed=seed))
@@ -225,19 +230,17 @@ def first_designs(
         require(starts, "starts", need, starts)
         for one in starts:
             require(isinstance(one, Mapping) and set(one) == set(names), "starts", need, starts)
-        values = np.array([[float(one[name]) for name in names] for one in starts])
-        designs = (values - problem.low) / problem.width
+        designs = problem.in_box(starts)
         require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)
         return designs, len(designs), len(designs)
     count = whole("starts", starts, 1)
-    value = np.array([float(problem.scene.value(name)) for name in names])
-    own = (value - problem.low) / problem.width
+    own = problem.in_box([{name: problem.scene.value(name) for name in names}])
     # a scene outside of the bounds is no design
     inside = bool(np.all((own >= 0) & (own <= 1)))
     if inside and count == 1:
-        return own[None], 1, 1
+        return own, 1, 1
     # the scene's own design, the corners where they are few, and others spread over the box
-    screened: list[Numbers] = [own] if inside else []
+    screened: list[Numbers] = list(own) if inside else []
     if len(names) <= 3:
         screened += itertools.product((0.0, 1.0), repeat=len(names))
     hypercube = scipy.stats.qmc.LatinHypercube(len(names), rng=seed)
@@ -247,7 +250,7 @@ def first_designs(
 
 def spread_designs(
     at: Float[np.ndarray, "designs parameters"],
-    order: np.ndarray,
+    order: Sequence[int],
     count: int,
     fixed: int,
 ) -> list[int]:
@@ -255,10 +258,10 @@ def spread_designs(
 
     **Arguments:** `order`: indices of all designs, the best one first.
     """
-    chosen = list(range(fixed)) or [int(order[0])]
+    chosen = list(range(fixed)) or [order[0]]
     # nearer ones where not enough designs lie far apart [unit box]
     for apart in (0.3, 0.15, -1.0):
-        for k in map(int, order):
+        for k in order:
             # to the nearest one that was chosen
             distance = np.min(np.max(np.abs(at[chosen] - at[k]), axis=1))
             if len(chosen) < count and k not in chosen and distance > apart:

@@ -62,11 +62,6 @@ class Chain(NamedTuple):
         """Return those of some of the points."""
         return Chain(*(array[index] for array in self))
 
-    def put(self, index: np.ndarray, new: "Chain") -> None:
-        """Replace those of some points."""
-        for array, part in zip(self, new, strict=True):
-            array[index] = part
-
     @property
     def residual(self) -> Float[np.ndarray, "points rows"]:
         """By windows, and then by levels."""
@@ -109,16 +104,11 @@ class Chain(NamedTuple):
     def damped(self, weight: Float[np.ndarray, "points unknowns"]) -> "Chain":
         """Return the same with all unknowns times weights among what is to be small."""
         levels, numbers = self._split(weight)
-        more = np.zeros((*numbers.shape, self.windows.shape[-1]))
-        k = np.arange(self.numbers)
-        more[:, :, k, k] = numbers
-        rows = np.zeros((*levels.shape, self.levels.shape[-1]))
-        k = np.arange(levels.shape[1])
-        rows[:, k, k] = levels
-        return Chain.of(
-            np.concatenate([self.windows, more], axis=2),
-            np.concatenate([self.levels, rows], axis=1),
-        )
+        grown = []
+        for rows, own in zip(self, (numbers, levels), strict=True):
+            more = own[..., None] * np.eye(own.shape[-1], rows.shape[-1])
+            grown.append(np.concatenate([rows, more], axis=-2))
+        return Chain.of(*grown)
 
     def solve(self, change: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points unknowns"]:
         """Return the unknowns along which the residuals change by this, all but the last one."""

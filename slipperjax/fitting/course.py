@@ -1,4 +1,7 @@
-"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives."""
+"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives.
+
+Channels are what sensors can read of a body's motion.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -9,20 +12,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..flow.period_map import SlopePassage, advance, advance_slopes
-from ..flow.record import RecordSet
+from ..flow.record import RecordSet, Unlabelled
 from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
-from ..model.dynamics import State
+from ..model.dynamics import Args, State
 from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.layout import StateLayout
 from ..model.parameters import at_values, values_of
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
-from ..model.sensors import Rig
-from ..model.step_size import default_steps_per_period
+from ..model.sensors import Channels, Rig, channels
+from ..model.starts import state_and_penetration
 from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
 from ..sweeps.run import gather
@@ -30,7 +34,6 @@ from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
-from .channels import ChannelRecord, Channels, begin
 from .measured import MeasuredRun
 from .method import Problem
 
@@ -66,28 +69,22 @@ class Windows(NamedTuple):
         each, or of fewer where runs are shorter; None for one as long as the longest run.
         """
         passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
-        ends = [max(one[-1] for one in every if one.size) for every in passed]
-        whole = [max(int(np.ceil(end - 2e-9)), 1) for end in ends]
-        periods = max(whole) if window is None else min(window, max(whole))
-        counts = [-(-length // periods) for length in whole]
+        ends = np.array([np.concatenate(every).max() for every in passed])
+        whole = np.maximum(np.ceil(ends - 2e-9), 1).astype(int)
+        periods = int(whole.max()) if window is None else min(window, int(whole.max()))
+        counts = -(-whole // periods)
         run = np.repeat(np.arange(len(runs)), counts)
-        lag = np.concatenate([np.arange(count) for count in counts]) * periods
-        # a sample belongs to the window in which the model passes it
-        inside = []
-        for number, first in zip(run, lag, strict=True):
-            last = counts[number] - 1
-            inside.append([np.minimum(one // periods, last) == first // periods for one in passed[number]])
-        most = max(int(mask.sum()) for masks in inside for mask in masks)
-        time, value, known = np.zeros((3, len(run), len(passed[0]), most))
-        for w, masks in enumerate(inside):
-            for s, mask in enumerate(masks):
-                signal = runs[run[w]].signals[s]
-                count = int(mask.sum())
-                known[w, s, :count] = 1.0
-                if signal is not None:
-                    time[w, s, :count] = signal.time[mask]
-                    value[w, s, :count] = signal.value[mask]
-        return cls(run, lag, periods, time, value, known)
+        number = np.concatenate([np.arange(count) for count in counts])
+        parts = []
+        for of, own in zip(run.tolist(), number.tolist(), strict=True):
+            for signal, at in zip(runs[of].signals, passed[of], strict=True):
+                # a sample belongs to the window in which the model passes it
+                inside = np.minimum(at // periods, counts[of] - 1) == own
+                parts.append((signal.time[inside], signal.value[inside], np.ones(inside.sum())))
+        most = max(len(time) for time, *_ in parts)
+        filled = [[np.pad(array, (0, most - len(array))) for array in part] for part in parts]
+        arrays = np.moveaxis(np.reshape(filled, (len(run), -1, 3, most)), 2, 0)
+        return cls(run, number * periods, periods, *arrays)
 
     @property
     def count(self) -> int:
@@ -103,7 +100,58 @@ def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
     grid = np.linspace(0.0, most, 4097)
     times = since(grid)
     # rounding may put a sample before the place where it is
-    return [np.empty(0) if one is None else np.interp(one.time, times, grid) + 1e-9 for one in run.signals]
+    return [np.interp(one.time, times, grid) + 1e-9 for one in run.signals]
+
+
+@dataclass(frozen=True)
+class ChannelRecord(Unlabelled):
+    """The channels at equal distances of each forcing period, of which its end is the last."""
+
+    samples: int
+
+    @property
+    def inside(self):
+        return True
+
+    def values(self, scene, periods):
+        return 20 * self.samples * periods
+
+    def sample(self, course) -> Channels:
+        saved = course.saved(self.samples)
+        instants = jnp.arange(1, self.samples + 1) / self.samples
+        return jax.vmap(lambda t, state: channels(course.args, t, state))(instants, saved)
+
+
+@functools.partial(jit, static_argnames=("names",))
+def begin(
+    scenes: Batched[Scene], starts: Motion | State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
+) -> SlopePassage:
+    """Return runs at their beginning, with the channels there as the sample of one instant.
+
+    Derivatives are first by the parameters, then by the ten numbers of the start's motion.
+
+    **Arguments:** `starts`: motions where closed contacts begin there; `epoch`: forcing periods from distance zero;
+    `names`: of the parameters by which runs are differentiated.
+    """
+
+    def one(scene: Scene, start: Motion | State, epoch: Real) -> SlopePassage:
+        start = start if isinstance(start, State) else State(start, None)
+        count = len(names)
+        numbers = jnp.stack([getattr(start.motion, name) for name in MOTION_NUMBERS])
+        both = jnp.concatenate([values_of(scene, names), numbers])
+
+        def at(both: Array) -> tuple[State, Channels]:
+            here = at_values(scene, names, both[:count])
+            motion = Motion(*both[count:], sled=start.motion.sled, modes=start.motion.modes)
+            state, _ = state_and_penetration(here, State(motion, start.memory), epoch)
+            seen = channels(Args(here, epoch), 0.0, state)
+            return state, jax.tree.map(lambda a: a[None], seen)
+
+        push = lambda way: jax.jvp(at, (both,), (way,))
+        (state, seen), (slopes, seen_slopes) = jax.vmap(push, out_axes=((None, None), 0))(jnp.eye(both.size))
+        return SlopePassage(state, jax.vmap(lambda slope: ravel_pytree(slope)[0])(slopes), (seen,), (seen_slopes,))
+
+    return scenes.map(one, starts, epoch)
 
 
 class Course(NamedTuple):
@@ -132,12 +180,9 @@ class Model:
     def of(cls, problem: Problem, windows: Windows) -> "Model":
         """Return the model of a fit."""
         # of the scene's own values, and of those in the middle
-        middle = {one.name: float(one.value(np.zeros(()))) for one in problem.unknowns if not one.of_sensors}
-        scenes = [*problem.scenes, *(scene.replace(**middle) for scene in problem.scenes)]
-        samples = max(map(default_steps_per_period, scenes))
-        return cls(problem=problem, windows=windows, steps=samples, samples=samples).with_steps(
-            problem.steps or samples
-        )
+        samples = max(map(problem.needed, (problem.own, 0 * problem.own)))
+        model = cls(problem=problem, windows=windows, steps=samples, samples=samples)
+        return model.with_steps(problem.steps or samples)
 
     @property
     def stepping(self) -> SampledSteps:
@@ -147,10 +192,6 @@ class Model:
     def kept(self) -> RecordSet:
         """What runs keep of each forcing period."""
         return RecordSet((ChannelRecord(self.samples),))
-
-    def values(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts parameters"]:
-        """Return parameters from their levels."""
-        return np.stack([one.value(levels[:, k]) for k, one in enumerate(self.problem.unknowns)], axis=1)
 
     def with_steps(self, steps: int) -> "Model":
         """Return the same with as many steps per period, or more."""
@@ -173,10 +214,10 @@ class Model:
 
     def each(
         self,
-        values: Float[np.ndarray, "starts parameters"],
+        levels: Float[np.ndarray, "starts parameters"],
         numbers: Float[np.ndarray, "starts windows 10"] | None,
         lanes: int,
-        work: Callable[[Batched[Scene], State, np.ndarray, np.ndarray], list[np.ndarray]],
+        work: Callable[[Batched[Scene], Motion | State, np.ndarray, np.ndarray], list[np.ndarray]],
         **rails: np.ndarray,
     ) -> list[np.ndarray]:
         """Call `work(scenes, starts, windows, numbers of sensors)` for the runs of all starts and windows.
@@ -186,37 +227,37 @@ class Model:
 
         **Returns:** its arrays, (starts, windows, ...).
         """
-        count, windows = len(values), self.windows
+        problem, windows, count = self.problem, self.windows, len(levels)
+        values = problem.values(levels)
+        total = count * windows.count
         grid = rails
-        for name in dict.fromkeys(name for run in self.problem.runs for name in run.settings):
-            own = float(self.problem.scene.value(name))
-            grid[name] = np.tile([self.problem.runs[k].settings.get(name, own) for k in windows.run], count)
-        grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(self.problem.names)}
+        for name in dict.fromkeys(name for run in problem.runs for name in run.settings):
+            own = float(problem.scene.value(name))
+            grid[name] = np.tile([problem.runs[k].settings.get(name, own) for k in windows.run], count)
+        grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(problem.names)}
         # a grid has one list at least
-        grid |= {"start_y": np.zeros(count * windows.count)}
-        cases = Cases(self.problem.scene, grid, self.problem.start, product=False)
-        begun = self.problem.start
-        begun = begun if isinstance(begun, State) else State(begun, None)
-        starts = jax.tree.map(lambda a: np.broadcast_to(np.asarray(a, float), (cases.count, *np.shape(a))), begun)
+        grid |= {"start_y": np.full(total, float(problem.motion.y))}
+        cases = Cases(problem.scene, grid, problem.start if numbers is None else problem.motion, product=False)
         if numbers is not None:
-            of_start = numbers.reshape(-1, len(SIZES)) * SIZES
-            motion = Motion(*of_start.T, sled=starts.motion.sled, modes=starts.motion.modes)
-            # closed contacts begin there
-            starts = State(motion, None)
+            parts = {name: getattr(cases.starts, name) for name in ("sled", "modes")}
+            cases.starts = Motion(*(numbers.reshape(total, -1) * SIZES).T, **parts)
         window = np.tile(np.arange(windows.count), count)
-        of_sensors = np.repeat(values[:, len(self.problem.names) :], windows.count, axis=0)
+        of_sensors = np.repeat(values[:, len(problem.names) :], windows.count, axis=0)
+        # the last group is filled up with copies of the last case
+        groups = np.minimum(np.arange(-(-total // lanes) * lanes), total - 1).reshape(-1, lanes)
+        made: list[list[np.ndarray]] = [[]] * len(groups)
 
-        def one(index: np.ndarray) -> list[np.ndarray]:
-            scenes, _ = cases.take(index)
-            begun = jax.tree.map(lambda a: a[index], starts)
-            return work(scenes, begun, window[index], of_sensors[index])
+        def one(k: int) -> None:
+            index = groups[k]
+            made[k] = work(*cases.take(index), window[index], of_sensors[index])
 
-        parts = in_groups(cases.count, lanes, one)
-        return [a.reshape(count, windows.count, *a.shape[1:]) for a in parts]
+        gather([functools.partial(one, k) for k in range(len(groups))], cores())
+        every = [np.concatenate(arrays)[:total] for arrays in zip(*made, strict=True)]
+        return [a.reshape(count, windows.count, *a.shape[1:]) for a in every]
 
     def course(
         self,
-        values: Float[np.ndarray, "starts parameters"],
+        levels: Float[np.ndarray, "starts parameters"],
         numbers: Float[np.ndarray, "starts windows 10"],
         stride: int = 1,
     ) -> Course:
@@ -230,24 +271,27 @@ class Model:
 
         def work(scenes, starts, window, q):
             epoch = self.epoch[window]
-            now = begin(scenes, starts, epoch, names=problem.names)
-            seen = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.samples)]
-            slopes = [jax.tree.map(lambda a: np.asarray(a)[:, :, None], now.sample_slopes)]
+            how = dict(names=problem.names, records=self.kept, solver=problem.solver)
+            passed = [begin(scenes, starts, epoch, names=problem.names)]
             for k in range(self.windows.periods + problem.lead):
                 heed_interrupts()
-                now = self._pushed(scenes, now, epoch + k)
-                seen.append(jax.tree.map(np.asarray, now.samples))
-                slopes.append(jax.tree.map(np.asarray, now.sample_slopes))
-                if k + 1 == self.windows.periods:
-                    # the first numbers of a state are those of its motion
-                    end = StateLayout.pack(now.state)[:, : len(SIZES)]
-                    end_slope = np.moveaxis(np.asarray(now.slopes)[..., : len(SIZES)], 1, -1)
-            (seen_,) = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *seen)
-            (slopes_,) = jax.tree.map(lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *slopes)
-            reading, slope = readings(reader, scenes, q, seen_, slopes_, epoch, self.windows.time[window])
-            return [np.asarray(reading), np.moveaxis(np.asarray(slope), 1, -1), end, end_slope]
+                now = passed[-1]
+                passed.append(advance_slopes(scenes, now.state, now.slopes, epoch + k, self.stepping, **how))
+            (seen,) = jax.tree.map(
+                lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *[one.samples for one in passed]
+            )
+            (slopes,) = jax.tree.map(
+                lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *[one.sample_slopes for one in passed]
+            )
+            made = readings(reader, scenes, q, seen, slopes, epoch, self.windows.time[window])
+            reading, slope = map(np.asarray, made)
+            last = passed[self.windows.periods]
+            # the first numbers of a state are those of its motion
+            end = StateLayout.pack(last.state)[:, : len(SIZES)]
+            end_slope = np.asarray(last.slopes)[..., : len(SIZES)]
+            return [reading, np.moveaxis(slope, 1, -1), end, np.moveaxis(end_slope, 1, -1)]
 
-        reading, slope, end, end_slope = self.each(values, numbers, LANES, work)
+        reading, slope, end, end_slope = self.each(levels, numbers, LANES, work)
         # numbers of sensors do not move the body
         at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
@@ -255,28 +299,16 @@ class Model:
             array[..., -len(SIZES) :] *= SIZES
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
 
-    def _pushed(self, scenes: Batched[Scene], now: SlopePassage, epoch: np.ndarray) -> SlopePassage:
-        """Return runs after a forcing period, with derivatives."""
-        how = dict(names=self.problem.names, records=self.kept, solver=self.problem.solver)
-        return advance_slopes(scenes, now.state, now.slopes, epoch, self.stepping, **how)
-
-    def compile_ahead(self, values: Float[np.ndarray, "starts parameters"]) -> None:
+    def compile_ahead(self, levels: Float[np.ndarray, "starts parameters"]) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
-        if calls_lapack(self.problem.solver):
-            return  # which must not be called from two threads
-        # no steps at all
-        model = replace(self, steps=0)
-
-        def work(scenes, starts, window, q):
-            epoch = model.epoch[window]
-            model._pushed(scenes, begin(scenes, starts, epoch, names=model.problem.names), epoch)
-            return []
-
-        numbers = np.zeros((1, self.windows.count, len(SIZES)))
-        ahead(lambda: model.each(values[:1], numbers, LANES, work))
+        # LAPACK must not be called from two threads
+        if not calls_lapack(self.problem.solver):
+            numbers = np.zeros((1, self.windows.count, len(SIZES)))
+            # no steps at all
+            ahead(lambda: replace(self, steps=0).course(levels[:1], numbers))
 
     def guesses(
-        self, values: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
+        self, levels: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
     ) -> tuple[Float[np.ndarray, "starts windows 10"], Float[np.ndarray, " starts"]]:
         """Return motions with which the windows may begin [scales], and how far they are from the samples.
 
@@ -304,7 +336,7 @@ class Model:
                 place = (windows.lag[window] + shift) * self.samples
                 at = place[:, None] + np.arange(length * self.samples + 1)
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
-                reading = values_read(reader, scenes, q, part, self.epoch[window], windows.time[window])
+                reading, _ = readings(reader, scenes, q, part, None, self.epoch[window], windows.time[window])
                 off = (np.asarray(reading) - windows.value[window]) / noise[:, None] * windows.known[window]
                 far = np.sum(off**2, axis=(1, 2))
                 better = far < best
@@ -312,7 +344,7 @@ class Model:
                 numbers[better] = part.motion[better, 0] / SIZES
             return [numbers, best]
 
-        numbers, far = self.each(values, None, VECTOR_LANES, work)
+        numbers, far = self.each(levels, None, VECTOR_LANES, work)
         return numbers, far.sum(axis=1)
 
     def followed(self, scenes: Batched[Scene], now: SlopePassage, epoch: float, settle: int, total: int) -> Channels:
@@ -321,7 +353,7 @@ class Model:
         **Arguments:** `now`: where they begin, `epoch` forcing periods from distance zero.
         """
         states = now.state
-        kept = [jax.tree.map(lambda a: np.asarray(a)[:, None], now.samples[0])]
+        kept = [now.samples[0]]
         how = dict(solver=self.problem.solver, periods=CALL, records=self.kept)
         passed = 0
         while passed < total:
@@ -337,20 +369,6 @@ class Model:
             if passed <= settle:
                 kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
         return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
-
-
-def in_groups(count: int, lanes: int, work: Callable[[np.ndarray], list[np.ndarray]]) -> list[np.ndarray]:
-    """Return the arrays that `work` gives for the indices of cases, in groups of `lanes` on all cores."""
-    groups = np.split(np.arange(count), range(lanes, count, lanes))
-    parts: list[list[np.ndarray]] = [[]] * len(groups)
-
-    def one(k: int) -> None:
-        # the last group is filled up with copies of its last case
-        made = work(groups[k][np.minimum(np.arange(lanes), len(groups[k]) - 1)])
-        parts[k] = [array[: len(groups[k])] for array in made]
-
-    gather([functools.partial(one, k) for k in range(len(groups))], cores())
-    return [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
 
 
 class Reader(eqx.Module):
@@ -374,32 +392,28 @@ class Reader(eqx.Module):
 
 
 @jit
-def values_read(reader: Reader, scenes: Batched[Scene], *of_runs: PyTree) -> Float[Array, "runs sensors samples"]:
-    """Return what sensors read in some runs.
-
-    **Arguments:** `of_runs`: numbers of the sensors, channels, epochs, and times of each run.
-    """
-    return scenes.map(lambda scene, *of_run: reader(scene, values_of(scene, reader.names), *of_run), *of_runs)
-
-
-@jit
 def readings(
     reader: Reader, scenes: Batched[Scene], *of_runs: PyTree
-) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"]]:
+) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"] | None]:
     """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts.
 
-    **Arguments:** `of_runs`: as of `values_read`, with derivatives of the channels after these.
+    **Arguments:** `of_runs`: numbers of the sensors; channels, and their derivatives, of which None leads to none;
+    epochs, and times of each run.
     """
 
-    def one(scene: Scene, q: Array, seen: Channels, slopes: Channels, epoch: Real, at: Array) -> tuple[Array, Array]:
+    def one(
+        scene: Scene, q: Array, seen: Channels, slopes: Channels | None, epoch: Real, at: Array
+    ) -> tuple[Array, Array | None]:
         p = values_of(scene, reader.names)
+        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        if slopes is None:
+            return read(p, q, seen), None
         # numbers of sensors change no channel
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
-        slopes = jax.tree.map(none, slopes)
-        directions = slopes.motion.shape[0]
-        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        every = jax.tree.map(none, slopes)
+        directions = every.motion.shape[0]
         push = lambda *along: jax.jvp(read, (p, q, seen), along)
-        each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), slopes
+        each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), every
         return jax.vmap(push, out_axes=(None, 0))(*each)
 
     return scenes.map(one, *of_runs)

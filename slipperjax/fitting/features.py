@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.distance import pdist
 
 from ..tools.checks import fraction, numbers, require, whole
 
@@ -137,22 +138,17 @@ class CorrelationIntegral(AbstractFeature):
         correlation = np.fft.irfft(power)[: len(x) // 4]
         delay = max(int(np.argmax(correlation < 0)), 1) // 2 + 1
 
-        def distances(signals: Signals) -> Float[np.ndarray, "records pairs"]:
-            last = signals.shape[1] - (self.dimension - 1) * delay
-            most = (signals.shape[1] - 2) // delay + 1
-            need = f"be at most {most} for a record of {signals.shape[1]} samples, whose values are {delay} apart"
-            require(last > 1, "dimension", need, self.dimension)
-            at = np.linspace(0, last - 1, min(self.instants, last)).astype(int)
-            points = np.stack([signals[:, at + k * delay] for k in range(self.dimension)], axis=-1)
-            first, second = np.triu_indices(len(at), 1)
-            return np.abs(points[:, first] - points[:, second]).max(axis=-1)
-
-        radii = np.quantile(distances(record[None]), self.shares)
+        last = len(record) - (self.dimension - 1) * delay
+        most = (len(record) - 2) // delay + 1
+        need = f"be at most {most} for a record of {len(record)} samples, whose values are {delay} apart"
+        require(last > 1, "dimension", need, self.dimension)
+        at = np.linspace(0, last - 1, min(self.instants, last)).astype(int)
+        points = at[:, None] + delay * np.arange(self.dimension)
+        apart = lambda signal: pdist(signal[points], "chebyshev")
+        radii = np.quantile(apart(record), self.shares)
 
         def values(signals: Signals) -> Values:
-            # one at a time, because pairs are many
-            apart = (distances(signal[None])[0] for signal in signals)
-            return np.array([[np.log((np.sum(d < r) + FEWEST) / d.size) for r in radii] for d in apart])
+            return np.array([[np.log((np.sum(d < r) + FEWEST) / d.size) for r in radii] for d in map(apart, signals)])
 
         return [f"correlation integral {share:g}" for share in self.shares], values
 

@@ -8,10 +8,9 @@ import numpy as np
 from ..flow.simulate import beginning, check_rail, refuse_periods
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.modes import Modes
 from ..model.scene import Scene, check_scene
 from ..model.sensors import Rig, Sensor
-from ..model.step_size import default_steps_per_period, given_steps
+from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import TOLD, instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar, is_live
@@ -73,8 +72,13 @@ def fit(
     """
     scene = known("scene", check_scene(scene))
     rig = Rig.of(sensors)
+    modes = scene.slipper.modes
+    steady = scene.travel(0.0).acceleration is None
     for sensor in rig.sensors:
-        _check_place(sensor, scene.slipper.modes)
+        # the motion of an elastic body is not known everywhere
+        if modes is not None and sensor.measures in ("acceleration", "displacement"):
+            modes.check_place(np.asarray(sensor.place))
+        require(steady or sensor.cutoff is None, "cutoff", "be None at a speed that changes", sensor.cutoff)
     method = Trajectories() if method is None else method
     instance("method", method, AbstractFitMethod, "a method of slipperjax.fitting")
     runs = measured_runs(measured, rig)
@@ -87,7 +91,8 @@ def fit(
         unknowns=unknowns_of(scene, rig, unknowns, frozen),
         runs=runs,
         origin=float(scene.epoch_at(origin)),
-        lead=_lead(scene, origin),
+        # one period, unless the rail begins there
+        lead=int(steady and float(origin) - float(scene.wavelength) >= float(scene.track.begin)),
         steps=None if steps_per_period is None else given_steps(steps_per_period),
         solver=method.solver(scene) if solver is None else resolve_solver(scene, solver),
         start=first,
@@ -96,10 +101,8 @@ def fit(
     windows = Windows.of(runs, problem.scenes, problem.origin, None)
     check_rail(scene, windows.periods, origin)
     # at each instant the channels of some runs, along all directions: times may be in a wrong unit
-    steps = problem.steps or max(map(default_steps_per_period, problem.scenes))
+    steps = problem.steps or problem.needed(problem.own)
     refuse_periods(windows.periods, steps, CHANNELS * steps * windows.periods * (len(problem.unknowns) + len(SIZES)))
-    for sensor in rig.sensors:
-        _check_filter(sensor, problem)
     method.check(problem)
     told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point
     try:
@@ -109,21 +112,3 @@ def fit(
     finally:
         TOLD.reset(told)
     return Fit(problem, method, posterior, confidence)
-
-
-def _lead(scene: Scene, begin: float) -> int:
-    """Return forcing periods before a record in which the model runs already: one, unless the rail begins there."""
-    steady = scene.travel(0.0).acceleration is None
-    return int(steady and float(begin) - float(scene.wavelength) >= float(scene.track.begin))
-
-
-def _check_place(sensor: Sensor, modes: Modes | None) -> None:
-    """Raise `ValueError` where an elastic body is not known at a sensor's place."""
-    if modes is not None and sensor.measures in ("acceleration", "displacement"):
-        modes.check_place(np.asarray(sensor.place))
-
-
-def _check_filter(sensor: Sensor, problem: Problem) -> None:
-    """Raise `ValueError` where a sensor with a filter is on a body whose speed changes."""
-    steady = all(scene.travel(0.0).acceleration is None for scene in problem.scenes)
-    require(steady or sensor.cutoff is None, "cutoff", "be None at a speed that changes", sensor.cutoff)

@@ -6,18 +6,19 @@ did, J. R. Stat. Soc. B 74 (2012) 419, doi:10.1111/j.1467-9868.2011.01010.x. The
 the parameters, fitted to ensembles all over the region that the record leaves, so that chance in one is no matter.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import digamma
+from scipy.stats import multivariate_t
 
 from ..flow.period_map import advance
 from ..flow.record import Labelled
 from ..flow.status import heed_interrupts
 from ..flow.stepping import ROOM, calls_of
-from ..model.dynamics import State
 from ..model.kinematics import disturbances
 from ..model.quantities import MOTION_NUMBERS
 from ..model.sensors import Rig
@@ -25,8 +26,7 @@ from ..orbits.motions import recurs
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
-from .channels import begin
-from .course import SIZES, Model, Windows, values_read
+from .course import SIZES, Model, Windows, begin, readings
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
 from .method import AbstractFitMethod, Posterior, Problem
@@ -83,14 +83,13 @@ class Features(AbstractFitMethod):
     def check(self, problem: Problem) -> None:
         for sensor in problem.rig.sensors:
             require(sensor.noise is not None, "noise", f"be given of the sensor {sensor.name} for features", None)
-        for scene in problem.scenes:
-            steady = scene.travel(0.0).acceleration is None
-            require(steady, "method", "be Trajectories() at a speed that changes", self)
+        steady = problem.scene.travel(0.0).acceleration is None
+        require(steady, "method", "be Trajectories() at a speed that changes", self)
         _Ensemble.of(self, problem)
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
         ensemble = _Ensemble.of(self, problem)
-        target = ensemble.measured()
+        (target,) = ensemble.values(ensemble.record[None])
         likely = None
         levels = spread(problem.unknowns, self.proposals, problem.seed)
         levels[0] = problem.own
@@ -103,17 +102,16 @@ class Features(AbstractFitMethod):
             emulator = _Emulator.of(known, target, likely)
             before, likely = likely, emulator.likely()
             if before is not None:
-                moved = np.abs(likely.mean - before.mean) / np.sqrt(np.diag(before.covariance))
-                narrowed = np.sqrt(np.diag(likely.covariance) / np.diag(before.covariance))
+                moved = np.abs(likely.mean - before.mean) / before.stderr
+                narrowed = likely.stderr / before.stderr
                 converged = bool(moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25)
                 if converged:
                     break
-            spread_ = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
+            levels = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
             # beyond them all values are alike
-            levels = np.clip(spread_, -3.0, 3.0)
+            levels = np.clip(levels, -3.0, 3.0)
         assert likely is not None  # there is one round or more
-        shown_draws = likely.draws[rng.choice(len(likely.draws), SHOWN)]
-        signals = ensemble.signals(shown_draws, 1, problem.seed + 1)
+        signals = ensemble.signals(rng.choice(likely.draws, SHOWN), 1, problem.seed + 1)
         expected, spread_of_records, excess = _records_near(known, target, likely)
         return FeaturePosterior(
             level=likely.mean,
@@ -122,7 +120,7 @@ class Features(AbstractFitMethod):
             converged=converged,
             minima=np.empty((0, len(problem.unknowns))),
             step_change=np.full(len(problem.unknowns), np.nan),
-            start=problem.start.motion if isinstance(problem.start, State) else problem.start,
+            start=problem.motion,
             draws=likely.draws,
             names=ensemble.names,
             measured=target,
@@ -174,18 +172,18 @@ class _Emulator:
     @classmethod
     def of(cls, known: _Known, record: np.ndarray, before: "_Likely | None") -> "_Emulator":
         """Return the emulator for a record's features, near the likely levels of an earlier one."""
-        from scipy.special import digamma
-
         size = known.level.shape[1]
         members = known.values.shape[1]
         centre = np.zeros(size) if before is None else before.mean
-        scale = np.ones(size) if before is None else np.sqrt(np.diag(before.covariance)) * WIDER
+        scale = np.ones(size) if before is None else before.stderr * WIDER
         z = (known.level - centre) / scale
         # near ones count most, and of regular motions, which have hardly any spread, none
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
         own = known.values.std(axis=1)
-        usual = np.array([_median(column_, weight) for column_ in own.T])
-        weight = np.where(np.median(own / usual, axis=1) < REGULAR, 0.0, weight)
+        # that of most ensembles with any
+        weights = np.where((own > 0) | ~np.any(own > 0, axis=0), weight[:, None], 0.0)
+        usual = np.quantile(own, 0.5, axis=0, weights=weights, method="inverted_cdf")
+        weight = np.where(np.median(own / np.maximum(usual, 1e-6), axis=1) < REGULAR, 0.0, weight)
         runs = known.values.reshape(-1, known.values.shape[2])
         of_run = np.repeat(weight, members)
         middle = of_run @ runs / of_run.sum()
@@ -228,8 +226,6 @@ class _Emulator:
 
     def likely(self) -> "_Likely":
         """Return likely levels, by importance among others that come nearer in a few rounds."""
-        from scipy.stats import multivariate_t
-
         rng = np.random.default_rng(0)
         size = len(self.centre)
         mean, covariance = self.centre, np.diag(np.minimum(self.scale, 1.0) ** 2)
@@ -253,10 +249,9 @@ class _Emulator:
     def information(self, level: np.ndarray) -> np.ndarray:
         """Return Fisher's information of the summaries on the levels at some level."""
         z = (level - self.centre) / self.scale
-        step = 1e-3
-        slope = np.stack(
-            [(_terms(z + h) - _terms(z - h)) @ self.means / (2 * step) for h in step * np.eye(len(z))], axis=-1
-        )
+        # of quadratic functions differences are exact
+        change = np.eye(len(z))
+        slope = ((_terms(z + change) - _terms(z - change)) / 2 @ self.means).T
         slope = slope / self.scale / np.exp(_terms(z)[: len(z) + 1] @ self.spreads)[:, None]
         return slope.T @ np.linalg.solve(self.correlation, slope)
 
@@ -267,6 +262,11 @@ class _Likely(NamedTuple):
     mean: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     draws: Float[np.ndarray, "draws parameters"]
+
+    @property
+    def stderr(self) -> Float[np.ndarray, " parameters"]:
+        """Their standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def _records_near(known: _Known, record: np.ndarray, likely: _Likely) -> tuple[np.ndarray, np.ndarray, float]:
@@ -283,21 +283,11 @@ def _records_near(known: _Known, record: np.ndarray, likely: _Likely) -> tuple[n
     return middle, deviation, float((1 + np.sum(distance[1:] >= distance[0])) / len(distance))
 
 
-def _median(values: np.ndarray, weight: np.ndarray) -> float:
-    """Return the median of weighted values that are not zero, or a small number."""
-    used = values > 0
-    if not used.any():
-        return 1e-6
-    order = np.argsort(values[used])
-    below = np.cumsum(weight[used][order])
-    return float(values[used][order][np.searchsorted(below, 0.5 * below[-1])])
-
-
 def _terms(z: np.ndarray) -> np.ndarray:
     """Return the terms of a quadratic function of (..., parameters)."""
-    size = z.shape[-1]
-    products = [z[..., i] * z[..., j] for i in range(size) for j in range(i, size)]
-    return np.stack([np.ones(z.shape[:-1]), *(z[..., k] for k in range(size)), *products], axis=-1)
+    factors = np.insert(z, 0, 1.0, axis=-1)
+    first, second = np.triu_indices(factors.shape[-1])
+    return factors[..., first] * factors[..., second]
 
 
 @dataclass(frozen=True)
@@ -308,8 +298,8 @@ class _Ensemble:
     model: Model
     rate: Float[np.ndarray, " sensors"]
     """Samples per second [Hz]."""
-    records: tuple[Float[np.ndarray, " samples"], ...]
-    """The measured signal of each sensor, at equal times."""
+    record: Float[np.ndarray, "sensors samples"]
+    """The measured signal of each sensor, at equal times; those with fewer samples are filled up by NaN."""
     kinds: tuple[tuple[Callable, ...], ...]
     names: tuple[str, ...]
 
@@ -319,7 +309,6 @@ class _Ensemble:
         (run,) = problem.runs
         rates, records, kinds, names = [], [], [], []
         for sensor, signal in zip(problem.rig.sensors, run.signals, strict=True):
-            assert signal is not None  # of one run all are there
             rate, record = _at_equal_times(sensor.name, signal)
             made = [feature.of(record) for feature in method.features]
             rates.append(rate)
@@ -327,51 +316,37 @@ class _Ensemble:
             kinds.append(tuple(values for _, values in made))
             names += [f"{sensor.name} {name}" for of_kind, _ in made for name in of_kind]
         most = max(map(len, records))
-        time = np.zeros((1, len(records), most))
-        for k, record in enumerate(records):
-            time[0, k, : len(record)] = np.arange(len(record)) / rates[k]
+        record = np.stack([np.pad(one, (0, most - len(one)), constant_values=np.nan) for one in records])
+        rate = np.array(rates)
+        time = np.where(np.isfinite(record), np.arange(most) / rate[:, None], 0.0)[None]
         periods = int(np.ceil(time.max() / float(problem.scenes[0].period)))
         zero = np.zeros(1, int)
         windows = Windows(zero, zero, periods, time, np.zeros_like(time), np.ones_like(time))
-        model = Model.of(problem, windows)
-        return cls(method, model, np.array(rates), tuple(records), tuple(kinds), tuple(names))
+        return cls(method, Model.of(problem, windows), rate, record, tuple(kinds), tuple(names))
 
-    @property
-    def record(self) -> Float[np.ndarray, "sensors samples"]:
-        """The record; sensors with fewer samples are filled up by NaN."""
-        most = max(map(len, self.records))
-        return np.stack([np.pad(r, (0, most - len(r)), constant_values=np.nan) for r in self.records])
-
-    def measured(self) -> Float[np.ndarray, " features"]:
-        """Return the features of the record."""
-        return self._values([record[None] for record in self.records])[0]
-
-    def _values(self, signals: Sequence[Float[np.ndarray, "runs samples"]]) -> Float[np.ndarray, "runs features"]:
-        every = [values(rows) for rows, kinds in zip(signals, self.kinds, strict=True) for values in kinds]
-        return np.concatenate(every, axis=1)
+    def values(self, signals: Float[np.ndarray, "runs sensors samples"]) -> Float[np.ndarray, "runs features"]:
+        """Return features of signals, of each sensor as many samples as its record has."""
+        by_sensor = zip(np.moveaxis(signals, 1, 0), np.isfinite(self.record), self.kinds, strict=True)
+        return np.concatenate([values(of[:, known]) for of, known, kinds in by_sensor for values in kinds], axis=1)
 
     def features(self, levels: np.ndarray, seed: int) -> Float[np.ndarray, "ensembles members features"]:
         """Return features of ensembles at some levels, NaN for lost runs."""
         signals = self.signals(levels, self.method.members, seed)
-        flat = signals.reshape(-1, *signals.shape[2:])
-        good = np.isfinite(flat).all(axis=(1, 2))
-        found = np.full((len(flat), len(self.names)), np.nan)
-        rows = [flat[good, k, : len(record)] for k, record in enumerate(self.records)]
+        good = np.isfinite(signals).all(axis=(2, 3))
+        found = np.full((*good.shape, len(self.names)), np.nan)
         if good.any():
-            found[good] = self._values(rows)
-        return found.reshape(*signals.shape[:2], -1)
+            found[good] = self.values(signals[good])
+        return found
 
     def signals(
         self, levels: np.ndarray, members: int, seed: int
     ) -> Float[np.ndarray, "ensembles members sensors samples"]:
         """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
         method, model, problem = self.method, self.model, self.model.problem
-        values = np.repeat(model.values(levels), members, axis=0)
         rng = np.random.default_rng(seed)
         # velocities of a third of their scales, which chaos makes as different as they can be
         change = disturbances(problem.scene, 0.3, members, rng)
-        own = problem.start.motion if isinstance(problem.start, State) else problem.start
-        first = np.array([float(getattr(own, name)) for name in MOTION_NUMBERS]) + change
+        first = np.array([float(getattr(problem.motion, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
         noise = np.array([sensor.noise for sensor in problem.rig.sensors])[:, None]
         deviates = rng.normal(size=(members, *model.windows.time.shape[1:]))
@@ -391,17 +366,17 @@ class _Ensemble:
                 at += used
             now = begin(scenes, states, epoch + settle, names=problem.names)
             seen = model.followed(scenes, now, origin, 0, model.windows.periods)
-            return [np.asarray(values_read(reader, scenes, q, seen, epoch + settle, model.windows.time[window]))]
+            read, _ = readings(reader, scenes, q, seen, None, epoch + settle, model.windows.time[window])
+            return [np.asarray(read)]
 
-        (read,) = model.each(values, numbers, LANES, work, **self._rails(members, len(levels), seed))
+        rails = {}
+        scene = problem.scene
+        if scene.track.chosen_by and not recurs(scene):
+            # of random rails each member has its own
+            number = np.arange(members) + 1000 * (seed + 1)
+            rails[f"track.{scene.track.chosen_by}"] = np.tile(number, len(levels))
+        (read,) = model.each(np.repeat(levels, members, axis=0), numbers, LANES, work, **rails)
         return read.reshape(len(levels), members, *read.shape[2:]) + noise * deviates
-
-    def _rails(self, members: int, count: int, seed: int) -> dict[str, np.ndarray]:
-        """Return the numbers that choose a rail for each member, where rails are random."""
-        scene = self.model.problem.scene
-        if recurs(scene) or not scene.track.chosen_by:
-            return {}
-        return {f"track.{scene.track.chosen_by}": np.tile(np.arange(members) + 1000 * (seed + 1), count)}
 
 
 def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:

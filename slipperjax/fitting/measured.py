@@ -1,7 +1,7 @@
 """Measured signals: of runs in datasets of xarray and in files, with units, gaps and rates of their own."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,17 +27,20 @@ class Signal(NamedTuple):
     """In the sensor's unit."""
 
 
-class MeasuredRun(NamedTuple):
-    """The signals of a run, in the order of the sensors; None for those that it lacks."""
+NO_SIGNAL = Signal(np.empty(0), np.empty(0))
 
-    signals: tuple[Signal | None, ...]
+
+class MeasuredRun(NamedTuple):
+    """The signals of a run, in the order of the sensors; `NO_SIGNAL` for those that it lacks."""
+
+    signals: tuple[Signal, ...]
     settings: dict[str, float]
     """Parameters that are known of this run, such as its speed, by name [SI units]."""
 
     @property
     def end(self) -> float:
         """Time of the last sample [s]."""
-        return max(float(one.time[-1]) for one in self.signals if one is not None)
+        return float(np.concatenate([one.time for one in self.signals]).max())
 
 
 def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
@@ -54,14 +57,21 @@ def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
     runs = []
     for one in every:
         require(isinstance(one, xr.Dataset | str | os.PathLike), "measured", need, one)
-        runs.append(_of_dataset(one, rig) if isinstance(one, xr.Dataset) else _of_file(one, rig))
+        signals, known = (_of_dataset if isinstance(one, xr.Dataset) else _of_file)(one, rig)
+        found = [_signal(s, *signals[s.name]) if s.name in signals else NO_SIGNAL for s in rig.sensors]
+        require(signals, "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
+        runs.append(MeasuredRun(tuple(found), known))
     for k, sensor in enumerate(rig.sensors):
-        has = any(run.signals[k] is not None for run in runs)
+        has = any(run.signals[k].time.size for run in runs)
         require(has, "measured", f"have the signal of each sensor, such as {sensor.name}", shown="without it")
     return tuple(runs)
 
 
-def _of_file(file: str | os.PathLike[str], rig: Rig) -> MeasuredRun:
+Found = tuple[dict[str, Sequence[np.ndarray]], dict[str, float]]
+"""Times and values of sensors by name, and known parameters."""
+
+
+def _of_file(file: str | os.PathLike[str], rig: Rig) -> Found:
     """Read the signals of a CSV or netCDF file: a time, a column for each sensor, and columns of known parameters."""
     path = user_path(file, "measured")
     settings = {name: "" if q.unit == "1" else q.unit for name, q in PARAMETERS.items()}
@@ -73,10 +83,10 @@ def _of_file(file: str | os.PathLike[str], rig: Rig) -> MeasuredRun:
         table.fault("must have a column `time`")
     columns = table.si()
     known = {name: _constant(name, values) for name, values in columns.items() if name in settings}
-    return _run({s.name: (columns["time"], columns[s.name]) for s in rig.sensors if s.name in columns}, rig, known)
+    return {name: (columns["time"], columns[name]) for name in rig.names if name in columns}, known
 
 
-def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
+def _of_dataset(ds: xr.Dataset, rig: Rig) -> Found:
     """Read the signals of a dataset: a variable for each sensor, along a coordinate of times, and scalar coordinates
     of known parameters."""
     strange = [str(name) for name in ds.data_vars if name not in rig.names]
@@ -99,7 +109,7 @@ def _of_dataset(ds: xr.Dataset, rig: Rig) -> MeasuredRun:
         if name in PARAMETERS and value.ndim == 0:
             unit = PARAMETERS[str(name)].unit
             known[str(name)] = number(finite, str(name), value, unit)
-    return _run(signals, rig, known)
+    return signals, known
 
 
 def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
@@ -116,12 +126,6 @@ def _constant(name: str, values: np.ndarray) -> float:
     found = np.unique(values[np.isfinite(values)])
     require(len(found) == 1, "measured", f"have one value of {name}, which a run keeps", shown=f"{len(found)} values")
     return float(found[0])
-
-
-def _run(signals: Mapping[str, Sequence[np.ndarray]], rig: Rig, known: dict[str, float]) -> MeasuredRun:
-    found = [_signal(sensor, *signals[sensor.name]) if sensor.name in signals else None for sensor in rig.sensors]
-    require(any(found), "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
-    return MeasuredRun(tuple(found), known)
 
 
 def _signal(sensor: Sensor, time: np.ndarray, value: np.ndarray) -> Signal:

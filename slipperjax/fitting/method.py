@@ -1,19 +1,20 @@
 """What a fit is asked, what a method of fitting answers, and what all methods have in common."""
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import diffrax
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import norm
 
 from ..flow.record import Labelled
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.parameters import at_values
 from ..model.scene import Scene
 from ..model.sensors import Rig
+from ..model.step_size import default_steps_per_period
 from ..solvers.named import resolve_solver
 from .measured import MeasuredRun
 from .unknowns import Unknown
@@ -53,19 +54,23 @@ class Problem:
         return tuple(one.name for one in self.unknowns if one.of_sensors)
 
     @property
+    def motion(self) -> Motion:
+        """The motion of `start`."""
+        return self.start.motion if isinstance(self.start, State) else self.start
+
+    @property
     def own(self) -> Float[np.ndarray, " parameters"]:
         """Levels of the values that scene and sensors have."""
-        parts = [(one, self.rig if one.of_sensors else self.scene) for one in self.unknowns]
-        return np.array([float(one.level(float(one.parameter.of(part)))) for one, part in parts])
+        return np.array([float(one.level(one.own)) for one in self.unknowns])
 
-    def scene_at(self, values: Mapping[str, float]) -> Scene:
-        """Return the scene with values of the unknowns by name."""
-        return self.scene.replace(**{name: values[name] for name in self.names})
+    def values(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
+        """Return the unknowns' values from their levels."""
+        return np.stack([one.value(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
 
-    def rig_at(self, values: Mapping[str, float]) -> Rig:
-        """Return the sensors with values of the unknowns by name."""
-        names = self.sensor_names
-        return at_values(self.rig, names, np.array([values[name] for name in names]))
+    def needed(self, levels: Float[np.ndarray, " parameters"]) -> int:
+        """Return the steps per period that runs need."""
+        own = dict(zip(self.names, self.values(levels), strict=False))
+        return max(default_steps_per_period(scene.replace(**own)) for scene in self.scenes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +91,6 @@ class Posterior(abc.ABC):
 
     def ends(self, confidence: float) -> Float[np.ndarray, "2 parameters"]:
         """Return the levels between which each parameter is with some probability."""
-        from scipy.stats import norm
-
         reach = norm.ppf(0.5 + confidence / 2) * np.sqrt(np.diag(self.covariance))
         return np.stack([self.level - reach, self.level + reach])
 

@@ -1,24 +1,28 @@
 """The result of a fit: estimates with intervals, what the record does not tell, and what the model leaves of it."""
 
-import dataclasses
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..model.kinematics import Motion
-from ..model.quantities import Quantity
+from ..model.parameters import Parameter, at_values
 from ..model.scene import Scene
 from ..model.sensors import Sensor
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import user_path, write_whole
-from .diagnostics import not_identified
 from .method import AbstractFitMethod, Posterior, Problem
-from .unknowns import Unknown
 
+LEAST_INFORMATION = 3.0
+"""Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
+standard error is half that of the bounds then."""
+LEAST_SHARE = 0.3
+"""Least share of a parameter in a direction over the greatest, to be named."""
 AT_BOUND = 2.33
 """Level beyond which an estimate is at a bound, among the 1 % of values next to it."""
 
@@ -81,8 +85,8 @@ class Fit:
     @property
     def at_bounds(self) -> dict[str, str]:
         """Parameters that ended at one of their bounds, "lower" or "upper"."""
-        level = dict(zip(self.names, self.posterior.level, strict=True))
-        return {name: "lower" if x < 0 else "upper" for name, x in level.items() if abs(x) > AT_BOUND}
+        levels = zip(self.names, self.posterior.level, strict=True)
+        return {name: "lower" if x < 0 else "upper" for name, x in levels if abs(x) > AT_BOUND}
 
     @property
     def status(self) -> str:
@@ -96,12 +100,15 @@ class Fit:
     @property
     def scene(self) -> Scene:
         """The scene with the estimates."""
-        return self.problem.scene_at(self.estimate)
+        found = self.estimate
+        return self.problem.scene.replace(**{name: found[name] for name in self.problem.names})
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
         """The sensors with the estimates."""
-        return self.problem.rig_at(self.estimate).sensors
+        found = self.estimate
+        names = self.problem.sensor_names
+        return at_values(self.problem.rig, names, np.array([found[name] for name in names])).sensors
 
     @property
     def start(self) -> Motion:
@@ -112,19 +119,21 @@ class Fit:
         pairs = zip(self.problem.unknowns, levels, strict=True)
         return {one.name: float(one.value(level)) for one, level in pairs}
 
+    @property
+    def _prior(self) -> np.ndarray:
+        """Values beyond each of which 1 % was expected before, (parameters, 2)."""
+        return np.array([one.value(np.array([-AT_BOUND, AT_BOUND])) for one in self.problem.unknowns])
+
     def __repr__(self) -> str:
+        quantities = [one.parameter for one in self.problem.unknowns]
         rows = []
-        for one in self.problem.unknowns:
-            q = _quantity(one)
-            low, high = (q.shown(end) for end in self.interval[one.name])
-            bound = self.at_bounds.get(one.name)
+        for q in quantities:
+            low, high = map(q.shown, self.interval[q.name])
+            bound = self.at_bounds.get(q.name)
             where = f", at its {bound} bound" if bound else ""
-            rows.append(
-                f"{one.name} {q.shown(self.estimate[one.name]):.5g} ({low:.5g} to {high:.5g}){_unit(q)}{where}"
-            )
+            rows.append(f"{q.name} {q.shown(self.estimate[q.name]):.5g} ({low:.5g} to {high:.5g}){_unit(q)}{where}")
         for other in self.minima:
-            values = [(one.name, _quantity(one), other[one.name]) for one in self.problem.unknowns]
-            shown = [f"{name} {q.shown(value):.5g}{_unit(q)}" for name, q, value in values]
+            shown = [f"{q.name} {q.shown(other[q.name]):.5g}{_unit(q)}" for q in quantities]
             rows.append(f"another minimum: {', '.join(shown)}")
         inside = ",\n  ".join([*rows, *self.not_identified, *self.misfit])
         return f"Fit(status: {self.status}, {100 * self.confidence:g} % intervals,\n  {inside})"
@@ -145,25 +154,28 @@ class Fit:
         posterior = self.posterior
         names = list(self.names)
         each = "in the unit of each parameter"
-        ends = np.array([self.interval[name] for name in names])
-        prior = np.array([one.value(np.array([-AT_BOUND, AT_BOUND])) for one in self.problem.unknowns])
-        minima = np.array([[other[name] for name in names] for other in self.minima]).reshape(-1, len(names))
-        data = {
-            "estimate": column("parameter", list(self.estimate.values()), "", f"estimate, {each}"),
-            "stderr": column("parameter", list(self.stderr.values()), "", f"standard error, {each}"),
-            "low": column("parameter", ends[:, 0], "", f"lower end of the interval, {each}"),
-            "high": column("parameter", ends[:, 1], "", f"upper end of the interval, {each}"),
-            "prior_low": column("parameter", prior[:, 0], "", f"below which 1 % were expected, {each}"),
-            "prior_high": column("parameter", prior[:, 1], "", f"above which 1 % were expected, {each}"),
-            "step_change": column(
-                "parameter", posterior.step_change, "1", "change by half the step, standard errors"
-            ),
-            "covariance": column(("parameter", "other"), self.covariance.values, "", "covariance"),
-            "minimum": column(("other_minimum", "parameter"), minima, "", f"other minima, {each}"),
+        texts = {
+            "estimate": "estimate",
+            "stderr": "standard error",
+            "low": "lower end of the interval",
+            "high": "upper end of the interval",
+            "prior_low": "below which 1 % were expected",
+            "prior_high": "above which 1 % were expected",
         }
+        ends = np.array(list(self.interval.values()))
+        rows = [list(self.estimate.values()), list(self.stderr.values()), *ends.T, *self._prior.T]
+        data = {}
+        for (name, text), values in zip(texts.items(), rows, strict=True):
+            data[name] = column("parameter", values, "", f"{text}, {each}")
+        data["step_change"] = column(
+            "parameter", posterior.step_change, "1", "change by half the step, standard errors"
+        )
+        data["covariance"] = column(("parameter", "other"), self.covariance.values, "", "covariance")
+        minima = np.reshape([list(other.values()) for other in self.minima], (-1, len(names)))
+        data["minimum"] = column(("other_minimum", "parameter"), minima, "", f"other minima, {each}")
         coords = {
             "parameter": names,
-            "unit": ("parameter", [one.unit for one in self.problem.unknowns]),
+            "unit": ("parameter", [one.parameter.unit for one in self.problem.unknowns]),
             "other": names,
             "sensor": list(self.problem.rig.names),
             "sensor_unit": ("sensor", [sensor.unit for sensor in self.problem.rig.sensors]),
@@ -178,10 +190,9 @@ class Fit:
     def _call(self) -> dict[str, object]:
         """Return the arguments of `fit` that state its problem, as `load_call` gives them."""
         problem = self.problem
-        ends = [[one.name, *map(float, one.value(np.array([-AT_BOUND, AT_BOUND])))] for one in problem.unknowns]
         return {
             "function": "fit",
-            "unknowns": ends,
+            "unknowns": [[name, *ends] for name, ends in zip(self.names, self._prior.tolist(), strict=True)],
             "sensors": [describe(sensor) for sensor in problem.rig.sensors],
             "method": repr(self.method),
             "steps_per_period": problem.steps,
@@ -194,10 +205,22 @@ class Fit:
         write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
 
 
-def _unit(q: Quantity) -> str:
+def not_identified(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
+    """Return in words what a record does not tell.
+
+    **Arguments:** `information`: Fisher's, of the record alone, by levels: multiples of what is known before.
+    """
+    texts = []
+    values, directions = np.linalg.eigh(information)
+    for value, way in zip(values, directions.T, strict=True):
+        if value < LEAST_INFORMATION:
+            named = [names[k] for k in np.argsort(-np.abs(way)) if abs(way[k]) > LEAST_SHARE * np.abs(way).max()]
+            if len(named) == 1:
+                texts.append(f"the record tells little of {named[0]}")
+            else:
+                texts.append(f"the record does not tell {named[0]} from {' and '.join(map(str, named[1:]))}")
+    return texts
+
+
+def _unit(q: Parameter) -> str:
     return "" if q.display_unit == "1" else f" {q.display_unit}"
-
-
-def _quantity(one: Unknown) -> Quantity:
-    """Return the quantity of an unknown, whose unit may be that of a sensor."""
-    return one.parameter if one.parameter.unit == one.unit else dataclasses.replace(one.parameter, unit=one.unit)

@@ -35,6 +35,10 @@ SHORTER, LONGER = 0.25, 3.5
 """What the region of trust is multiplied by then."""
 
 
+Evaluate = Callable[[np.ndarray, np.ndarray], Chain]
+"""Returns residuals and slopes at points of some starts, whose indices it is told."""
+
+
 @dataclass
 class Found:
     """Searches by the method of Levenberg and Marquardt, at the best points that they have seen."""
@@ -42,21 +46,12 @@ class Found:
     point: Float[np.ndarray, "starts unknowns"]
     local: Chain
     """Residuals and slopes there."""
-    scale: Float[np.ndarray, "starts unknowns"]
-    """The method damps all unknowns alike: they are counted by what they change, as Marquardt did."""
-    trust: Float[np.ndarray, " starts"]
-    """Inverse of the damping [1]."""
+    damping: Float[np.ndarray, "starts unknowns"]
+    """By which unknowns are kept small. All count alike by what they change, as Marquardt did."""
     still: Int[np.ndarray, " starts"]
     """Points since anything was gained."""
     rough: float
     """Share of the sum of squares that is no gain [1]."""
-
-    @classmethod
-    def begin(cls, points: Float[np.ndarray, "starts unknowns"], local: Chain, rough: float = 0.0) -> "Found":
-        """Return searches at their starts."""
-        count = len(points)
-        scale = 1 / np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
-        return cls(points.copy(), Chain(*map(np.copy, local)), scale, np.ones(count), np.zeros(count, int), rough)
 
     @property
     def patience(self) -> int:
@@ -69,13 +64,9 @@ class Found:
         return self.local.cost
 
     @property
-    def distance(self) -> Float[np.ndarray, " starts"]:
-        """From the least squares, as far as the slopes tell [standard errors]."""
-        return self.local.distance
-
-    @property
     def converged(self) -> Bool[np.ndarray, " starts"]:
-        return (self.distance < NEAR) | ((self.distance < STALLED) & (self.still >= self.patience))
+        distance = self.local.distance
+        return (distance < NEAR) | ((distance < STALLED) & (self.still >= self.patience))
 
     @property
     def lead(self) -> int:
@@ -87,60 +78,53 @@ class Found:
         """Residuals and slopes of the best."""
         return self.local.at(np.array([self.lead]))
 
-    def apart(self, point: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " starts"]:
-        """Return the distance of each point from another one, in standard errors of the best."""
-        return np.linalg.norm(self.of_lead.along(self.point - point), axis=1)
-
     @property
     def active(self) -> Bool[np.ndarray, " starts"]:
         """Whether each search goes on: not those that stand still, have come to the best or are hopeless."""
         on = ~self.converged & (self.still < self.patience)
         if on[self.lead]:
             return on
-        return on & (self.cost < GIVEN_UP_ABOVE * self.cost[self.lead]) & (self.apart(self.point[self.lead]) > 1.0)
+        # in standard errors
+        apart = np.linalg.norm(self.of_lead.along(self.point - self.point[self.lead]), axis=1)
+        return on & (self.cost < GIVEN_UP_ABOVE * self.cost[self.lead]) & (apart > 1.0)
 
-    def nearest(self, more: float, most: int) -> Int[np.ndarray, " some"]:
-        """Return the indices of up to `most` points whose sum of squares is at most `more` above the least, the best
+    def nearest(self, most: int) -> Int[np.ndarray, " some"]:
+        """Return the indices of up to `most` points whose sum of squares is at most twice the least, the best
         first."""
         order = np.argsort(self.cost)[:most]
-        return order[self.cost[order] <= self.cost[self.lead] + more]
+        return order[self.cost[order] <= 2 * self.cost[self.lead]]
 
     def distinct(self, more: float) -> Int[np.ndarray, " minima"]:
         """Return the indices of ends whose levels are apart, and whose sum of squares is at most `more` above the
         least, the best first."""
         (root,) = self.of_lead.root
-        own = len(root)
+        # in standard errors
+        levels = self.point[:, : len(root)] @ root.T
         kept: list[int] = []
         for k in map(int, np.argsort(self.cost)):
-            away = [root @ (self.point[k, :own] - self.point[other, :own]) for other in kept]
             likely = self.cost[k] <= self.cost[self.lead] + more and (self.converged[k] or k == self.lead)
-            if likely and all(x @ x > APART**2 for x in away):
+            if likely and np.all(np.linalg.norm(levels[kept] - levels[k], axis=1) > APART):
                 kept.append(k)
         return np.array(kept)
 
-    def next(self, index: np.ndarray) -> Float[np.ndarray, "some unknowns"]:
-        """Return the points to see next of some starts."""
-        weight = 1 / (np.sqrt(self.trust[index])[:, None] * self.scale[index])
-        damped = self.local.at(index).damped(weight)
-        return self.point[index] - damped.solve(damped.residual[:, :-1])
-
-    def see(self, index: np.ndarray, point: np.ndarray, seen: Chain) -> None:
-        """Go to points that were seen where they are better, and change the region of trust."""
+    def step(self, index: np.ndarray, evaluate: Evaluate) -> None:
+        """Look at the next points of some starts, go there where they are better, and change the damping."""
         here = self.local.at(index)
-        predicted = np.sum((here.residual + here.along(point - self.point[index])) ** 2, axis=1) - here.cost
+        damped = here.damped(self.damping[index])
+        way = -damped.solve(damped.residual[:, :-1])
+        point = self.point[index] + way
+        seen = evaluate(point, index)
+        predicted = np.sum((here.residual + here.along(way)) ** 2, axis=1) - here.cost
         change = seen.cost - here.cost
         gains = change < -self.rough * here.cost - GAIN
         self.still[index] = np.where(gains, 0, self.still[index] + 1)
         good = change <= POOR * predicted
         well = (change < WELL * predicted) & (predicted < 0)
-        self.trust[index] *= np.where(good, np.where(well, LONGER, 1.0), SHORTER)
+        trust = np.where(good, np.where(well, LONGER, 1.0), SHORTER)
+        self.damping[index] /= np.sqrt(trust)[:, None]
         better = change < 0
-        self.point[index[better]] = point[better]
-        self.local.put(index[better], seen.at(better))
-
-
-Evaluate = Callable[[Float[np.ndarray, "some unknowns"], Int[np.ndarray, " some"]], Chain]
-"""Returns residuals and slopes at points of some starts, whose indices it is told."""
+        for array, new in zip((self.point, *self.local), (point, *seen), strict=True):
+            array[index[better]] = new[better]
 
 
 def search(
@@ -154,12 +138,13 @@ def search(
 
     **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
     """
-    found = Found.begin(points, evaluate(points, np.arange(len(points))), rough)
+    local = evaluate(points, np.arange(len(points)))
+    damping = np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
+    found = Found(points.copy(), local, damping, np.zeros(len(points), int), rough)
     for _ in range(MOST_STEPS):
         index = np.flatnonzero(found.active)
         shown(f"{len(index)} of {len(points)} searches, chi-squared {found.cost.min():.5g}")
         if not len(index):
             break
-        point = found.next(index)
-        found.see(index, point, evaluate(point, index))
+        found.step(index, evaluate)
     return found

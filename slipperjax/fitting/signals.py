@@ -4,14 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from ..analysis.environment import band_edges, window_densities
 from ..flow.record import Labelled
 from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
-from .diagnostics import misfit, whiteness
 from .method import Posterior
+
+MOST_NOISE_RATIO = 1.2
+"""What is left over the noise that was given, above which a model does not explain a signal [1]."""
+SIGNIFICANCE = 1e-3
+"""Probability of residuals below which a model does not explain them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,53 +31,71 @@ class SignalPosterior(Posterior):
     draws: Float[np.ndarray, "draws windows sensors samples"]
     """Those of parameters and starts that are as likely."""
 
-    def left(self, sensor: int) -> Float[np.ndarray, " samples"]:
-        """Return what the model leaves of a sensor's signals, one window after the other [its unit]."""
-        known = self.windows.known[:, sensor] > 0
-        return (self.windows.value - self.reading)[:, sensor][known]
+    @property
+    def left(self) -> list[Float[np.ndarray, " samples"]]:
+        """What the model leaves of each sensor's signals, one window after the other [its unit]."""
+        left = np.moveaxis(self.windows.value - self.reading, 1, 0)
+        known = np.moveaxis(self.windows.known > 0, 1, 0)
+        return [left[k][known[k]] for k in range(len(left))]
 
     @property
     def noise_left(self) -> Float[np.ndarray, " sensors"]:
         """RMS of what the model leaves of each sensor's signals [its unit]."""
-        return np.array([np.sqrt(np.mean(self.left(k) ** 2)) for k in range(len(self.noise))])
+        return np.array([np.sqrt(np.mean(left**2)) for left in self.left])
 
     @property
     def whiteness(self) -> Float[np.ndarray, " sensors"]:
         """For each sensor the probability that white noise is as correlated as what the model leaves [1]."""
-        return np.array([whiteness(self.left(k)) for k in range(len(self.noise))])
+        return np.array([whiteness(left) for left in self.left])
 
     def misfit(self, rig: Rig) -> list[str]:
-        parts = zip(rig.sensors, self.whiteness, self.noise_left, strict=True)
-        texts = [misfit(one.name, float(white), float(left), one.noise) for one, white, left in parts]
-        return [text for text in texts if text]
+        texts = []
+        for sensor, white, left in zip(rig.sensors, self.whiteness, self.noise_left, strict=True):
+            parts = []
+            if white < SIGNIFICANCE:
+                parts.append(f"what is left is no white noise (p = {white:.1g})")
+            if sensor.noise is not None and left > MOST_NOISE_RATIO * sensor.noise:
+                parts.append(f"it is {left / sensor.noise:.2g} times the noise")
+            if parts:
+                texts.append(f"the model does not explain {sensor.name}: {' and '.join(parts)}")
+        return texts
 
     def label(self, rig: Rig) -> Labelled:
         windows = self.windows
-        over = ("window", "sensor", "sample")
+        known = windows.known > 0
         low, high = np.quantile(self.draws, [0.05, 0.95], axis=0)
-
-        def signal(values: np.ndarray, text: str) -> tuple:
-            return column(over, np.where(windows.known > 0, values, np.nan), "", f"{text}, in the sensor's unit")
-
+        over = ("window", "sensor", "sample")
+        signal = lambda values, unit, text: column(over, np.where(known, values, np.nan), unit, text)
         data = {
             "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
             "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
-            "seconds": column(
-                over, np.where(windows.known > 0, windows.time, np.nan), "s", "time since the run began"
-            ),
-            "measured": signal(windows.value, "measured signal"),
-            "fitted": signal(self.reading, "signal of the model"),
-            "fitted_low": signal(low, "5 % quantile of likely signals"),
-            "fitted_high": signal(high, "95 % quantile of likely signals"),
+            "seconds": signal(windows.time, "s", "time since the run began"),
+            "measured": signal(windows.value, "", "measured signal, in the sensor's unit"),
+            "fitted": signal(self.reading, "", "signal of the model, in the sensor's unit"),
+            "fitted_low": signal(low, "", "5 % quantile of likely signals, in the sensor's unit"),
+            "fitted_high": signal(high, "", "95 % quantile of likely signals, in the sensor's unit"),
         }
         # of the window with the most samples, with noise
-        known = windows.known > 0
         most = np.argmax(known.sum(axis=(1, 2)))
-        rng = np.random.default_rng(0)
-        likely = self.draws[:, most] + self.noise[:, None] * rng.normal(size=self.draws[:, most].shape)
-        signals = [windows.value[most], *likely]
-        rows, coords = densities(windows.time[most], known[most], np.array(signals))
+        draws = self.draws[:, most]
+        likely = draws + self.noise[:, None] * np.random.default_rng(0).normal(size=draws.shape)
+        signals = np.array([windows.value[most], *likely])
+        rows, coords = densities(windows.time[most], known[most], signals)
         return data | rows, coords | {"run": ("window", windows.run)}
+
+
+def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
+    """Return the probability that white noise is as correlated as some residuals, or more, by Ljung and Box's test.
+
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
+    """
+    count = len(residual)
+    lags = np.arange(1, min(20, count // 5) + 1)
+    x = residual - residual.mean()
+    power = x @ x
+    correlation = np.array([x[k:] @ x[:-k] for k in lags]) / power
+    statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
+    return float(chi2.sf(statistic, len(lags)))
 
 
 def densities(
@@ -86,20 +109,19 @@ def densities(
 
     **Returns:** no frequencies where no sensor has eight samples, the fewest of a density.
     """
-    used = [k for k in range(len(time)) if known[k].sum() >= 8]
-    spans = {k: np.ptp(time[k][known[k]]) for k in used}
-    rates = {k: (known[k].sum() - 1) / spans[k] for k in used}
+    used = {k: time[k][known[k]] for k in range(len(time)) if known[k].sum() >= 8}
+    rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
+    longest = max(map(np.ptp, used.values()), default=0.0)
     edges = np.ones(1)
     if used:
         top = max(rates.values()) / 2
-        edges = band_edges(min(4.0 / max(spans.values()), top / 4), top, per_octave=3)
+        edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
     found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
-    for k in used:
-        at = time[k][known[k]]
+    for k, at in used.items():
         # unequal samples become equal ones, of all signals alike
         grid = np.linspace(at[0], at[-1], len(at))
         equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
-        found[:, k] = window_densities(equal, rates[k], edges, window=max(spans.values()))[1].mean(axis=-2)
+        found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
     along = ("sensor", "frequency")
     text = "power spectral density, the square of the sensor's unit per Hz"
     data = {"measured_density": column(along, found[0], "", f"{text}, measured")}

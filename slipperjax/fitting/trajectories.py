@@ -3,13 +3,11 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..model.kinematics import Motion
-from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
 from ..tools.limits import refuse_impossible
@@ -77,59 +75,48 @@ class Trajectories(AbstractFitMethod):
         slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
         refuse_impossible(slopes, float(ARRAYS * 8 * self.starts * rows * columns), 0.0)
         model = Model.of(problem, windows)
-        given = np.array([np.nan if sensor.noise is None else sensor.noise for sensor in problem.rig.sensors])
-        noise = np.where(np.isnan(given), FIRST_NOISE * _rms(model.windows), given)
+        given = np.array([sensor.noise for sensor in problem.rig.sensors], float)
+        or_given = lambda noise: np.where(np.isnan(given), noise, given)
+        rms = np.std(windows.value, axis=(0, 2), where=windows.known > 0)
+        noise = or_given(FIRST_NOISE * np.maximum(rms, 1e-12))
         # the scene's own values, and others
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
-        values = model.values(levels)
-        model.compile_ahead(values)
-        guess, far = model.guesses(values, self.transient, noise)
-        best = np.argsort(far, kind="stable")[: self.starts]
-        fit = Fitting(model, guess[best], noise, CONTINUITY[0])
-        points = np.hstack([levels[best], guess[best].reshape(len(best), -1)])
+        model.compile_ahead(levels)
+        guess, far = model.guesses(levels, self.transient, noise)
+        kept = np.argsort(far, kind="stable")[: self.starts]
+        points = np.hstack([levels, guess.reshape(len(guess), -1)])
         # roughly from all starts, then from the few minima that they have found
-        found = search(fit.rows, points, shown, rough=ROUGH)
+        for jump in CONTINUITY[:-1] if windows.count > 1 else CONTINUITY[:1]:
+            guess = guess[kept]
+            fit = Fitting(model, guess, noise, jump)
+            found = search(fit.rows, points[kept], shown, rough=ROUGH)
+            points = found.point
+            kept = found.nearest(REFINED_STARTS)
         if found.cost[found.lead] >= LOST:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
             )
-        kept = found.nearest(found.cost[found.lead], REFINED_STARTS)
-        for jump in CONTINUITY[1:-1] if windows.count > 1 else ():
-            fit = dataclasses.replace(fit, guess=fit.guess[kept], jump=jump)
-            found = search(fit.rows, found.point[kept], shown, rough=ROUGH)
-            kept = found.nearest(found.cost[found.lead], REFINED_STARTS)
-        point = found.point[[found.lead]]
-        noise = np.where(np.isnan(given), fit.noise_left(fit.course(point), point.size), given)
+        noise = or_given(fit.noise_left(fit.course(points[[found.lead]])))
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
-            model = model.with_steps(fit.needed(found.point[found.lead]))
+            levels, _ = fit.split(found.point)
+            model = model.with_steps(problem.needed(levels[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
             kept = found.distinct(LIKELY)
             shown("errors")
-            now = fit.checked(found)
+            by_step, by_instants, left = fit.checked(found)
             # more steps and instants, until they are no matter
-            if np.abs(now.by_step).max() > NEGLIGIBLE_CHANGE:
+            if np.abs(by_step).max() > NEGLIGIBLE_CHANGE:
                 model = model.with_steps(2 * model.steps)
-            if np.abs(now.by_instants).max() > NEGLIGIBLE_CHANGE:
+            if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
                 model = model.with_samples(2 * model.samples)
-            if model is fit.model and np.all(np.isfinite(given) | (np.abs(now.noise / noise - 1) < 0.02)):
+            if model is fit.model and np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02)):
                 break
-            noise = np.where(np.isnan(given), now.noise, given)
-        return fit.posterior(found, kept, now.by_step)
-
-
-class Checked(NamedTuple):
-    """How exact an estimate is."""
-
-    by_step: Float[np.ndarray, " parameters"]
-    """What half the step changes [standard errors]."""
-    by_instants: Float[np.ndarray, " parameters"]
-    """What the interpolation of signals changes [standard errors]."""
-    noise: Float[np.ndarray, " sensors"]
-    """What the model leaves of each signal [its unit]."""
+            noise = or_given(left)
+        return fit.posterior(found, kept, by_step)
 
 
 @dataclass(frozen=True)
@@ -147,10 +134,9 @@ class Fitting:
         count = len(self.model.problem.unknowns)
         return points[:, :count], points[:, count:].reshape(len(points), self.model.windows.count, len(SIZES))
 
-    def course(self, points: Float[np.ndarray, "starts unknowns"]) -> Course:
-        """Return the model's runs at some points."""
-        levels, numbers = self.split(points)
-        return self.model.course(self.model.values(levels), numbers)
+    def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
+        """Return the model's runs at some points. Arguments as for `Model.course`."""
+        return self.model.course(*self.split(points), stride)
 
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
@@ -187,22 +173,18 @@ class Fitting:
         of_levels[..., -1] = others * levels
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
-    def noise_left(self, course: Course, unknowns: int) -> Float[np.ndarray, " sensors"]:
+    def noise_left(self, course: Course) -> Float[np.ndarray, " sensors"]:
         """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
         windows = self.model.windows
+        unknowns = len(self.model.problem.unknowns) + self.guess[0].size
         left = (course.reading[0] - windows.value) * windows.known
         count = windows.known.sum(axis=(0, 2))
         free = count - unknowns * count / count.sum()
         return np.sqrt(np.sum(left**2, axis=(0, 2)) / np.maximum(free, 1.0))
 
-    def needed(self, point: Float[np.ndarray, " unknowns"]) -> int:
-        """Return the steps per period that a point's parameters need."""
-        values = self.model.values(self.split(point[None])[0])[0]
-        own = dict(zip(self.model.problem.names, values, strict=False))
-        return max(default_steps_per_period(scene.replace(**own)) for scene in self.model.problem.scenes)
-
-    def checked(self, found: Found) -> "Checked":
-        """Return what the best point leaves, and how exact it is."""
+    def checked(self, found: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what half the step changes of the best point's parameters, what the interpolation of signals changes
+        [standard errors], and what the model leaves of each signal [its unit]."""
         index = np.array([found.lead])
         point = found.point[index]
         errors = np.sqrt(np.diag(_covariance(found.of_lead)))
@@ -214,10 +196,8 @@ class Fitting:
             return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
-        levels, numbers = self.split(point)
-        fewer = self.model.course(self.model.values(levels), numbers, stride=2)
         # half the instants have 14 times the error, measured with 20, 40 and 80: cubics are of fourth order
-        return Checked(shift(finer), shift(fewer) / 14, self.noise_left(course, point.size))
+        return shift(finer), shift(self.course(point, stride=2)) / 14, self.noise_left(course)
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what the searches tell of the parameters.
@@ -265,10 +245,3 @@ def _banded(value: np.ndarray, slope: np.ndarray, per_level: np.ndarray) -> np.n
     found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
     found[..., -1] = value
     return found
-
-
-def _rms(windows: Windows) -> Float[np.ndarray, " sensors"]:
-    count = windows.known.sum(axis=(0, 2))
-    mean = np.sum(windows.value * windows.known, axis=(0, 2)) / count
-    square = np.sum((windows.value - mean[:, None]) ** 2 * windows.known, axis=(0, 2)) / count
-    return np.maximum(np.sqrt(square), 1e-12)

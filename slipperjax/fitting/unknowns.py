@@ -1,10 +1,12 @@
 """Numbers that a fit looks for: parameters of the scene and of the sensors, and what is known of them before."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import loguniform, norm, qmc, uniform
 
 from ..model.parameters import Parameter, checked_parameters, parameter
 from ..model.scene import Scene
@@ -27,9 +29,11 @@ class Unknown(NamedTuple):
     """
 
     parameter: Parameter
-    unit: str
+    """Its unit is that of the value, of a sensor's bias the sensor's own."""
     prior: Any
     """A frozen distribution of `scipy.stats`."""
+    own: float
+    """Value in the user's scene or sensors."""
 
     @property
     def name(self) -> str:
@@ -41,22 +45,16 @@ class Unknown(NamedTuple):
 
     def value(self, level: AnyArray) -> np.ndarray:
         """Return the values of some levels."""
-        from scipy.stats import norm
-
         # from the nearer tail, where shares are exact
         return np.where(level < 0, self.prior.ppf(norm.cdf(level)), self.prior.isf(norm.sf(level)))
 
     def level(self, value: AnyArray) -> np.ndarray:
         """Return the levels of some values; infinite beyond the bounds."""
-        from scipy.stats import norm
-
         low = self.prior.cdf(value)
         return np.where(low < 0.5, norm.ppf(low), norm.isf(self.prior.sf(value)))
 
     def slope(self, level: AnyArray) -> np.ndarray:
         """Return the derivative of the value by the level."""
-        from scipy.stats import norm
-
         # in the farthest tails both densities vanish
         level = np.clip(level, -FARTHEST, FARTHEST)
         return np.asarray(norm.pdf(level) / self.prior.pdf(self.value(level)))
@@ -78,25 +76,22 @@ def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = 
     names = [name for name in given if name not in frozen]
     require(names, "unknowns", "leave something to find", shown="all frozen")
     own = [name for name in names if not str(name).startswith(OF_SENSORS)]
-    found = []
-    for one in checked_parameters(own, scene) if own else []:
-        found.append(_unknown(one, one.unit, given[one.name], float(one.of(scene))))
+    found = [_unknown(one, given, scene) for one in (checked_parameters(own, scene) if own else ())]
     for name in names:
         if name not in own:
             one = parameter(name, rig)
-            value = one.of(rig)
-            require(value is not None, name, "be a number that the sensor has", shown="None")
-            unit = one.unit
+            require(one.of(rig) is not None, name, "be a number that the sensor has", shown="None")
             if name.endswith(".bias"):
                 unit = rig.sensors[rig.names.index(name.split(".")[1])].unit
-            found.append(_unknown(one, unit, given[name], float(value)))
+                one = dataclasses.replace(one, unit=unit)
+            found.append(_unknown(one, given, rig))
     return tuple(found)
 
 
-def _unknown(one: Parameter, unit: str, given: object, value: float) -> Unknown:
-    """Return an unknown with bounds or a distribution, which must allow the scene's own value."""
-    from scipy.stats import loguniform, uniform
-
+def _unknown(one: Parameter, priors: Mapping[str, object], part: Scene | Rig) -> Unknown:
+    """Return an unknown with bounds or a distribution, which must allow the own value of a scene or of sensors."""
+    given = priors[one.name]
+    value = float(one.of(part))
     need = "have a low and a high bound, or a frozen distribution of scipy.stats"
     prior: Any = given
     if not hasattr(given, "dist"):
@@ -106,15 +101,13 @@ def _unknown(one: Parameter, unit: str, given: object, value: float) -> Unknown:
         low, high = map(float, ends)
         prior = loguniform(low, high) if low > 0 and high > WIDE * low else uniform(low, high - low)
     low, high = map(float, prior.support())
-    need = f"have bounds on both sides of the scene's own value, {value:.6g} {unit}".rstrip()
+    need = f"have bounds on both sides of the scene's own value, {value:.6g} {one.unit}".rstrip()
     require(low < value < high, one.name, need, shown=f"{low:g} to {high:g}")
-    return Unknown(one, unit, prior)
+    return Unknown(one, prior, value)
 
 
 def spread(unknowns: Sequence[Unknown], count: int, seed: int) -> Float[np.ndarray, "count unknowns"]:
     """Return levels that cover the priors evenly, by Sobol's points."""
-    from scipy.stats import norm, qmc
-
     engine = qmc.Sobol(len(unknowns), rng=np.random.default_rng(seed))
     points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
     # not in the farthest tails, from which a fit moves slowly

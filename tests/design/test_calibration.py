@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.averages import ensemble_averages
 from slipperjax.design.ensembles import EnsembleSettings
+from slipperjax.design.judge import ensemble_averages
 from slipperjax.design.objectives import OBJECTIVES, Evaluation, EvaluationPlan
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import dynamic_steps

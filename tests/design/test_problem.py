@@ -84,7 +84,7 @@ def test_searches_begin_with_the_scene_s_own_design_and_spread():
 
 def test_starts_are_the_best_that_lie_apart():
     designs = np.array([[0.5, 0.5], [0.0, 0.0], [0.05, 0.0], [0.0, 0.2], [1.0, 0.0], [0.9, 0.9]])
-    order = np.array([2, 1, 3, 4, 0, 5])  # the best one first
+    order = [2, 1, 3, 4, 0, 5]  # the best one first
     assert spread_designs(designs, order, 3, fixed=1) == [0, 2, 4]
     assert spread_designs(designs, order, 3, fixed=0) == [2, 4, 0]
     # where fewer lie far apart, nearer ones do

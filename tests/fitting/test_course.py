@@ -64,8 +64,8 @@ def test_a_guess_is_the_motion_of_the_record(clean):
     problem = problem_of(clean)
     model = model_of(problem)
     noise = np.array([10.0, 10.0])
-    guess, far = model.guesses(model.values(problem.own[None]), 150, noise)
-    reading = model.course(model.values(problem.own[None]), guess).reading[0]
+    guess, far = model.guesses(problem.own[None], 150, noise)
+    reading = model.course(problem.own[None], guess).reading[0]
     # 0.8 and 1.0 % of the signals with default steps of RK4, beside 160 of ImpulseRK4
     for k, name in enumerate(("az", "ay")):
         left = reading[0, k] - clean[name].values
@@ -78,9 +78,9 @@ def test_derivatives_are_those_of_a_finer_run(clean):
     # by differences of runs of `simulate` with ten times the steps, of another solver
     problem = dataclasses.replace(problem_of(clean), lead=0)
     model = model_of(problem)
-    values = model.values(problem.own[None])
-    guess, _ = model.guesses(values, 150, np.array([10.0, 10.0]))
-    course = model.with_samples(160).course(values, guess)
+    levels = problem.own[None]
+    guess, _ = model.guesses(levels, 150, np.array([10.0, 10.0]))
+    course = model.with_samples(160).course(levels, guess)
 
     def read(values, numbers):
         scene = SCENE.replace(stiffness=values[0], restitution=values[1])
@@ -89,7 +89,7 @@ def test_derivatives_are_those_of_a_finer_run(clean):
         ds = record(scene, sensors, 4, steps=400, settled=0, start=start)
         return np.stack([ds["az"].values, ds["ay"].values])
 
-    values, numbers = values[0], guess[0, 0]
+    values, numbers = problem.values(levels[0]), guess[0, 0]
     steps = {0: 1e-4 * values[0], 1: 1e-4, 2: 1e-4, 3: 1e-3, 4: 1e-3, 7: 1e-3, 9: 1e-3, 12: 1e-3}
     for k, step in steps.items():
         change = step * np.eye(13)[k]
@@ -104,11 +104,11 @@ def test_derivatives_are_those_of_a_finer_run(clean):
 def test_windows_end_where_the_next_ones_begin(clean):
     problem = problem_of(clean)
     whole = model_of(problem)
-    values = whole.values(problem.own[None])
-    guess, _ = whole.guesses(values, 150, np.array([10.0, 10.0]))
-    end = whole.course(values, guess).end[0, 0]
+    levels = problem.own[None]
+    guess, _ = whole.guesses(levels, 150, np.array([10.0, 10.0]))
+    end = whole.course(levels, guess).end[0, 0]
     halves = model_of(problem, 2)
-    first = halves.course(values, np.repeat(guess, 2, axis=1)).end[:, :1]
-    second = halves.course(values, np.concatenate([guess, first], axis=1))
+    first = halves.course(levels, np.repeat(guess, 2, axis=1)).end[:, :1]
+    second = halves.course(levels, np.concatenate([guess, first], axis=1))
     # memory of contacts that are closed there begins anew: 4e-3 scales
     np.testing.assert_allclose(second.end[0, 1], end, atol=0.05)

@@ -6,7 +6,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.fitting import Trajectories, synthetic_record, trajectories
 from slipperjax.fitting.chain import Chain
-from slipperjax.fitting.search import Found
+from slipperjax.fitting.search import search
 
 SCENE = sj.paper_scene()
 SENSORS = [sj.Sensor("az"), sj.Sensor("z", "displacement", noise=1e-5)]
@@ -45,7 +45,7 @@ def test_the_last_periods_count(run):
 @pytest.mark.full
 def test_starts_that_are_all_lost_are_an_error(run, monkeypatch):
     nowhere = Chain.of(np.full((2, 1, 20, 22), np.nan), np.zeros((2, 1, 2)))
-    lost = lambda evaluate, points, shown, rough=0.0: Found.begin(points, nowhere)
+    lost = lambda evaluate, points, shown, rough=0.0: search(lambda points, index: nowhere, points)
     monkeypatch.setattr(trajectories, "search", lost)
     measured = synthetic_record(run, SENSORS[:1], rate=5000.0)
     with pytest.raises(ValueError, match="all starts are lost: raise steps_per_period"):

@@ -9,8 +9,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.fitting import Trajectories
-from slipperjax.fitting.diagnostics import not_identified, whiteness
-from slipperjax.fitting.signals import densities
+from slipperjax.fitting.result import not_identified
+from slipperjax.fitting.signals import densities, whiteness
 from slipperjax.flow.datasets import load_call
 from slipperjax.tools import limits
 

@@ -22,7 +22,7 @@ PRIORS = {
 def test_levels_are_standard_normal_deviates():
     found = unknowns_of(SCENE, RIG, PRIORS)
     assert [one.name for one in found] == list(PRIORS)
-    assert [one.unit for one in found] == ["N/m^1.5", "1", "kg", "1", "N"]
+    assert [one.parameter.unit for one in found] == ["N/m^1.5", "1", "kg", "1", "N"]
     level = np.array([-7.0, -2.0, 0.0, 1.0, 7.0])
     for one in found:
         value = one.value(level)
