@@ -504,7 +504,7 @@ tests/sweeps/test_jumps.py -k keeps_its_number
 
 attractors are numbered anew at each speed
 tests/sweeps/test_jumps.py -k keeps_its_number
--        if i not in numbers and number not in taken:
+-        if i not in numbers and number not in numbers.values():
 +        if False:
 
 an escape from chaos passes for the end of a branch

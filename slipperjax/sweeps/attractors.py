@@ -1,6 +1,5 @@
 """Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -184,32 +183,19 @@ def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_B
     return sorted(found, key=lambda basin: basin.cases[0])
 
 
-def _near(here: list[_Basin], known: list[tuple[int, _Basin]], reach: float) -> Iterator[tuple[float, int, int]]:
-    """Yield the distance, the place in `here` and the number of attractors of one period that are within `reach`."""
-    numbers: dict[int, list[int]] = {}
-    marks: dict[int, list[np.ndarray]] = {}
-    for number, basin in known:
-        numbers.setdefault(basin.period, []).append(number)
-        marks.setdefault(basin.period, []).append(basin.mark)
-    arrays = {period: np.array(of_period) for period, of_period in marks.items()}
-    for i, basin in enumerate(here):
-        if basin.period not in arrays:
-            continue
-        # marks say nothing of what does not recur
-        others = arrays[basin.period] if basin.period else basin.mark[None]
-        apart = np.max(np.abs(others - basin.mark), axis=-1)
-        for k in np.flatnonzero(apart <= reach).tolist():
-            yield float(apart[k]), i, numbers[basin.period][k]
-
-
 def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
     """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
+    near = []
+    for i, basin in enumerate(here):
+        # marks say nothing of what does not recur
+        alike = [pair for pair in known if pair[1].period == basin.period > 0]
+        marks = np.reshape([other.mark for _, other in alike], (-1, basin.mark.size))
+        apart = np.max(np.abs(marks - basin.mark), axis=1)
+        near += [(apart[k], i, alike[k][0]) for k in np.flatnonzero(apart <= reach)]
     numbers: dict[int, int] = {}
-    taken = set()
-    for _, i, number in sorted(_near(here, known, reach)):
-        if i not in numbers and number not in taken:
+    for _, i, number in sorted(near):
+        if i not in numbers and number not in numbers.values():
             numbers[i] = number
-            taken.add(number)
     for i, basin in enumerate(here):
         if i not in numbers and basin.period == 0 and 0 in kinds:
             # what does not recur is one, wherever it is met

@@ -37,7 +37,7 @@ from ..tools.columns import column
 from .attractors import LAST, classify_motions
 from .orbits import Maps, rows_of
 from .plan import AbstractStage, Part, Plan
-from .reached import ReachedOrbits, nothing_reached, reached_orbits
+from .reached import ReachedOrbits, reached_orbits
 from .run import run_cases, run_chunk
 
 BLOCK = 20
@@ -396,9 +396,7 @@ class LyapunovExponents(AbstractStage):
     def of_chunk(self, part, states, epoch, status, strobe):
         """Return the states of a chunk, and the orbits that they have reached."""
         states = jax.tree.map(np.asarray, states)
-        if not self.orbits:
-            return (states, nothing_reached(states, self.count)), status
-        maps = Maps.of(part, part.good(status).astype(int))
+        maps = Maps.of(part, (part.good(status) & self.orbits).astype(int))
         reached = reached_orbits(
             maps, states, coordinates(State(strobe, None)), count=self.count, half_step=self.certify
         )

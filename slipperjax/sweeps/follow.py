@@ -107,7 +107,7 @@ def follow(
 
     # one worker, because each chunk begins where the one before ended
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
-    steps = np.empty(len(run.finished), int)
+    steps = np.empty(run.cases, int)
     for chunk in chunks:
         steps[chunk.index] = chunk.schedule.steps
     first = {"direction": list(DIRECTIONS)}

@@ -81,7 +81,8 @@ class Plan:
         **Arguments:** `steps`: integration steps per forcing period, one number or one of each case; `settled`,
         `recorded`: forcing periods.
         """
-        different, which = np.unique(np.atleast_1d(steps), return_inverse=True)
+        each = steps if np.ndim(steps) else np.full(cases.count, steps)
+        different, which = np.unique(each, return_inverse=True)
         schedules = tuple(Schedule.of(settled, recorded, int(number)) for number in different)
         return cls(cases, solver, records, schedules, which, stages, epoch)
 
@@ -135,11 +136,11 @@ class Plan:
         if not records.inside:
             return dynamic_steps(steps)
         # the ends of steps are arrays, whose length a program must know: the most steps that it serves
-        capacity = self._capacities[steps]
-        return ConstantSteps(steps) if len(self._capacities) == 1 else ConstantSteps(capacity, as_argument(steps))
+        one = len(self.capacities) == 1
+        return ConstantSteps(steps) if one else ConstantSteps(self.capacities[steps], as_argument(steps))
 
     @functools.cached_property
-    def _capacities(self) -> dict[int, int]:
+    def capacities(self) -> dict[int, int]:
         """The steps for which the programs of recorded periods have room, by the steps in a period."""
         cases = np.bincount(self.which, minlength=len(self.schedules))
         periods: Counter[int] = Counter()
@@ -154,10 +155,6 @@ class Plan:
             if larger * sum(periods[steps] for steps in members) < CAPACITY_OF_A_PROGRAM:
                 own |= dict.fromkeys(members, larger)
         return own
-
-    def capacity(self, steps: int) -> int:
-        """Return the steps for which a program has room that records periods of so many steps."""
-        return self._capacities[steps]
 
     def probing(self) -> "Plan":
         """Return the same plan, with the first recorded period of each case probed."""
@@ -328,56 +325,43 @@ def check_variables(outputs: Sequence[AbstractOutput], existing: Collection[str]
             raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
 
 
-def sampled_plan(
-    grid: Grid,
-    start: Motion | State,
+def planned(
+    cases: Cases,
     call: Call,
     records: RecordSet = RecordSet(),
     stages: tuple[AbstractStage, ...] = (),
 ) -> Plan:
-    """Return the plan of at most 4096 cases spread over a grid, from which the cost of all is estimated.
+    """Return the plan of some cases, all of a grid or a sample, from a user's arguments, records and stages.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases = grid.sample(start)  # first of all, so that implausible values are told
-    grid.check_steps(call.steps_per_period)
-    steps, saves = _steps_and_saves(cases, call)
-    solver = resolve_solver(grid.scene, call.solver)
+    scene = cases.scene
+    default = lambda: call.refine * cases.default_steps()
+    steps, saves = step_plan(default, call.steps_per_period, call.saves_per_period)
+    solver = resolve_solver(scene, call.solver)
     # histories leave their saves to the run
-    kept = (History(saves) if one == History() else one for one in records.records)
-    plan = Plan.of(cases, solver, RecordSet(tuple(kept)), steps, call.settled, call.measured, stages)
+    kept = tuple(History(saves) if one == History() else one for one in records.records)
+    begin = beginning_of(scene, known("begin", call.begin))
+    epoch = _epoch(cases, begin)
+    plan = Plan.of(cases, solver, RecordSet(kept), steps, call.settled, call.measured, stages, epoch)
     # stages travel further along the rail than the plan itself
-    begin = beginning_of(grid.scene, known("begin", call.begin))
-    check_rail(grid.scene, plan.periods, begin, plan.settled, plan.periods_after)
+    check_rail(scene, plan.periods, begin, plan.settled, plan.periods_after)
     return plan
 
 
 def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
-    """Return the plan of a run from a user's arguments, records and stages.
+    """Return the plan of all cases of a grid, see `planned`.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    plan = sampled_plan(grid, start, call, *outputs)
+    cases = grid.sample(start)  # first of all, so that implausible values are told
+    grid.check_steps(call.steps_per_period)
+    plan = planned(cases, call, *outputs)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
-    cases = plan.cases
-    steps = plan.steps
     if cases.count < grid.count:
-        cases = grid.sample(start, grid.count)
-        steps, _ = _steps_and_saves(cases, call)
-    epoch = _epoch(cases, beginning_of(grid.scene, call.begin))
-    steps = np.broadcast_to(steps, cases.count)
-    plan = Plan.of(cases, plan.solver, plan.records, steps, plan.settled, plan.recorded, plan.stages, epoch)
+        plan = planned(grid.sample(start, grid.count), call, *outputs)
     plan.check()
     return plan
-
-
-def _steps_and_saves(cases: Cases, call: Call) -> tuple[int | np.ndarray, int]:
-    """Return steps per period, one number or one for each case, and saves per period."""
-    return step_plan(
-        lambda: call.refine * cases.default_steps(),
-        call.steps_per_period,
-        call.saves_per_period,
-    )
 
 
 def _epoch(cases: Cases, begin: float) -> float:
@@ -414,7 +398,7 @@ class Part(NamedTuple):
     @property
     def capacity(self) -> int:
         """Steps per period for which its recording programs have room."""
-        return self.plan.capacity(self.steps)
+        return self.plan.capacities[self.steps]
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Return whether each lane is a case, with which nothing is wrong."""

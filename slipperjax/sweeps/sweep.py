@@ -5,16 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import diffrax
-import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS, Status, without_lost
+from ..flow.status import MEANINGS
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
@@ -27,9 +25,9 @@ from .call import Call
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
-from .plan import AbstractStage, Part, Plan, make_plan, sampled_plan
+from .plan import AbstractStage, Plan, make_plan, planned
 from .records import resolved_record
-from .run import ChunkRun, run_cases, run_chunk
+from .run import ChunkRun, run_plan
 from .store import Store, run_or_store
 
 
@@ -115,7 +113,7 @@ def sweep(
     first = first_of(start)
     return run_or_store(
         _computed,
-        lambda cases: sampled_plan(cases, first, *_spans(call)).estimate(cases.count),
+        lambda cases: planned(cases.sample(first), *_spans(call)).estimate(cases.count),
         call,
         scene,
         grid,
@@ -142,23 +140,7 @@ def _computed(
     else:
         probed = yes_or_no("probe", call.probe)
     plan = plan.probing() if probed else plan
-
-    def work(part: Part) -> ChunkRun:
-        states = initial_states(part.scenes, part.starts, plan.epoch)
-        # the first chunk compiles the programs that most others use, too
-        return run_chunk(part, states, first=bool(part.row[0] == 0))
-
-    run = run_cases(plan, work, periods=plan.periods, **how)
-    if run.results is not None:
-        values = list(run.results.record)
-        status = run.results.status
-        interrupted = run.interrupted
-        # stages that measure only some of the cases cut these into chunks of their own; values of records come first
-        for k, stage in enumerate(plan.stages, len(plan.records.records)):
-            values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
-        results = run.results._replace(status=status, record=tuple(values))
-        # a case that ran, but that an interrupted stage did not reach, is unfinished
-        run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
+    run = run_plan(plan, how)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
 
@@ -169,17 +151,12 @@ def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
     begin.
     """
     records, stages = resolved_record(call.record, call.loads)
-    if not _begin_settled(records, stages):
+    # records without variables, such as the last strobes, only serve the stages
+    kept = any(one.variables for one in records.records)
+    if kept or not all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages):
         return call, records, stages
     settled = whole("transient", call.settled, max(one.least_settled for one in stages))
     return replace(call, settled=0, measured=settled), records, tuple(one.over(call.measured) for one in stages)
-
-
-def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> bool:
-    """Return whether nothing is kept of the recorded span, so that all is measured after it."""
-    # records without variables, such as the last strobes, only serve the stages
-    alone = not any(one.variables for one in records.records)
-    return alone and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages)
 
 
 def lyapunov_sweep(
@@ -295,17 +272,16 @@ def sweep_dataset(
     grid, by name; `more`: further arguments of the call, for the attribute `call`.
     """
     cases = plan.cases
-    results = without_lost(results._replace(state=None), results.status)
     first = first or {}
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     # the flat list of cases becomes the grid again
-    record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
-    data, coords = plan.label(dims, record)
-    data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
+    results = results.over(shape)
+    data, coords = plan.label(dims, results.record)
+    data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
     if results.probe.size:
         text = "what half the step changes in a forcing period, in scales"
-        data["probe_error"] = column(dims, results.probe.reshape(shape), "1", text)
+        data["probe_error"] = column(dims, results.probe[..., 0], "1", text)
     data["steps_per_period"] = column(
         dims,
         steps.reshape(shape),
@@ -319,9 +295,8 @@ def sweep_dataset(
     attrs = scene_attributes(cases.scene, without=cases.axes)
     kept = {**call.kept(plan.solver), **more}
     attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
-    attrs |= {"settled": plan.settled, "measured": plan.recorded}
-    if _begin_settled(plan.records, plan.stages):  # the recorded span was the transient, see `_spans`
-        measured = max(one.measured for one in plan.stages)
-        attrs |= {"settled": plan.recorded, "measured": measured}
+    attrs |= {"settled": call.settled, "measured": plan.recorded}
+    if plan.settled != call.settled:  # the recorded span was the transient, see `_spans`
+        attrs["measured"] = max(one.measured for one in plan.stages)
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
     return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
