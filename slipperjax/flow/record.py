@@ -217,8 +217,8 @@ class Samples:
         """Add the samples that some of the records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
-            calls.append(jax.tree.map(np.asarray, new))
-            self._held[r] += _periods_in(calls[-1])
+            calls.append(new)
+            self._held[r] += _periods_in(new)
             # earlier calls are dropped as soon as later ones have all periods that are needed, to save memory
             while not r.from_start and self._held[r] - _periods_in(calls[0]) >= r.last(self._periods):
                 self._held[r] -= _periods_in(calls.popleft())

@@ -109,7 +109,7 @@ class LongerMotions(NamedTuple):
     chosen: Int[np.ndarray, " cases"]  # indices of the cases into the list of all
     history: Float[np.ndarray, "cases motions periods count"]  # their local exponents [1/period]
     escapes: Int[np.ndarray, " cases"]  # how many became regular: periodic, or without a positive exponent
-    # `Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished.
+    # A `Status` code of the motions, 0 where nothing is wrong with any; `NOT_RUN` where one was not finished.
     status: Int[np.ndarray, " cases"]
 
     @classmethod
@@ -161,9 +161,7 @@ def run_longer_motions(
     # from a list of motions to an array of cases and motions
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
-    # the first code that is no 0, where there is one; but NOT_RUN goes before all others
-    first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
-    first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
+    unfinished = np.any(codes == Status.NOT_RUN, axis=1)
     # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
     regular = (classify_motions(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
@@ -171,7 +169,7 @@ def run_longer_motions(
         chosen,
         by_case(history),
         np.sum(by_case(regular), axis=1),
-        first,
+        np.where(unfinished, int(Status.NOT_RUN), codes.max(axis=1)),
     ), run.interrupted
 
 
@@ -235,12 +233,14 @@ def exponent_variables(
     alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
     error[alone] = one_motion_standard_error(history[alone])
     stayed = longer.escapes == 0
-    exponent[chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
-    error[chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    pooled = chosen[stayed]
+    motions = longer.history[stayed]
+    exponent[pooled] = motions.mean(axis=(1, 2))
+    error[pooled] = pooled_standard_error(motions)
     dimension = dimension_standard_error(history)
     # motions of a case are independent
-    each = dimension_standard_error(longer.history[stayed])
-    dimension[chosen[stayed]] = np.sqrt(np.mean(each**2, axis=-1) / each.shape[-1])
+    each = dimension_standard_error(motions)
+    dimension[pooled] = np.sqrt(np.mean(each**2, axis=-1) / MOTIONS)
     # exponents of an orbit are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
@@ -251,7 +251,7 @@ def exponent_variables(
     chaotic_for = np.zeros(len(good), int)
     chaotic_for[chosen] = passed + stretch + stayed * (HOLD + stretch)
     life = np.full(len(good), np.nan)
-    life[chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
+    life[pooled] = least_mean_life(history.shape[1])
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:

@@ -34,7 +34,6 @@ from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
-from .grid import filled
 from .plan import AbstractStage, OnProgress, Part
 from .schedule import FEW
 
@@ -151,12 +150,11 @@ class Maps(NamedTuple):
         size = 32 if len(self.periods) > 8 else 8
         parts = []
         for first in range(0, len(index), size):
-            part = np.arange(first, min(first + size, len(index)))
-            lanes = filled(part, size)
+            # the last case fills up the last block
+            lanes = np.minimum(np.arange(first, first + size), len(index) - 1)
             of_lanes = jax.tree.map(operator.itemgetter(lanes), arrays)
-            made = call(self.scenes.take(index[lanes]), *of_lanes)
-            parts.append(jax.tree.map(operator.itemgetter(slice(len(part))), jax.tree.map(np.asarray, made)))
-        return jax.tree.map(lambda *of: np.concatenate(of), *parts)
+            parts.append(jax.tree.map(np.asarray, call(self.scenes.take(index[lanes]), *of_lanes)))
+        return jax.tree.map(lambda *of: np.concatenate(of)[: len(index)], *parts)
 
 
 # Functions of the module, so that each is compiled once and not once for each instance of `Maps`.

@@ -4,8 +4,8 @@ import abc
 import functools
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -75,15 +75,16 @@ class Plan:
         recorded: int,
         stages: "tuple[AbstractStage, ...]" = (),
         epoch: float = 0.0,
+        probed: int = 0,
     ) -> "Plan":
         """Return the plan of cases that pass a transient and recorded periods.
 
         **Arguments:** `steps`: integration steps per forcing period, one number or one of each case; `settled`,
-        `recorded`: forcing periods.
+        `recorded`: forcing periods; `probed`: how many of the recorded ones are probed.
         """
         each = steps if np.ndim(steps) else np.full(cases.count, steps)
         different, which = np.unique(each, return_inverse=True)
-        schedules = tuple(Schedule.of(settled, recorded, int(number)) for number in different)
+        schedules = tuple(Schedule.of(settled, recorded, int(number), probed) for number in different)
         return cls(cases, solver, records, schedules, which, stages, epoch)
 
     @property
@@ -156,10 +157,6 @@ class Plan:
                 own |= dict.fromkeys(members, larger)
         return own
 
-    def probing(self) -> "Plan":
-        """Return the same plan, with the first recorded period of each case probed."""
-        return replace(self, schedules=tuple(one.probing() for one in self.schedules))
-
     def estimate(self, count: int) -> Estimate:
         """Return the estimate of `count` cases such as these."""
         periods = self.periods + self.periods_after
@@ -180,7 +177,12 @@ class Plan:
 
     def check(self) -> None:
         """Raise `ValueError` where outputs do not suit the run, or each other."""
-        check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *self.cases.axes))
+        existing = ("status", "steps_per_period", *self.cases.dims, *self.cases.axes)
+        for name, count in Counter(name for one in self.outputs for name in one.variables).items():
+            if count > 1:
+                raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
+            if name in existing:
+                raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
         for one in self.outputs:
             one.check(self.cases.scene, self.recorded, int(self.steps.min()))
 
@@ -316,15 +318,6 @@ class LastStrobes(Unlabelled):
         return course.end.motion
 
 
-def check_variables(outputs: Sequence[AbstractOutput], existing: Collection[str]) -> None:
-    """Raise `ValueError` where two outputs, or an output and a dataset that has `existing`, share a variable."""
-    for name, count in Counter(name for one in outputs for name in one.variables).items():
-        if count > 1:
-            raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
-        if name in existing:
-            raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
-
-
 def planned(
     cases: Cases,
     call: Call,
@@ -343,7 +336,8 @@ def planned(
     kept = tuple(History(saves) if one == History() else one for one in records.records)
     begin = beginning_of(scene, known("begin", call.begin))
     epoch = _epoch(cases, begin)
-    plan = Plan.of(cases, solver, RecordSet(kept), steps, call.settled, call.measured, stages, epoch)
+    lengths = call.settled, call.measured
+    plan = Plan.of(cases, solver, RecordSet(kept), steps, *lengths, stages, epoch, int(call.probe or 0))
     # stages travel further along the rail than the plan itself
     check_rail(scene, plan.periods, begin, plan.settled, plan.periods_after)
     return plan

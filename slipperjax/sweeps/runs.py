@@ -33,7 +33,7 @@ from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
 from .grid import Cases
-from .plan import Part, Plan, check_variables
+from .plan import Part, Plan
 from .records import OF_LOADS
 from .run import ChunkRun, run_plan
 from .schedule import Schedule, joint_profiles
@@ -180,7 +180,6 @@ def _planned(call: RunCall, cases: Cases) -> Plan:
     scene = cases.scene
     windows = _windows(scene, call.length, call.begin, call.window)
     records = _records(scene, call.record)
-    check_variables(records.records, (*cases.dims, "status"))
     profiles, which = _step_profiles(cases, call, windows)
     # errors grow over a wavelength of the track
     length = max(1, round(_probed_length(scene) / call.window))
@@ -198,6 +197,7 @@ def _computed(
     cases = Cases(scene, grid, start, product=call.product)
     plan = _planned(call, cases)
     plan.estimate(cases.count).check()
+    plan.check()
 
     def prepared(part: Part) -> Batched[Scene]:
         scenes = _windowed(part.scenes, call.window)

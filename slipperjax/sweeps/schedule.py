@@ -37,9 +37,12 @@ class Schedule:
     """Records are finished at the end of each stretch, and begin anew after it."""
 
     @classmethod
-    def of(cls, settled: int, recorded: int, steps: int) -> "Schedule":
-        """Return a transient, of which nothing is recorded, and a recorded span, all in equal steps."""
-        return cls(((Span(settled, steps, recorded=False), Span(recorded, steps)),))
+    def of(cls, settled: int, recorded: int, steps: int, probed: int = 0) -> "Schedule":
+        """Return a transient, of which nothing is recorded, and a recorded span, all in equal steps.
+
+        **Arguments:** `probed`: periods of the recorded span that are probed.
+        """
+        return cls(((Span(settled, steps, recorded=False), Span(recorded, steps, probed=probed)),))
 
     @classmethod
     def of_profile(
@@ -97,11 +100,6 @@ class Schedule:
     def mean_steps(self) -> float:
         """Mean integration steps of its forcing periods."""
         return self.work / max(self.periods, 1)
-
-    def probing(self) -> "Schedule":
-        """Return the same schedule, with the first recorded period of each stretch probed."""
-        probed = lambda span: span._replace(probed=int(span.recorded))
-        return Schedule(tuple(tuple(map(probed, stretch)) for stretch in self.stretches))
 
     def following(self, first: int, periods: int) -> list[tuple[int, int]]:
         """Return steps and number of the next forcing periods, from a span on; the last span goes on at the end."""

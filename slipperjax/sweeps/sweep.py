@@ -113,7 +113,7 @@ def sweep(
     first = first_of(start)
     return run_or_store(
         _computed,
-        lambda cases: planned(cases.sample(first), *_spans(call)).estimate(cases.count),
+        lambda cases: planned(cases.sample(first), *_asked(call)).estimate(cases.count),
         call,
         scene,
         grid,
@@ -130,33 +130,31 @@ def _computed(
     call: Call, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
 ) -> xr.Dataset:
     """Return the results of a sweep. **Arguments:** `how`: of `run_cases`."""
-    cases = Grid(scene, grid, product=call.product)
-    lengths, *outputs = _spans(call)
-    plan = make_plan(cases, start, lengths, *outputs)
-    if call.probe is None:
-        # it takes as long as three periods without a record, and a record inside doubles a period's time
-        lasts = plan.settled + (2 if plan.records.inside else 1) * plan.recorded
-        probed = plan.settled > 0 and lasts >= 30
-    else:
-        probed = yes_or_no("probe", call.probe)
-    plan = plan.probing() if probed else plan
+    plan = make_plan(Grid(scene, grid, product=call.product), start, *_asked(call))
     run = run_plan(plan, how)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
 
-def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
-    """Return a call with the lengths of its transient and its recorded span, its records and its stages.
+def _asked(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
+    """Return a call with the lengths of its transient and its recorded span and whether it is probed, its records and
+    its stages.
 
     Where nothing but exponents and orbits is asked for, the transient becomes the recorded span, at whose end these
     begin.
     """
     records, stages = resolved_record(call.record, call.loads)
+    lengths = call
     # records without variables, such as the last strobes, only serve the stages
     kept = any(one.variables for one in records.records)
-    if kept or not all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages):
-        return call, records, stages
-    settled = whole("transient", call.settled, max(one.least_settled for one in stages))
-    return replace(call, settled=0, measured=settled), records, tuple(one.over(call.measured) for one in stages)
+    if not kept and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages):
+        settled = whole("transient", call.settled, max(one.least_settled for one in stages))
+        lengths = replace(call, settled=0, measured=settled)
+        stages = tuple(one.over(call.measured) for one in stages)
+    # a probe takes as long as three periods without a record, and a record inside doubles a period's time
+    lasts = lengths.settled + (2 if records.inside else 1) * lengths.measured
+    little = lengths.settled > 0 and lasts >= 30
+    probe = little if call.probe is None else yes_or_no("probe", call.probe)
+    return replace(lengths, probe=probe), records, stages
 
 
 def lyapunov_sweep(
@@ -296,7 +294,7 @@ def sweep_dataset(
     kept = {**call.kept(plan.solver), **more}
     attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
     attrs |= {"settled": call.settled, "measured": plan.recorded}
-    if plan.settled != call.settled:  # the recorded span was the transient, see `_spans`
+    if plan.settled != call.settled:  # the recorded span was the transient, see `_asked`
         attrs["measured"] = max(one.measured for one in plan.stages)
     attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
     return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
