@@ -1,7 +1,7 @@
 """Arguments of a sweep as one frozen object: kept with its results, and compared before a store goes on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from diffrax import AbstractSolver
@@ -48,8 +48,3 @@ class Call(AbstractCall):
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
         super().__post_init__()
-
-    def kept(self, solver: AbstractSolver) -> dict[str, object]:
-        """Return the fields by name, for a dataset."""
-        # the steps of each case are a variable of it
-        return vars(replace(self, solver=solver, steps_per_period=None, refine=1))

@@ -472,7 +472,7 @@ class LyapunovExponents(AbstractStage):
         rows = rows_of(end)
         maps = Maps.of(part, np.zeros(len(status), int), start + measured_periods(blocks))
         pressed = maps.contact_status(np.arange(len(rows)), rows, part.capacity)
-        status = np.asarray(first_problem(first_problem(status, local.status), pressed))
+        status = first_problem(first_problem(status, local.status), pressed)
         motion = classify_motions(local.strobe, status)
         checks = None
         if self.certify:

@@ -192,14 +192,12 @@ class Cases(Grid):
         scenes = Batched.of(scene.replace(**varied), single)
         self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
         self.start = start
-        motion = start.motion if isinstance(start, State) else start
         # what the grid does not vary is the same in all cases
         alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
+        starts = jax.tree.map(alike, start)
         varying = of_motion({name: np.asarray(values, float) for name, values in flat.items()})
-        starts = dataclasses.replace(jax.tree.map(alike, motion), **varying)
-        self.starts = starts
-        if isinstance(start, State):
-            self.starts = eqx.tree_at(lambda state: state.motion, jax.tree.map(alike, start), starts)
+        motion = lambda begun: begun.motion if isinstance(begun, State) else begun
+        self.starts = eqx.tree_at(motion, starts, dataclasses.replace(motion(starts), **varying))
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""

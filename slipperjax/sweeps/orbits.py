@@ -320,7 +320,7 @@ class _Search:
             self.inverse[good] = _inverses(matrices)
             # one more step costs nothing now, and squares the small error
             rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
-        self.inverse[~np.isin(np.arange(len(rows)), good)] = np.nan
+        self.inverse[status != Status.FINITE] = np.nan
         return Orbits(
             maps.states(rows),
             self.residual,

@@ -4,15 +4,17 @@ import abc
 import functools
 import itertools
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import xarray as xr
 from diffrax import AbstractSolver
 from jaxtyping import Bool, Int, PyTree
 
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
@@ -20,7 +22,7 @@ from ..flow.stepping import ROOM, ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
-from ..solvers.latching import calls_lapack
+from ..solvers.latching import calls_lapack, solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, require, whole
@@ -63,29 +65,6 @@ class Plan:
     stages: "tuple[AbstractStage, ...]" = ()  # what is measured after the recorded periods
     epoch: float = 0.0  # forcing periods from distance zero to where the run begins
     stretched: bool = False  # whether values of stretches follow one another along an axis
-
-    @classmethod
-    def of(
-        cls,
-        cases: Cases,
-        solver: AbstractSolver,
-        records: RecordSet,
-        steps: int | Int[np.ndarray, " cases"],
-        settled: int,
-        recorded: int,
-        stages: "tuple[AbstractStage, ...]" = (),
-        epoch: float = 0.0,
-        probed: int = 0,
-    ) -> "Plan":
-        """Return the plan of cases that pass a transient and recorded periods.
-
-        **Arguments:** `steps`: integration steps per forcing period, one number or one of each case; `settled`,
-        `recorded`: forcing periods; `probed`: how many of the recorded ones are probed.
-        """
-        each = steps if np.ndim(steps) else np.full(cases.count, steps)
-        different, which = np.unique(each, return_inverse=True)
-        schedules = tuple(Schedule.of(settled, recorded, int(number), probed) for number in different)
-        return cls(cases, solver, records, schedules, which, stages, epoch)
 
     @property
     def outputs(self) -> tuple[AbstractOutput, ...]:
@@ -196,6 +175,26 @@ class Plan:
             coords |= along
         return data, coords
 
+    def dataset(
+        self,
+        data: Mapping[str, object],
+        coords: Mapping[str, object],
+        call: Mapping[str, object],
+        facts: Mapping[str, object],
+        varied: Collection[str] | None = None,
+    ) -> xr.Dataset:
+        """Return a dataset over the cases, with all that is needed to run them again as attributes.
+
+        **Arguments:** `call`: arguments by name; `facts`: further attributes; `varied`: names of the axes that it
+        has, by default all.
+        """
+        cases = self.cases
+        varied = cases.axes if varied is None else varied
+        attrs = scene_attributes(cases.scene, without=varied)
+        attrs |= run_attributes(cases.scene, cases.start, {**call, "solver": self.solver}, varied)
+        attrs |= {**facts, "solver": solver_name(self.solver), "record": self.record}
+        return result_dataset(data, {**coords, **cases.coordinates()}, attrs)
+
     def _axis(self, output: AbstractOutput) -> tuple[str, ...]:
         """Return the dimension along which the values of an output follow one another."""
         if not self.stretched:
@@ -214,8 +213,8 @@ class Plan:
 
     def strobes(self, settled: int, periods: int) -> "Plan":
         """Return the same cases with another transient, of which strobes of `periods` are kept."""
-        records = RecordSet((Strobe(),))
-        return Plan.of(self.cases, self.solver, records, self.steps, settled, periods, epoch=self.epoch)
+        schedules = tuple(Schedule.of(settled, periods, one.steps) for one in self.schedules)
+        return replace(self, records=RecordSet((Strobe(),)), schedules=schedules, stages=())
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """Cut the cases into chunks of equal steps, and choose the number of threads. Neither changes any result.
@@ -336,8 +335,11 @@ def planned(
     kept = tuple(History(saves) if one == History() else one for one in records.records)
     begin = beginning_of(scene, known("begin", call.begin))
     epoch = _epoch(cases, begin)
-    lengths = call.settled, call.measured
-    plan = Plan.of(cases, solver, RecordSet(kept), steps, *lengths, stages, epoch, int(call.probe or 0))
+    each = steps if np.ndim(steps) else np.full(cases.count, steps)
+    different, which = np.unique(each, return_inverse=True)
+    of_steps = lambda number: Schedule.of(call.settled, call.measured, number, int(call.probe or 0))
+    schedules = tuple(map(of_steps, different.tolist()))
+    plan = Plan(cases, solver, RecordSet(kept), schedules, which, stages, epoch)
     # stages travel further along the rail than the plan itself
     check_rail(scene, plan.periods, begin, plan.settled, plan.periods_after)
     return plan

@@ -1,7 +1,7 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import diffrax
@@ -12,7 +12,6 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.record import AbstractRecord, RecordSet
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
@@ -24,7 +23,6 @@ from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
-from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, number, positive, require, whole
@@ -357,11 +355,7 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
         codes = np.where(joined(stands), Status.TOO_SLOW, Status.FINITE)
         data["window_status"] = column(over, codes, "", "status of each window", meaning=MEANINGS)
     varied = () if call.only else cases.axes
-    attrs = scene_attributes(cases.scene, without=varied)
-    asked = vars(replace(call, solver=plan.solver))
-    attrs |= run_attributes(cases.scene, cases.start, asked, varied)
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
-    ds = _with_rates(result_dataset(data, {**coords, **cases.coordinates()}, attrs))
+    ds = _with_rates(plan.dataset(data, coords, vars(call), {"window [m]": call.window}, varied))
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 

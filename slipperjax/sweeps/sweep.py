@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS
@@ -18,7 +17,6 @@ from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
-from ..solvers.latching import solver_name
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .call import Call
@@ -261,7 +259,7 @@ def sweep_dataset(
     results: ChunkRun,
     steps: Int[np.ndarray, " cases"],
     call: Call,
-    first: Mapping[str, list] | None = None,
+    first: Mapping[str, list] = {},
     **more: object,
 ) -> xr.Dataset:
     """Return the results of a run as a dataset.
@@ -270,10 +268,9 @@ def sweep_dataset(
     grid, by name; `more`: further arguments of the call, for the attribute `call`.
     """
     cases = plan.cases
-    first = first or {}
     dims = (*first, *cases.dims)
-    shape = (*(len(values) for values in first.values()), *cases.shape)
     # the flat list of cases becomes the grid again
+    shape = (*map(len, first.values()), *cases.shape)
     results = results.over(shape)
     data, coords = plan.label(dims, results.record)
     data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
@@ -289,12 +286,9 @@ def sweep_dataset(
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")
-    # the scene's parameters, and all that is needed to run it again
-    attrs = scene_attributes(cases.scene, without=cases.axes)
-    kept = {**call.kept(plan.solver), **more}
-    attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
-    attrs |= {"settled": call.settled, "measured": plan.recorded}
+    facts = {"settled": call.settled, "measured": plan.recorded}
     if plan.settled != call.settled:  # the recorded span was the transient, see `_asked`
-        attrs["measured"] = max(one.measured for one in plan.stages)
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
-    return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
+        facts["measured"] = max(one.measured for one in plan.stages)
+    # the steps of each case are a variable
+    asked = replace(call, steps_per_period=None, refine=1)
+    return plan.dataset(data, {**coords, **first}, vars(asked) | more, facts)
