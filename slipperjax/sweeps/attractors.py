@@ -100,17 +100,18 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
     # what is not of the start: an attractor is looked for at each value of these
     over = [d for d in strobe.dims if d in ds.coords and d not in (*STARTS, "direction")]
-    axes = [strobe.dims.index(d) for d in over]
-    states = np.moveaxis(states, axes, range(len(axes)))
-    outer, inner = states.shape[: len(axes)], states.shape[len(axes) : -2]
+    # places of the cases in the flat list, one row for each value of the parameters
+    place = strobe.copy(data=np.arange(strobe.size).reshape(strobe.shape)).transpose(*over, ...).values
+    outer = place.shape[: len(over)]
+    place = place.reshape(int(np.prod(outer)), -1)
     marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
-    cases = (int(np.prod(outer)), int(np.prod(inner)))
-    numbers, kinds = _numbered(marks.reshape(*cases, -1), periods.reshape(cases), outer, tolerance, reach)
+    numbers, kinds = _numbered(marks[place], periods[place], outer, tolerance, reach)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     ranked = rank[numbers]
-    basin = np.moveaxis(ranked.reshape(*outer, *inner), range(len(axes)), axes)
+    basin = np.empty(strobe.shape, int)
+    np.put(basin, place, ranked)
     counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in ranked]
     share = np.reshape(counts, (*outer, len(kinds))) / ranked.shape[1]
     text = "attractor, by falling size of its basin; -1 for cases with a status"

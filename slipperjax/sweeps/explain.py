@@ -59,11 +59,9 @@ def explain(
         begin = time.perf_counter()
         ds = function(scene, grid=cases.part(index), **options)
         seconds.append(time.perf_counter() - begin)
-    of_store: dict[str, object] = {}
+    of_store = {}
     if target is not None:
-        of_store["tiles"] = Tiling.of(cases.shape, target.tile)
-        of_store["free"] = target.free_bytes
-        of_store["shared"] = workers > cores()
+        of_store = dict(tiles=Tiling.of(cases.shape, target.tile), free=target.free_bytes, shared=workers > cores())
     # runs have steps of their own in each window
     unit = "window" if "steps_per_window" in ds else "period"
     used = ds[f"steps_per_{unit}"].values

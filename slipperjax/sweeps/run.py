@@ -409,17 +409,15 @@ def gather(
         stop.set()
         if executor is None:
             wait(running, patience)
-            _warn_of_running(sum(not future.done() for future in running))
+            left = sum(not future.done() for future in running)
+            if left:
+                warn(
+                    f"The run has ended, but {left} of its threads will go on to the end of the call that they are in."
+                )
         raise
     finally:
         if executor is None:
             pool.shutdown(wait=False)  # an executor belongs to the caller
-
-
-def _warn_of_running(threads: int) -> None:
-    """Warn where threads go on after their run."""
-    if threads:
-        warn(f"The run has ended, but {threads} of its threads will go on to the end of the call that they are in.")
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:

@@ -128,33 +128,23 @@ def joint_profiles(
 
     **Arguments:** `which`: the profile of each case.
     """
+    # time that a batch takes, in steps of one lane
+    cost = lambda profile, cases: int(profile.sum()) * (STEP_IN_LANES + batch_size(len(cases)))
     order = np.argsort(profiles.sum(axis=1), kind="stable")
-    groups = [_Group(profiles[k], np.flatnonzero(which == k)) for k in order]
+    groups = [(profiles[k], np.flatnonzero(which == k)) for k in order]
     # each step joins the two neighbours that save most
     while len(groups) > 1:
-        joint = [a.joined(b) for a, b in itertools.pairwise(groups)]
-        saved = [a.cost + b.cost - both.cost for (a, b), both in zip(itertools.pairwise(groups), joint, strict=True)]
+        joint = []
+        saved = []
+        for a, b in itertools.pairwise(groups):
+            both = np.maximum(a[0], b[0]), np.concatenate([a[1], b[1]])
+            joint.append(both)
+            saved.append(cost(*a) + cost(*b) - cost(*both))
         k = int(np.argmax(saved))
         if saved[k] <= 0:
             break
         groups[k : k + 2] = [joint[k]]
     found = np.empty_like(which)
-    for k, group in enumerate(groups):
-        found[group.cases] = k
-    return np.array([group.profile for group in groups]), found
-
-
-class _Group(NamedTuple):
-    """Cases that run as one batch."""
-
-    profile: Int[np.ndarray, " periods"]
-    cases: Int[np.ndarray, " members"]
-
-    @property
-    def cost(self) -> int:
-        """Time that the batch takes, in steps of one lane."""
-        return int(self.profile.sum()) * (STEP_IN_LANES + batch_size(len(self.cases)))
-
-    def joined(self, other: "_Group") -> "_Group":
-        """Return both as one batch."""
-        return _Group(np.maximum(self.profile, other.profile), np.concatenate([self.cases, other.cases]))
+    for k, (_, cases) in enumerate(groups):
+        found[cases] = k
+    return np.array([profile for profile, _ in groups]), found

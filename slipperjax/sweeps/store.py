@@ -311,7 +311,9 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
     lengths = dict(zip(dims, tiles.shape, strict=True))
     pieces = dict(zip(dims, tiles.tile, strict=True))
     data = {name: _storable(v) for name, v in like.variables.items() if name not in axes}
-    encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
+    # a fill value would be an attribute, too
+    plain = {"_FillValue": None}
+    encoding: dict[Any, dict[str, Any]] = dict.fromkeys(data, plain)
     shapes = {}
     for name, variable in data.items():
         # variables over the grid are filled tile by tile; others, such as labels, are the same in all tiles
@@ -322,7 +324,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
             data[name] = variable.copy(data=np.full(variable.shape, fill, variable.dtype))
             chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
             compressors = (ZstdCodec(level=3, checksum=True),)
-            encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
+            encoding[name] = plain | {"chunks": chunks, "fill_value": fill, "compressors": compressors}
     mark = {
         "call": call,
         "versions": versions(),
@@ -332,13 +334,11 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
         "coords": list(like.coords),
         "variables": {name: data[name].dims for name in sorted(shapes)},
     }
-    for of_variable in encoding.values():
-        of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
     for name, whole_shape in shapes.items():  # afterwards, so that nothing of the size of the grid is in memory
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
     ds = xr.Dataset(coords=axes, attrs=like.attrs)
-    ds.to_zarr(path, mode="a", encoding={name: {"_FillValue": None} for name in axes}, **ZARR)
+    ds.to_zarr(path, mode="a", encoding=dict.fromkeys(axes, plain), **ZARR)
     zarr.open_group(path, mode="r+").update_attributes({MARK: json.dumps(mark)})
 
 
