@@ -112,7 +112,11 @@ class Ride:
         samples = Samples(part.plan.records, recorded)
         begin = self.period
         for k, span in enumerate(spans, passed):
-            self._see(part.plan.seen(span))
+            seen = part.plan.seen(span)
+            if seen != self._records:
+                # they begin where others saw what came before
+                self._records = seen
+                self._carry = self._begun()
             part.on_progress(0)  # stops here after Ctrl-C
             if span.probed:
                 self.errors.append(self._change(schedule.following(k, span.probed)))
@@ -144,12 +148,6 @@ class Ride:
             carry = initial_carry(records, self.part.scenes, self.states)
             now = self.part.scenes, self.states, self.period
             ahead(functools.partial(self._advanced, *now, stepping, 0, records, carry))
-
-    def _see(self, records: RecordSet) -> None:
-        """Let these records see what follows: they begin where others saw what came before."""
-        if records != self._records:
-            self._records = records
-            self._carry = self._begun()
 
     def _begun(self) -> tuple[PyTree, ...]:
         """Return the carries of records that have seen nothing."""
@@ -411,9 +409,8 @@ def gather(
             wait(running, patience)
             left = sum(not future.done() for future in running)
             if left:
-                warn(
-                    f"The run has ended, but {left} of its threads will go on to the end of the call that they are in."
-                )
+                text = f"The run has ended, but {left} of its threads will go on"
+                warn(f"{text} to the end of the call that they are in.")
         raise
     finally:
         if executor is None:
