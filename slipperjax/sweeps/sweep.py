@@ -7,7 +7,6 @@ from pathlib import Path
 import diffrax
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
 
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
@@ -130,7 +129,7 @@ def _computed(
     """Return the results of a sweep. **Arguments:** `how`: of `run_cases`."""
     plan = make_plan(Grid(scene, grid, product=call.product), start, *_asked(call))
     run = run_plan(plan, how)
-    return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
+    return run.checked(lambda: sweep_dataset(plan, run.results, call))
 
 
 def _asked(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
@@ -257,15 +256,14 @@ def orbit_sweep(
 def sweep_dataset(
     plan: Plan,
     results: ChunkRun,
-    steps: Int[np.ndarray, " cases"],
     call: Call,
     first: Mapping[str, list] = {},
     **more: object,
 ) -> xr.Dataset:
     """Return the results of a run as a dataset.
 
-    **Arguments:** `steps`: per forcing period of each case; `first`: coordinates of dimensions before those of the
-    grid, by name; `more`: further arguments of the call, for the attribute `call`.
+    **Arguments:** `first`: coordinates of dimensions before those of the grid, by name; `more`: further arguments of
+    the call, for the attribute `call`.
     """
     cases = plan.cases
     dims = (*first, *cases.dims)
@@ -277,12 +275,8 @@ def sweep_dataset(
     if results.probe.size:
         text = "what half the step changes in a forcing period, in scales"
         data["probe_error"] = column(dims, results.probe[..., 0], "1", text)
-    data["steps_per_period"] = column(
-        dims,
-        steps.reshape(shape),
-        "1",
-        "integration steps per forcing period",
-    )
+    steps = np.broadcast_to(plan.steps.reshape(cases.shape), shape)
+    data["steps_per_period"] = column(dims, steps, "1", "integration steps per forcing period")
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")
