@@ -84,8 +84,9 @@ def follow(
     check_rail(scene, plan.periods * count, beginning_of(scene, call.begin))
     # of the two values that the directions visit at the same time, both get the more steps
     plan = replace(plan, which=np.maximum(plan.which, plan.which[::-1]))
-    every = np.arange(len(DIRECTIONS) * count).reshape(-1, count)  # (directions, values)
-    met = np.stack([row[::way] for row, way in zip(every, DIRECTIONS.values(), strict=True)], axis=1)
+    # where cases of one time stand in the list of all, those up first: (values, directions)
+    up = np.arange(count)
+    met = np.stack([up, count + up[::-1]], axis=1)
     chunks = [Chunk(at, len(at), plan.schedules[k]) for at, k in zip(met, plan.which, strict=True)]
     # where the chunk before ended, and how many chunks have passed
     states: State | None = None
