@@ -106,8 +106,8 @@ def compare(
     first = first_of("rest" if start is None else start)
     count = designs_of.count
     # each design runs on each rail from each start, side by side
-    each = np.unravel_index(np.arange(count), designs_of.shape)
-    cases = {name: np.repeat(v, rails * starts) for name, v in designs_of.part(each).items()}
+    each = designs_of.part(designs_of.spread(count))
+    cases = {name: np.repeat(values, rails * starts) for name, values in each.items()}
     cases |= {name: np.tile(np.repeat(values, starts), count) for name, values in of_rails.items()}
     if starts > 1:
         for name, shift in _starts(first, starts, seed).items():
