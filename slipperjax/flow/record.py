@@ -52,6 +52,8 @@ class AbstractOutput(abc.ABC):
 
     name: str
     """The name in the attribute `record` of datasets."""
+    each_period: bool = False
+    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -85,8 +87,6 @@ class AbstractRecord(AbstractOutput):
     """Whether it samples the periods before the recorded ones, too."""
     goes_on: bool = False
     """Whether its carry goes on from one stretch of a run to the next."""
-    each_period: bool = False
-    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
 
     def last(self, periods: int) -> int:
         """Return how many periods at the end of the recorded ones need their samples kept."""

@@ -15,7 +15,7 @@ from diffrax import AbstractSolver
 from jaxtyping import Bool, Int, PyTree
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordSet, Strobe, Unlabelled
+from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
 from ..flow.stepping import ROOM, ConstantSteps
@@ -170,7 +170,9 @@ class Plan:
         data = {}
         coords = {}
         for one, mine in zip(self.outputs, values, strict=True):
-            more, along = one.label(self.cases.scene, (*dims, *self._axis(one)), mine)
+            # values of stretches follow one another
+            axis = ("distance" if one.each_period else "stretch",) if self.stretched else ()
+            more, along = one.label(self.cases.scene, (*dims, *axis), mine)
             data |= more
             coords |= along
         return data, coords
@@ -194,12 +196,6 @@ class Plan:
         attrs |= run_attributes(cases.scene, cases.start, {**call, "solver": self.solver}, varied)
         attrs |= {**facts, "solver": solver_name(self.solver), "record": self.record}
         return result_dataset(data, {**coords, **cases.coordinates()}, attrs)
-
-    def _axis(self, output: AbstractOutput) -> tuple[str, ...]:
-        """Return the dimension along which the values of an output follow one another."""
-        if not self.stretched:
-            return ()
-        return ("distance",) if isinstance(output, AbstractRecord) and output.each_period else ("stretch",)
 
     def joined(self, made: Sequence[tuple[PyTree, ...]]) -> list[PyTree]:
         """Return the values of each record, (lanes, ...), from those of each stretch."""
