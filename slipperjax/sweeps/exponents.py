@@ -47,14 +47,12 @@ BLOCK = 20
 # --- measuring ------------------------------------------------------------------------------------------------------
 
 
-def counted_blocks(periods: int | None, recorded: int) -> int:
-    """Return the blocks that `periods` take, rounded up; None for as many periods as are `recorded`."""
-    return -(-(recorded if periods is None else periods) // BLOCK)
+def counted_periods(periods: int | None, recorded: int) -> int:
+    """Return the periods that count, `periods` rounded up to whole blocks; None for as many as are `recorded`.
 
-
-def measured_periods(blocks: int) -> int:
-    """Return the forcing periods of a measurement of so many counted blocks."""
-    return BLOCK * (blocks + 1)
+    A measurement takes a block more.
+    """
+    return -(-(recorded if periods is None else periods) // BLOCK) * BLOCK
 
 
 class LocalExponents(NamedTuple):
@@ -67,23 +65,23 @@ class LocalExponents(NamedTuple):
     state: State  # the states at the end
 
 
-def measure(part: Part, states: State, epoch: float, blocks: int, count: int, finer: int = 1) -> LocalExponents:
+def measure(part: Part, states: State, epoch: float, counted: int, count: int, finer: int = 1) -> LocalExponents:
     """Measure local exponents of a chunk from its states on, `epoch` forcing periods after distance zero.
 
-    **Arguments:** `blocks`: of `BLOCK` periods that count; `finer`: 2 for steps half as long.
+    **Arguments:** `counted`: periods that count; `finer`: 2 for steps half as long.
     """
     tangents = initial_tangents(part.scenes, states, count)
     stepping = dynamic_steps(finer * part.steps)
     status = np.zeros(len(states.motion.y), int)
     rows = []
     strobes = []
-    for k in range(blocks + 1):
-        at = epoch + k * BLOCK
+    for passed in range(0, counted + BLOCK, BLOCK):
+        at = epoch + passed
         states, tangents, history, strobe, codes = advance_tangents(
             part.scenes, states, tangents, at, stepping, solver=part.plan.solver, periods=BLOCK
         )
         status = first_problem(status, codes)
-        if k:  # the first block turns the tangents into their directions
+        if passed:  # the first block turns the tangents into their directions
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]  # blocks with the last `LAST` periods
         part.on_progress(BLOCK)
@@ -124,14 +122,14 @@ def run_longer_motions(
     chosen: Int[np.ndarray, " cases"],
     states: State,
     epoch: int,
-    blocks: int,
+    counted: int,
     count: int,
     options: Mapping[str, object],
 ) -> tuple[LongerMotions, bool]:
     """Run `MOTIONS` motions of each chosen case, for `HOLD` periods, and then measure their exponents.
 
     **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
-    period `epoch`; `blocks`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
+    period `epoch`; `counted`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
 
     **Returns:** the longer motions, and whether the run was interrupted.
     """
@@ -143,13 +141,13 @@ def run_longer_motions(
         apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
         run = run_chunk(part, begin, epoch)
-        local = measure(part, run.state, plan.epoch + epoch + plan.periods, blocks, count)
+        local = measure(part, run.state, plan.epoch + epoch + plan.periods, counted, count)
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
     run = run_cases(
         plan,
         work,
-        periods=HOLD + measured_periods(blocks),
+        periods=HOLD + counted + BLOCK,
         index=np.repeat(chosen, MOTIONS),
         tangents=True,
         name=f"longer motions of {len(chosen)} chaotic cases",
@@ -343,7 +341,7 @@ class LyapunovExponents(AbstractStage):
     @property
     def measured(self) -> int:
         """Forcing periods over which each case is measured."""
-        return BLOCK * counted_blocks(self.periods, 0)
+        return counted_periods(self.periods, 0)
 
     def over(self, periods: int) -> "LyapunovExponents":
         """Return the same, measured over `periods` unless it has a number of its own."""
@@ -382,7 +380,7 @@ class LyapunovExponents(AbstractStage):
         return tuple(self.labels)
 
     def values(self, scene, periods):
-        measured = measured_periods(counted_blocks(self.periods, periods))
+        measured = counted_periods(self.periods, periods) + BLOCK
         return measured * (self.count + self.certify)
 
     def check(self, scene, periods, steps):
@@ -390,7 +388,7 @@ class LyapunovExponents(AbstractStage):
         whole("periods", periods, BLOCK)
 
     def periods_after(self, periods):
-        measured = measured_periods(counted_blocks(self.periods, periods))
+        measured = counted_periods(self.periods, periods) + BLOCK
         return measured + (HOLD + measured) * self.certify
 
     def of_chunk(self, part, states, epoch, status, strobe):
@@ -414,22 +412,22 @@ class LyapunovExponents(AbstractStage):
         no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
-        blocks = counted_blocks(self.periods, plan.recorded)
-        measured = self._unmeasured(after, blocks)
+        counted = counted_periods(self.periods, plan.recorded)
+        measured = self._unmeasured(after, counted)
         measured.status[by_orbit] = Status.FINITE
         measured.kind[by_orbit] = Regime.PERIODIC
         measured.period[by_orbit] = reached.period[by_orbit]
 
         def work(part: Part) -> CaseExponents:
             states = jax.tree.map(lambda a: a[part.index], after)
-            return self._measured(part, states, blocks, status[part.index])
+            return self._measured(part, states, counted, status[part.index])
 
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
             run = run_cases(
                 plan,
                 work,
-                periods=measured_periods(blocks) * (1 + self.certify),
+                periods=(counted + BLOCK) * (1 + self.certify),
                 index=index,
                 tangents=True,
                 name=f"exponents of {len(index)} cases",
@@ -444,8 +442,8 @@ class LyapunovExponents(AbstractStage):
         chaotic = is_chaotic(exponent, standard_error(measured.history)[:, 0])
         chosen = np.flatnonzero(chaotic & (measured.status == Status.FINITE))
         if self.certify and not interrupted and len(chosen):
-            epoch = plan.periods + measured_periods(blocks)
-            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, how)
+            epoch = plan.periods + counted + BLOCK
+            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, counted, self.count, how)
             unfinished = longer.status == Status.NOT_RUN
             measured.status[chosen[unfinished]] = Status.NOT_RUN
             longer = LongerMotions(*(array[~unfinished] for array in longer))
@@ -453,10 +451,10 @@ class LyapunovExponents(AbstractStage):
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
         return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
 
-    def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
+    def _unmeasured(self, states: State, counted: int) -> CaseExponents:
         """Return the exponents of cases before they are measured: NaN, unresolved, `Status.NOT_RUN`."""
         cases = len(states.motion.y)
-        unknown = np.full((cases, BLOCK * blocks, self.count), np.nan)
+        unknown = np.full((cases, counted, self.count), np.nan)
         not_run = np.full(cases, int(Status.NOT_RUN))
         kind = np.full(cases, int(Regime.UNRESOLVED))
         checks = None
@@ -464,19 +462,19 @@ class LyapunovExponents(AbstractStage):
             checks = Checks(unknown[..., :1].copy(), not_run.copy(), np.full(cases, np.nan))
         return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
-    def _measured(self, part: Part, states: State, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
+    def _measured(self, part: Part, states: State, counted: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
         """Measure a chunk of cases from its states on. **Arguments:** `status`: its `Status` codes so far."""
         start = part.plan.epoch + part.plan.periods
-        local = measure(part, states, start, blocks, self.count)
+        local = measure(part, states, start, counted, self.count)
         end = jax.tree.map(np.asarray, local.state)
         rows = rows_of(end)
-        maps = Maps.of(part, np.zeros(len(status), int), start + measured_periods(blocks))
+        maps = Maps.of(part, np.zeros(len(status), int), start + counted + BLOCK)
         pressed = maps.contact_status(np.arange(len(rows)), rows, part.capacity)
         status = first_problem(first_problem(status, local.status), pressed)
         motion = classify_motions(local.strobe, status)
         checks = None
         if self.certify:
-            half = measure(part, states, start, blocks, 1, finer=2)
+            half = measure(part, states, start, counted, 1, finer=2)
             floquet = np.full(len(rows), np.nan)
             periodic = np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])

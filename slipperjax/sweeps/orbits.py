@@ -83,7 +83,7 @@ class Maps(NamedTuple):
             # a case whose map is complete stands still
             going = np.flatnonzero(self.periods[index] > k)
             rows[going] = self._of_states(
-                lambda scenes, states, at=self.epoch + k: advance(scenes, states, at, **self._by_period).state,
+                lambda scenes, states, at=self.epoch + k: advance(scenes, states, at, periods=1, **self._how).state,
                 index[going],
                 rows[going],
             )
@@ -98,7 +98,7 @@ class Maps(NamedTuple):
         counts = self.periods[index]
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
-        derived = lambda scenes, states: batch_jacobians(scenes, states, self.epoch, **self._by_period)[:, 0]
+        derived = lambda scenes, states: batch_jacobians(scenes, states, self.epoch, **self._how)
         matrices = self._of_states(derived, index[lane], along[lane, period])
         self.on_progress(0)
         return np.split(matrices, np.cumsum(counts)[:-1])
@@ -114,7 +114,7 @@ class Maps(NamedTuple):
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
         """Return `Status` codes of states by the contact loads of some periods from there on.
 
-        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
+        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacities`.
         """
         stepping = ConstantSteps(capacity, as_argument(self.steps))
         how = dict(records=RecordSet((ContactChecks(),)), solver=self.solver, periods=FEW)
@@ -126,9 +126,9 @@ class Maps(NamedTuple):
         return self._of_states(judged, index, rows)
 
     @property
-    def _by_period(self) -> dict[str, object]:
-        """Arguments of programs that run over one period, without records."""
-        return dict(stepping=dynamic_steps(self.steps), solver=self.solver, periods=1)
+    def _how(self) -> dict[str, object]:
+        """How programs integrate a period without records."""
+        return dict(stepping=dynamic_steps(self.steps), solver=self.solver)
 
     def _of_states(self, call: Callable[..., PyTree], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
         """Return the array, or the rows of states, that `call(scenes, *states)` gives for the cases."""

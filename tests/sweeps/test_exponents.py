@@ -37,7 +37,7 @@ def test_wrong_arguments_are_named():
 def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
     not_run = int(Status.NOT_RUN)
 
-    def run_longer_motions(plan, chosen, states, epoch, blocks, count, options):
+    def run_longer_motions(plan, chosen, states, epoch, counted, count, options):
         history = np.full((len(chosen), MOTIONS, 40, count), 0.5)
         status = np.array([0 if finished else not_run, not_run])
         return LongerMotions(chosen, history, np.zeros(len(chosen), int), status), True
