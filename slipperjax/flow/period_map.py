@@ -350,21 +350,14 @@ def advance_tangents(
     return scenes.map(one, states, tangents)
 
 
-@functools.partial(jit, static_argnames=("solver", "periods"))
+@functools.partial(jit, static_argnames=("solver",))
 def batch_jacobians(
-    scenes: Batched[Scene],
-    states: State,
-    epoch: Real,
-    stepping: AbstractStepping,
-    *,
-    solver: diffrax.AbstractSolver,
-    periods: int,
-) -> Float[Array, "cases periods size size"]:
-    """Return Jacobians of a batch's successive period maps, for Floquet multipliers."""
-    of_one = lambda scene, state: linearise(
-        PeriodMap(scene, stepping, solver),
-        state,
-        periods,
-        index=epoch,
-    )[1]
-    return scenes.map(of_one, states)
+    scenes: Batched[Scene], states: State, epoch: Real, stepping: AbstractStepping, *, solver: diffrax.AbstractSolver
+) -> Float[Array, "cases size size"]:
+    """Return the Jacobian of each case's period map, for Floquet multipliers."""
+
+    def one(scene: Scene, state: State) -> Array:
+        _, matrices = linearise(PeriodMap(scene, stepping, solver), state, 1, index=epoch)
+        return matrices[0]
+
+    return scenes.map(one, states)

@@ -52,6 +52,8 @@ class AbstractOutput(abc.ABC):
 
     name: str
     """The name in the attribute `record` of datasets."""
+    each_period: bool = False
+    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -85,8 +87,6 @@ class AbstractRecord(AbstractOutput):
     """Whether it samples the periods before the recorded ones, too."""
     goes_on: bool = False
     """Whether its carry goes on from one stretch of a run to the next."""
-    each_period: bool = False
-    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
 
     def last(self, periods: int) -> int:
         """Return how many periods at the end of the recorded ones need their samples kept."""
@@ -217,8 +217,8 @@ class Samples:
         """Add the samples that some of the records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
-            calls.append(jax.tree.map(np.asarray, new))
-            self._held[r] += _periods_in(calls[-1])
+            calls.append(new)
+            self._held[r] += _periods_in(new)
             # earlier calls are dropped as soon as later ones have all periods that are needed, to save memory
             while not r.from_start and self._held[r] - _periods_in(calls[0]) >= r.last(self._periods):
                 self._held[r] -= _periods_in(calls.popleft())

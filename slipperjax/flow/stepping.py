@@ -2,7 +2,8 @@
 
 import abc
 import functools
-from typing import NamedTuple, cast
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -75,8 +76,61 @@ class AbstractStepping(eqx.Module):
         """Return a stepping whose error is a fraction of this one's, to measure the error by."""
 
 
-class ConstantSteps(AbstractStepping):
-    """Steps of equal length.
+class AbstractEqualSteps(AbstractStepping):
+    """Steps of equal length."""
+
+    keeps_rates: ClassVar[bool] = True
+    """Whether records get the derivatives that the solver leaves, with the states."""
+
+    @property
+    def total(self) -> Whole:
+        """Integration steps per forcing period."""
+        return self.number
+
+    @abc.abstractmethod
+    def loop(self, step: Callable, carry: PyTree, ends_of: Callable) -> tuple[PyTree, PyTree]:
+        """Apply `step(carry, k)` for all steps k; return the last carry, and `ends_of` those that records see."""
+
+    def prepared(self, solver):
+        return differentiable(solver, diffrax.ForwardMode())
+
+    def begin(self, terms, solver, state, args):
+        # a stock solver that integrates the memory begins each period anew, too
+        continues = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
+        return solver.init(terms, 0.0, 1 / self.total, state, args) if continues else None
+
+    def period(self, terms, solver, state, solver_state, args, inside):
+        # a solver that is renewed carries nothing from period to period
+        begins = solver_state is None
+        if begins:
+            solver_state = solver.init(terms, 0.0, 1 / self.total, state, args)
+        # no step of an explicit method fails
+        may_fail = not getattr(solver, "explicit", False)
+        has_rates = self.keeps_rates and isinstance(solver, AbstractLatchingSolver)
+
+        def step(carry, k):
+            state, solver_state, failed = carry
+            ends = k / self.total, (k + 1) / self.total
+            # neither the error estimate nor data for an interpolation are used: XLA drops what makes them
+            state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
+            return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
+
+        def ends_of(carry):
+            """Return state and rates at a step's end, for records; None where they are not wanted."""
+            if not inside:
+                return None, None
+            return carry[0], solver.rates(carry[1]) if has_rates else None
+
+        carry = state, solver_state, jnp.zeros((), bool)
+        # both ends of all steps: the start of the first, and the end of each
+        start = ends_of(carry)
+        (end, solver_state, failed), ends = self.loop(step, carry, ends_of)
+        states, rates = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
+        return Period(end, states, rates, self.total, failed, None if begins else solver_state)
+
+
+class ConstantSteps(AbstractEqualSteps):
+    """Steps of equal length, of all of which records see the ends.
 
     With `most` alone, their number is part of the compiled program, which can be differentiated in both modes. With
     `steps`, an array, one program serves every number, but is differentiated in forward mode only; `most` is then the
@@ -98,61 +152,14 @@ class ConstantSteps(AbstractStepping):
 
     def prepared(self, solver):
         # reverse mode needs a loop whose length the program knows
-        kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
-        return differentiable(solver, kind)
-
-    def begin(self, terms, solver, state, args):
-        # a stock solver that integrates the memory begins each period anew, too
-        continues = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
-        return solver.init(terms, 0.0, 1 / self.number, state, args) if continues else None
-
-    def period(self, terms, solver, state, solver_state, args, inside):
-        # a solver that is renewed carries nothing from period to period
-        begins = solver_state is None
-        if begins:
-            solver_state = solver.init(terms, 0.0, 1 / self.number, state, args)
-        # no step of an explicit method fails
-        may_fail = not getattr(solver, "explicit", False)
-
-        def step(carry, k):
-            state, solver_state, failed = carry
-            ends = k / self.number, (k + 1) / self.number
-            # neither the error estimate nor data for an interpolation are used: XLA drops what makes them
-            state, _, _, solver_state, result = solver.step(
-                terms,
-                *ends,
-                state,
-                args,
-                solver_state,
-                False,
-            )
-            return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
-
-        def ends_of(carry):
-            """Return state and rates at a step's end, for records; None where they are not wanted."""
-            if not inside:
-                return None, None
-            return carry[0], solver.rates(carry[1]) if isinstance(
-                solver,
-                AbstractLatchingSolver,
-            ) else None
-
-        carry = state, solver_state, jnp.zeros((), bool)
-        # both ends of all steps: the start of the first, and the end of each
-        start = ends_of(carry)
-        (end, solver_state, failed), ends = self._loop(step, carry, ends_of)
-        states, rates = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
-        return Period(end, states, rates, self.number, failed, None if begins else solver_state)
+        return differentiable(solver, diffrax.DirectAdjoint()) if self.steps is None else super().prepared(solver)
 
     def finer(self):
         assert self.steps is not None  # only these are probed
         return ConstantSteps(self.most, 2 * self.steps)
 
-    def _loop(self, step, carry, ends_of):
-        """Loop over the steps; return the carry after the last and `ends_of` the carry after each.
-
-        With dynamic steps, only the first `steps` entries are valid.
-        """
+    def loop(self, step, carry, ends_of):
+        # With dynamic steps, only the first `steps` entries are valid.
         if self.steps is None:
             assert self.most is not None
 
@@ -182,7 +189,7 @@ class ConstantSteps(AbstractStepping):
         return in_one_kernel(loop, (carry, jax.tree.map(repeated, ends_of(carry))))
 
 
-class SampledSteps(AbstractStepping):
+class SampledSteps(AbstractEqualSteps):
     """Steps of equal length whose number is an argument of the program, and states at a few of their ends alone.
 
     Arrays have no room for states that no record wants. It is differentiated in forward mode only.
@@ -193,41 +200,28 @@ class SampledSteps(AbstractStepping):
     each: Whole
     """Steps from one instant to the next."""
 
+    keeps_rates = False
+
     @property
     def number(self) -> Whole:
         return self.samples
 
-    def prepared(self, solver):
-        return differentiable(solver, diffrax.ForwardMode())
-
-    def begin(self, terms, solver, state, args):
-        carries = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
-        return solver.init(terms, 0.0, 1 / (self.samples * self.each), state, args) if carries else None
-
-    def period(self, terms, solver, state, solver_state, args, inside):
-        total = self.samples * self.each
-        begins = solver_state is None
-        if begins:
-            solver_state = solver.init(terms, 0.0, 1 / total, state, args)
-
-        def step(j, carry):
-            k, state, solver_state, failed = carry
-            ends = k / total, (k + 1) / total
-            state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
-            return k + 1.0, state, solver_state, failed | (result != diffrax.RESULTS.successful)
-
-        def sampled(carry, _):
-            carry = jax.lax.fori_loop(0, jnp.asarray(self.each).astype(int), step, carry)
-            return carry, carry[1]
-
-        scanned = lambda carry: jax.lax.scan(sampled, carry, None, self.samples)
-        first = jnp.zeros(()), state, solver_state, jnp.zeros((), bool)
-        (_, end, solver_state, failed), states = in_one_kernel(scanned, first)
-        states = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), state, states)
-        return Period(end, states, None, total, failed, None if begins else solver_state)
+    @property
+    def total(self) -> Whole:
+        return self.samples * self.each
 
     def finer(self):
         return SampledSteps(self.samples, 2 * self.each)
+
+    def loop(self, step, carry, ends_of):
+        each = jnp.asarray(self.each).astype(int)
+
+        def sampled(carry, k):
+            carry = jax.lax.fori_loop(0, each, lambda j, carry: step(carry, k * each + j), carry)
+            return carry, ends_of(carry)
+
+        places = jnp.arange(float(self.samples))
+        return in_one_kernel(lambda carry: jax.lax.scan(sampled, carry, places), carry)
 
 
 class ControlledSteps(AbstractStepping):

@@ -38,6 +38,7 @@ from ..model.starts import initial_state
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, positive, require, tuple_of, whole
+from ..tools.columns import column
 from ..tools.compile import call_compiled
 from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
@@ -378,26 +379,20 @@ class _Settings:
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), *scene.point_shape)
         signatures = [view.signature for view in views]
         data = {
-            "tangent": along(
-                [node.tangent for node in nodes],
-                "direction of the branch",
-                "number_and_parameter",
+            "tangent": column(
+                ("point", "number_and_parameter"), [node.tangent for node in nodes], "1", "direction of the branch"
             ),
-            "stable": along(stable, "whether no multiplier lies outside the unit circle"),
-            "iterations": along([node.iterations for node in nodes], "iterations of Newton's method"),
-            "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
-            "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),
-            "slowest_touchdown": along(
-                [s.slowest for s in signatures],
-                "slowest touchdown",
-                unit="m/s",
+            "stable": column("point", stable, "1", "whether no multiplier lies outside the unit circle"),
+            "iterations": column(
+                "point", [int(node.iterations) for node in nodes], "1", "iterations of Newton's method"
             ),
-            "grazing_gap": along(
-                [s.nearest for s in signatures],
-                "least magnitude of a gap's extreme",
-                unit="m",
+            "label": column("point", [node.label for node in nodes], "1", EVENT_COLUMNS["label"][1]),
+            "signature": column("point", [" ".join(s.points) for s in signatures], "1", "touchdowns in their order"),
+            "slowest_touchdown": column("point", [s.slowest for s in signatures], "m/s", "slowest touchdown"),
+            "grazing_gap": column(
+                "point", [s.nearest for s in signatures], "m", "least magnitude of a gap's extreme"
             ),
-            "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", *labels),
+            "touchdowns": column(("point", *labels), touchdowns, "1", "touchdowns in a period of the orbit"),
         }
         # crossings of all orbits, with a leading axis of points
         together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
@@ -418,11 +413,6 @@ def _samples(equations: PeriodicMotions, static: tuple, z) -> tuple:
     return passage.samples, step.scene.period
 
 
-def along(values: Sequence | np.ndarray, text: str, *dims: str, unit: str = "1") -> tuple:
-    """Return a variable along the points of a branch, as xarray takes it."""
-    return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
-
-
 def orbits_dataset(
     nodes: Sequence[Node],
     motions: PeriodicMotions,
@@ -441,17 +431,18 @@ def orbits_dataset(
     # the unknowns are the numbers of the state, then the parameters
     states = jax.vmap(motions.state)(jnp.asarray(z))
     data = {
-        "state": along(z[:, :size], "all numbers of the state, as in slipperjax.State", "number"),
-        "multiplier_real": along(multipliers.real, "Floquet multipliers, real parts", "multiplier"),
-        "multiplier_imag": along(
-            multipliers.imag,
-            "Floquet multipliers, imaginary parts",
-            "multiplier",
+        "state": column(("point", "number"), z[:, :size], "1", "all numbers of the state, as in slipperjax.State"),
+        "multiplier_real": column(("point", "multiplier"), multipliers.real, "1", "Floquet multipliers, real parts"),
+        "multiplier_imag": column(
+            ("point", "multiplier"), multipliers.imag, "1", "Floquet multipliers, imaginary parts"
         ),
-        "outside": along(
-            [node.outside for node in nodes], "multipliers outside the unit circle, without critical ones"
+        "outside": column(
+            "point",
+            [node.outside for node in nodes],
+            "1",
+            "multipliers outside the unit circle, without critical ones",
         ),
-        "residual": along([float(node.residual) for node in nodes], "scaled residual"),
+        "residual": column("point", [float(node.residual) for node in nodes], "1", "scaled residual"),
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
     # the first orbit stands for the start of a run
@@ -482,8 +473,8 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple
         rows.append((event.label, *place, "; ".join(notes), index[id(z)], mu.real, mu.imag))
     data = {}
     for k, (name, (kind, text)) in enumerate(EVENT_COLUMNS.items()):
-        attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
-        data[f"event_{name}"] = ("event", np.array([row[k] for row in rows], kind), attributes)
+        own = unit if name in ("value", "low", "high") else "1"
+        data[f"event_{name}"] = column("event", np.array([row[k] for row in rows], kind), own, text)
     return data
 
 

@@ -31,6 +31,7 @@ from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
 from ..tools.checks import one_of, require, shown_number
+from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.hermite import Cubic
 from ..tools.tracing import is_traced
@@ -152,14 +153,13 @@ def event_sensitivities(
     units = [f"{own.unit} per {one.unit}" for one in parameters]
     # of the value, per relative change of each parameter
     relative = gradient * np.asarray(values) / value
-    along = lambda array, text: ("parameter", array, {"long_name": text})
-    place = {"units": own.unit, "long_name": f"{own.name} at the event"}
+    error = "its error by the steps"
     data = {
-        "value": ((), value, place),
-        "stderr": ((), stderr, place | {"long_name": "its error by the steps"}),
-        "gradient": along(gradient, "derivative by the parameter"),
-        "gradient_stderr": along(gradient_stderr, "its error by the steps"),
-        "relative": along(relative, "relative change per relative change"),
+        "value": column((), value, own.unit, f"{own.name} at the event"),
+        "stderr": column((), stderr, own.unit, error),
+        "gradient": column("parameter", gradient, "", "derivative by the parameter"),
+        "gradient_stderr": column("parameter", gradient_stderr, "", error),
+        "relative": column("parameter", relative, "", "relative change per relative change"),
     }
     coords = {"parameter": list(names), "gradient_unit": ("parameter", units)}
     return xr.Dataset(

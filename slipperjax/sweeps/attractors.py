@@ -1,6 +1,5 @@
 """Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -101,17 +100,18 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
     # what is not of the start: an attractor is looked for at each value of these
     over = [d for d in strobe.dims if d in ds.coords and d not in (*STARTS, "direction")]
-    axes = [strobe.dims.index(d) for d in over]
-    states = np.moveaxis(states, axes, range(len(axes)))
-    outer, inner = states.shape[: len(axes)], states.shape[len(axes) : -2]
+    # places of the cases in the flat list, one row for each value of the parameters
+    place = strobe.copy(data=np.arange(strobe.size).reshape(strobe.shape)).transpose(*over, ...).values
+    outer = place.shape[: len(over)]
+    place = place.reshape(int(np.prod(outer)), -1)
     marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
-    cases = (int(np.prod(outer)), int(np.prod(inner)))
-    numbers, kinds = _numbered(marks.reshape(*cases, -1), periods.reshape(cases), outer, tolerance, reach)
+    numbers, kinds = _numbered(marks[place], periods[place], outer, tolerance, reach)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     ranked = rank[numbers]
-    basin = np.moveaxis(ranked.reshape(*outer, *inner), range(len(axes)), axes)
+    basin = np.empty(strobe.shape, int)
+    np.put(basin, place, ranked)
     counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in ranked]
     share = np.reshape(counts, (*outer, len(kinds))) / ranked.shape[1]
     text = "attractor, by falling size of its basin; -1 for cases with a status"
@@ -184,32 +184,19 @@ def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_B
     return sorted(found, key=lambda basin: basin.cases[0])
 
 
-def _near(here: list[_Basin], known: list[tuple[int, _Basin]], reach: float) -> Iterator[tuple[float, int, int]]:
-    """Yield the distance, the place in `here` and the number of attractors of one period that are within `reach`."""
-    numbers: dict[int, list[int]] = {}
-    marks: dict[int, list[np.ndarray]] = {}
-    for number, basin in known:
-        numbers.setdefault(basin.period, []).append(number)
-        marks.setdefault(basin.period, []).append(basin.mark)
-    arrays = {period: np.array(of_period) for period, of_period in marks.items()}
-    for i, basin in enumerate(here):
-        if basin.period not in arrays:
-            continue
-        # marks say nothing of what does not recur
-        others = arrays[basin.period] if basin.period else basin.mark[None]
-        apart = np.max(np.abs(others - basin.mark), axis=-1)
-        for k in np.flatnonzero(apart <= reach).tolist():
-            yield float(apart[k]), i, numbers[basin.period][k]
-
-
 def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
     """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
+    near = []
+    for i, basin in enumerate(here):
+        # marks say nothing of what does not recur
+        alike = [pair for pair in known if pair[1].period == basin.period > 0]
+        marks = np.reshape([other.mark for _, other in alike], (-1, basin.mark.size))
+        apart = np.max(np.abs(marks - basin.mark), axis=1)
+        near += [(apart[k], i, alike[k][0]) for k in np.flatnonzero(apart <= reach)]
     numbers: dict[int, int] = {}
-    taken = set()
-    for _, i, number in sorted(_near(here, known, reach)):
-        if i not in numbers and number not in taken:
+    for _, i, number in sorted(near):
+        if i not in numbers and number not in numbers.values():
             numbers[i] = number
-            taken.add(number)
     for i, basin in enumerate(here):
         if i not in numbers and basin.period == 0 and 0 in kinds:
             # what does not recur is one, wherever it is met

@@ -1,7 +1,7 @@
 """Arguments of a sweep as one frozen object: kept with its results, and compared before a store goes on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from diffrax import AbstractSolver
@@ -24,7 +24,9 @@ class AbstractCall:
     """Name of the function that was called."""
 
     def __post_init__(self):
-        refined(self.refine, self.steps_per_period)
+        refine = whole("refine", self.refine, 1, 1000)
+        good = refine == 1 or self.steps_per_period is None
+        require(good, "refine", "be 1 where steps_per_period is given", refine)
 
 
 @dataclass(frozen=True)
@@ -46,23 +48,3 @@ class Call(AbstractCall):
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
         super().__post_init__()
-
-    def kept(self, solver: AbstractSolver) -> dict[str, object]:
-        """Return the fields by name, for a dataset."""
-        # the steps of each case are a variable of it
-        return vars(replace(self, solver=solver, steps_per_period=None, refine=1))
-
-
-def refined(refine: int, steps_per_period: object) -> int:
-    """Return the factor of the default steps [1].
-
-    **Raises:** `ValueError` where it is no whole number from 1 to 1000, or is not 1 though steps are given.
-    """
-    refine = whole("refine", refine, 1, 1000)
-    require(
-        refine == 1 or steps_per_period is None,
-        "refine",
-        "be 1 where steps_per_period is given",
-        refine,
-    )
-    return refine

@@ -106,8 +106,8 @@ def compare(
     first = first_of("rest" if start is None else start)
     count = designs_of.count
     # each design runs on each rail from each start, side by side
-    each = np.unravel_index(np.arange(count), designs_of.shape)
-    cases = {name: np.repeat(v, rails * starts) for name, v in designs_of.part(each).items()}
+    each = designs_of.part(designs_of.spread(count))
+    cases = {name: np.repeat(values, rails * starts) for name, values in each.items()}
     cases |= {name: np.tile(np.repeat(values, starts), count) for name, values in of_rails.items()}
     if starts > 1:
         for name, shift in _starts(first, starts, seed).items():
@@ -187,13 +187,12 @@ def _compared(
     last = estimate(groups, shares[-1], None, **draws)
     best = int(np.argmin(last.value))
     found = [*(estimate(groups, share, best, **draws) for share in shares[:-1]), last]
-    each = [_columns(one, share, unit, "the best design") for one, share in zip(found, shares, strict=True)]
     dims = designs.dims
-    data = {}
-    for name, (_, unit, words) in each[0].items():
-        stacked = np.stack([columns[name][0] for columns in each], axis=-1).reshape(*designs.shape, len(shares))
-        text = "quantile of the runs" if name == "value" else words
-        data[name] = column((*dims, "quantile"), stacked, unit, text)
+    over = (*dims, "quantile")
+    shape = (*designs.shape, len(shares))
+    all_shares = Estimates(*(np.stack(of_each, axis=-1) for of_each in zip(*found, strict=True)))
+    columns = _columns(all_shares, unit, "quantile of the runs", "the best design")
+    data = {name: column(over, array.reshape(shape), *words) for name, (array, *words) in columns.items()}
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), ds[record].attrs
     codes = status.reshape(data["runs"][1].shape)
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
@@ -260,7 +259,8 @@ def over_rails(
         warn(f"{len(lost)} of {len(numbers)} rails are left out, because a run is lost there: {dim} {named}.")
     draws = dict(resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0))
     found = estimate(numbers[:, None], quantile, 0, **draws)
-    columns = _columns(found, quantile, values.attrs.get("units", ""))
+    text = "mean" if quantile is None else f"quantile {quantile:g}"
+    columns = _columns(found, values.attrs.get("units", ""), text)
     if finer is not None:
         # drawn together, so that both have the same rails in each resample
         pairs = np.concatenate([part.values.reshape(len(part), -1) for part in _same_rails(finer, rows, dim)], axis=1)
@@ -283,11 +283,14 @@ def over_rails(
 
 
 def _columns(
-    found: Estimates, quantile: float | None, unit: str, base: str = "the first case"
+    found: Estimates, unit: str, text: str, base: str = "the first case"
 ) -> dict[str, tuple[np.ndarray, str, str]]:
-    """Return the variables of `over_rails`, each with its unit and description; `base`: what differences are from."""
+    """Return the variables of `over_rails`, each with its unit and description.
+
+    **Arguments:** `text`: what the values are; `base`: what differences are from.
+    """
     words = dict(
-        value="mean" if quantile is None else f"quantile {quantile:g}",
+        value=text,
         stderr="standard error",
         low="lower end of the 95 % interval",
         high="upper end of the 95 % interval",

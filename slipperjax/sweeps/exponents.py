@@ -37,7 +37,7 @@ from ..tools.columns import column
 from .attractors import LAST, classify_motions
 from .orbits import Maps, rows_of
 from .plan import AbstractStage, Part, Plan
-from .reached import ReachedOrbits, nothing_reached, reached_orbits
+from .reached import ReachedOrbits, reached_orbits
 from .run import run_cases, run_chunk
 
 BLOCK = 20
@@ -47,14 +47,12 @@ BLOCK = 20
 # --- measuring ------------------------------------------------------------------------------------------------------
 
 
-def counted_blocks(periods: int | None, recorded: int) -> int:
-    """Return the blocks that `periods` take, rounded up; None for as many periods as are `recorded`."""
-    return -(-(recorded if periods is None else periods) // BLOCK)
+def counted_periods(periods: int | None, recorded: int) -> int:
+    """Return the periods that count, `periods` rounded up to whole blocks; None for as many as are `recorded`.
 
-
-def measured_periods(blocks: int) -> int:
-    """Return the forcing periods of a measurement of so many counted blocks."""
-    return BLOCK * (blocks + 1)
+    A measurement takes a block more.
+    """
+    return -(-(recorded if periods is None else periods) // BLOCK) * BLOCK
 
 
 class LocalExponents(NamedTuple):
@@ -67,23 +65,23 @@ class LocalExponents(NamedTuple):
     state: State  # the states at the end
 
 
-def measure(part: Part, states: State, epoch: float, blocks: int, count: int, finer: int = 1) -> LocalExponents:
+def measure(part: Part, states: State, epoch: float, counted: int, count: int, finer: int = 1) -> LocalExponents:
     """Measure local exponents of a chunk from its states on, `epoch` forcing periods after distance zero.
 
-    **Arguments:** `blocks`: of `BLOCK` periods that count; `finer`: 2 for steps half as long.
+    **Arguments:** `counted`: periods that count; `finer`: 2 for steps half as long.
     """
     tangents = initial_tangents(part.scenes, states, count)
     stepping = dynamic_steps(finer * part.steps)
     status = np.zeros(len(states.motion.y), int)
     rows = []
     strobes = []
-    for k in range(blocks + 1):
-        at = epoch + k * BLOCK
+    for passed in range(0, counted + BLOCK, BLOCK):
+        at = epoch + passed
         states, tangents, history, strobe, codes = advance_tangents(
             part.scenes, states, tangents, at, stepping, solver=part.plan.solver, periods=BLOCK
         )
         status = first_problem(status, codes)
-        if k:  # the first block turns the tangents into their directions
+        if passed:  # the first block turns the tangents into their directions
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]  # blocks with the last `LAST` periods
         part.on_progress(BLOCK)
@@ -109,7 +107,7 @@ class LongerMotions(NamedTuple):
     chosen: Int[np.ndarray, " cases"]  # indices of the cases into the list of all
     history: Float[np.ndarray, "cases motions periods count"]  # their local exponents [1/period]
     escapes: Int[np.ndarray, " cases"]  # how many became regular: periodic, or without a positive exponent
-    # `Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished.
+    # A `Status` code of the motions, 0 where nothing is wrong with any; `NOT_RUN` where one was not finished.
     status: Int[np.ndarray, " cases"]
 
     @classmethod
@@ -124,14 +122,14 @@ def run_longer_motions(
     chosen: Int[np.ndarray, " cases"],
     states: State,
     epoch: int,
-    blocks: int,
+    counted: int,
     count: int,
     options: Mapping[str, object],
 ) -> tuple[LongerMotions, bool]:
     """Run `MOTIONS` motions of each chosen case, for `HOLD` periods, and then measure their exponents.
 
     **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
-    period `epoch`; `blocks`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
+    period `epoch`; `counted`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
 
     **Returns:** the longer motions, and whether the run was interrupted.
     """
@@ -143,13 +141,13 @@ def run_longer_motions(
         apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
         run = run_chunk(part, begin, epoch)
-        local = measure(part, run.state, plan.epoch + epoch + plan.periods, blocks, count)
+        local = measure(part, run.state, plan.epoch + epoch + plan.periods, counted, count)
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
     run = run_cases(
         plan,
         work,
-        periods=HOLD + measured_periods(blocks),
+        periods=HOLD + counted + BLOCK,
         index=np.repeat(chosen, MOTIONS),
         tangents=True,
         name=f"longer motions of {len(chosen)} chaotic cases",
@@ -161,9 +159,7 @@ def run_longer_motions(
     # from a list of motions to an array of cases and motions
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
-    # the first code that is no 0, where there is one; but NOT_RUN goes before all others
-    first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
-    first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
+    unfinished = np.any(codes == Status.NOT_RUN, axis=1)
     # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
     regular = (classify_motions(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
@@ -171,7 +167,7 @@ def run_longer_motions(
         chosen,
         by_case(history),
         np.sum(by_case(regular), axis=1),
-        first,
+        np.where(unfinished, int(Status.NOT_RUN), codes.max(axis=1)),
     ), run.interrupted
 
 
@@ -235,12 +231,14 @@ def exponent_variables(
     alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
     error[alone] = one_motion_standard_error(history[alone])
     stayed = longer.escapes == 0
-    exponent[chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
-    error[chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    pooled = chosen[stayed]
+    motions = longer.history[stayed]
+    exponent[pooled] = motions.mean(axis=(1, 2))
+    error[pooled] = pooled_standard_error(motions)
     dimension = dimension_standard_error(history)
     # motions of a case are independent
-    each = dimension_standard_error(longer.history[stayed])
-    dimension[chosen[stayed]] = np.sqrt(np.mean(each**2, axis=-1) / each.shape[-1])
+    each = dimension_standard_error(motions)
+    dimension[pooled] = np.sqrt(np.mean(each**2, axis=-1) / MOTIONS)
     # exponents of an orbit are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
@@ -251,7 +249,7 @@ def exponent_variables(
     chaotic_for = np.zeros(len(good), int)
     chaotic_for[chosen] = passed + stretch + stayed * (HOLD + stretch)
     life = np.full(len(good), np.nan)
-    life[chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
+    life[pooled] = least_mean_life(history.shape[1])
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
@@ -343,7 +341,7 @@ class LyapunovExponents(AbstractStage):
     @property
     def measured(self) -> int:
         """Forcing periods over which each case is measured."""
-        return BLOCK * counted_blocks(self.periods, 0)
+        return counted_periods(self.periods, 0)
 
     def over(self, periods: int) -> "LyapunovExponents":
         """Return the same, measured over `periods` unless it has a number of its own."""
@@ -382,7 +380,7 @@ class LyapunovExponents(AbstractStage):
         return tuple(self.labels)
 
     def values(self, scene, periods):
-        measured = measured_periods(counted_blocks(self.periods, periods))
+        measured = counted_periods(self.periods, periods) + BLOCK
         return measured * (self.count + self.certify)
 
     def check(self, scene, periods, steps):
@@ -390,15 +388,13 @@ class LyapunovExponents(AbstractStage):
         whole("periods", periods, BLOCK)
 
     def periods_after(self, periods):
-        measured = measured_periods(counted_blocks(self.periods, periods))
+        measured = counted_periods(self.periods, periods) + BLOCK
         return measured + (HOLD + measured) * self.certify
 
     def of_chunk(self, part, states, epoch, status, strobe):
         """Return the states of a chunk, and the orbits that they have reached."""
         states = jax.tree.map(np.asarray, states)
-        if not self.orbits:
-            return (states, nothing_reached(states, self.count)), status
-        maps = Maps.of(part, part.good(status).astype(int))
+        maps = Maps.of(part, (part.good(status) & self.orbits).astype(int))
         reached = reached_orbits(
             maps, states, coordinates(State(strobe, None)), count=self.count, half_step=self.certify
         )
@@ -416,22 +412,22 @@ class LyapunovExponents(AbstractStage):
         no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
-        blocks = counted_blocks(self.periods, plan.recorded)
-        measured = self._unmeasured(after, blocks)
+        counted = counted_periods(self.periods, plan.recorded)
+        measured = self._unmeasured(after, counted)
         measured.status[by_orbit] = Status.FINITE
         measured.kind[by_orbit] = Regime.PERIODIC
         measured.period[by_orbit] = reached.period[by_orbit]
 
         def work(part: Part) -> CaseExponents:
             states = jax.tree.map(lambda a: a[part.index], after)
-            return self._measured(part, states, blocks, status[part.index])
+            return self._measured(part, states, counted, status[part.index])
 
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
             run = run_cases(
                 plan,
                 work,
-                periods=measured_periods(blocks) * (1 + self.certify),
+                periods=(counted + BLOCK) * (1 + self.certify),
                 index=index,
                 tangents=True,
                 name=f"exponents of {len(index)} cases",
@@ -446,8 +442,8 @@ class LyapunovExponents(AbstractStage):
         chaotic = is_chaotic(exponent, standard_error(measured.history)[:, 0])
         chosen = np.flatnonzero(chaotic & (measured.status == Status.FINITE))
         if self.certify and not interrupted and len(chosen):
-            epoch = plan.periods + measured_periods(blocks)
-            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, how)
+            epoch = plan.periods + counted + BLOCK
+            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, counted, self.count, how)
             unfinished = longer.status == Status.NOT_RUN
             measured.status[chosen[unfinished]] = Status.NOT_RUN
             longer = LongerMotions(*(array[~unfinished] for array in longer))
@@ -455,10 +451,10 @@ class LyapunovExponents(AbstractStage):
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
         return exponent_variables(plan.periods, measured, reached, by_orbit, longer), status, interrupted
 
-    def _unmeasured(self, states: State, blocks: int) -> CaseExponents:
+    def _unmeasured(self, states: State, counted: int) -> CaseExponents:
         """Return the exponents of cases before they are measured: NaN, unresolved, `Status.NOT_RUN`."""
         cases = len(states.motion.y)
-        unknown = np.full((cases, BLOCK * blocks, self.count), np.nan)
+        unknown = np.full((cases, counted, self.count), np.nan)
         not_run = np.full(cases, int(Status.NOT_RUN))
         kind = np.full(cases, int(Regime.UNRESOLVED))
         checks = None
@@ -466,19 +462,19 @@ class LyapunovExponents(AbstractStage):
             checks = Checks(unknown[..., :1].copy(), not_run.copy(), np.full(cases, np.nan))
         return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
-    def _measured(self, part: Part, states: State, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
+    def _measured(self, part: Part, states: State, counted: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
         """Measure a chunk of cases from its states on. **Arguments:** `status`: its `Status` codes so far."""
         start = part.plan.epoch + part.plan.periods
-        local = measure(part, states, start, blocks, self.count)
+        local = measure(part, states, start, counted, self.count)
         end = jax.tree.map(np.asarray, local.state)
         rows = rows_of(end)
-        maps = Maps.of(part, np.zeros(len(status), int), start + measured_periods(blocks))
+        maps = Maps.of(part, np.zeros(len(status), int), start + counted + BLOCK)
         pressed = maps.contact_status(np.arange(len(rows)), rows, part.capacity)
-        status = np.asarray(first_problem(first_problem(status, local.status), pressed))
+        status = first_problem(first_problem(status, local.status), pressed)
         motion = classify_motions(local.strobe, status)
         checks = None
         if self.certify:
-            half = measure(part, states, start, blocks, 1, finer=2)
+            half = measure(part, states, start, counted, 1, finer=2)
             floquet = np.full(len(rows), np.nan)
             periodic = np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])

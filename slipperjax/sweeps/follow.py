@@ -1,6 +1,7 @@
 """Paths with memory: each case begins in the state in which its neighbour ended; and where a motion jumps."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import diffrax
@@ -79,26 +80,22 @@ def follow(
     require(not runs_on, "record", "not run on where cases follow one another", call.record)
     plan = make_plan(grid, start, call, records, stages)
     # one value after the other, on one rail
-    check_rail(scene, plan.periods * len(values), beginning_of(scene, call.begin))
-    cases = plan.cases
-    ways = len(DIRECTIONS)
-    order = np.arange(len(values))
-    # indices of the values that both directions visit at the same time
-    columns = np.stack([order[::way] for way in DIRECTIONS.values()], axis=1)  # (values, directions)
-    chunks = []
-    for column in columns:
-        # where the cases at each value stand in the list of all directions and values
-        index = column + len(values) * np.arange(ways)
-        schedules = [plan.schedules[k] for k in plan.which[column]]
-        chunks.append(Chunk(index, ways, max(schedules, key=lambda one: one.work)))
+    count = len(values)
+    check_rail(scene, plan.periods * count, beginning_of(scene, call.begin))
+    # of the two values that the directions visit at the same time, both get the more steps
+    plan = replace(plan, which=np.maximum(plan.which, plan.which[::-1]))
+    # where cases of one time stand in the list of all, those up first: (values, directions)
+    up = np.arange(count)
+    met = np.stack([up, count + up[::-1]], axis=1)
+    chunks = [Chunk(at, len(at), plan.schedules[k]) for at, k in zip(met, plan.which, strict=True)]
     # where the chunk before ended, and how many chunks have passed
     states: State | None = None
     passed = 0
 
     def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
-        lanes = filled(columns[passed], ways)
-        part = Part(plan, *cases.take(lanes), lanes, *chunk, on_progress)
+        lanes = filled(chunk.index % count, chunk.cases)
+        part = Part(plan, *plan.cases.take(lanes), lanes, *chunk, on_progress)
         before = initial_states(part.scenes, part.starts, plan.epoch) if states is None else states
         run = run_chunk(part, before, passed * plan.periods)
         states = run.state
@@ -107,12 +104,9 @@ def follow(
 
     # one worker, because each chunk begins where the one before ended
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
-    steps = np.empty(len(run.finished), int)
-    for chunk in chunks:
-        steps[chunk.index] = chunk.schedule.steps
     first = {"direction": list(DIRECTIONS)}
-    more = dict(values=len(values), steps_per_period=call.steps_per_period)
-    return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, first, **more))
+    more = dict(values=count, steps_per_period=call.steps_per_period)
+    return run.checked(lambda: sweep_dataset(plan, run.results, call, first, **more))
 
 
 class Jump(NamedTuple):

@@ -2,13 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, PyTree
 
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
@@ -86,15 +86,15 @@ class Grid:
         """Return `count` cases spread evenly over the grid, or all where there are no more."""
         if count >= self.count:
             return Cases(self.scene, self.axes, start, product=self.product)
-        return Cases(self.scene, self.spread(count), start, product=False)
+        return Cases(self.scene, self.part(self.spread(count)), start, product=False)
 
-    def spread(self, count: int) -> dict[str, np.ndarray]:
-        """Return `count` cases spread evenly over the grid, as lists; of fewer some come more than once."""
+    def spread(self, count: int) -> tuple[np.ndarray, ...]:
+        """Return the indices of `count` cases spread evenly over the grid; of fewer some come more than once."""
         # the middles of `count` equal parts of the flat list
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
-        return self.part(np.unravel_index(index, self.shape))
+        return np.unravel_index(index, self.shape)
 
-    def part(self, index: tuple[slice, ...]) -> dict[str, np.ndarray]:
+    def part(self, index: tuple[slice | np.ndarray, ...]) -> dict[str, np.ndarray]:
         """Return the values by name in a part of the grid: a slice, or indices, for each of `dims`."""
         # side by side, all lists are cut by the one index of `case`
         index = index if self.product else index * len(self.axes)
@@ -192,14 +192,12 @@ class Cases(Grid):
         scenes = Batched.of(scene.replace(**varied), single)
         self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
         self.start = start
-        motion = start.motion if isinstance(start, State) else start
         # what the grid does not vary is the same in all cases
         alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
+        starts = jax.tree.map(alike, start)
         varying = of_motion({name: np.asarray(values, float) for name, values in flat.items()})
-        starts = dataclasses.replace(jax.tree.map(alike, motion), **varying)
-        self.starts = starts
-        if isinstance(start, State):
-            self.starts = eqx.tree_at(lambda state: state.motion, jax.tree.map(alike, start), starts)
+        motion = lambda begun: begun.motion if isinstance(begun, State) else begun
+        self.starts = eqx.tree_at(motion, starts, dataclasses.replace(motion(starts), **varying))
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""
@@ -224,21 +222,21 @@ class Cases(Grid):
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
         """Return the forcing period of each case [s]."""
-        return self._of_each()[0]
+        return self.of_each(_facts)[0]
 
     def wavelengths(self) -> Float[np.ndarray, " cases"]:
         """Return the length of travel that counts as a forcing period of each case [m]."""
-        return self._of_each()[1]
+        return self.of_each(_facts)[1]
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Return the steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
-        _, wavelengths, needed = self._of_each()
+        _, wavelengths, needed = self.of_each(_facts)
         return rounded_steps(needed, wavelengths)
 
-    def _of_each(self) -> list[np.ndarray]:
-        """Return forcing period, wavelength and steps of each case, in batches of few sizes."""
-        index = filled(np.arange(self.count), self.count)
-        return [np.asarray(facts)[: self.count] for facts in _facts(*self.unprepared(index))]
+    def of_each(self, program: Callable[..., PyTree], *more: object) -> PyTree:
+        """Return the arrays (cases, ...) that `program(scenes, starts, *more)` gives, compiled for few sizes."""
+        made = program(*self.unprepared(filled(np.arange(self.count), self.count)), *more)
+        return jax.tree.map(lambda facts: np.asarray(facts)[: self.count], made)
 
 
 @jit

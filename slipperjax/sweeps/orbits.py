@@ -34,7 +34,6 @@ from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument, jit
-from .grid import filled
 from .plan import AbstractStage, OnProgress, Part
 from .schedule import FEW
 
@@ -83,8 +82,11 @@ class Maps(NamedTuple):
             along.append(rows.copy())
             # a case whose map is complete stands still
             going = np.flatnonzero(self.periods[index] > k)
-            advanced = functools.partial(self._advanced, self.epoch + k)
-            rows[going] = self.of_blocks(advanced, index[going], rows[going])
+            rows[going] = self._of_states(
+                lambda scenes, states, at=self.epoch + k: advance(scenes, states, at, periods=1, **self._how).state,
+                index[going],
+                rows[going],
+            )
             self.on_progress(0)
         return np.stack(along, axis=1), rows
 
@@ -96,40 +98,46 @@ class Maps(NamedTuple):
         counts = self.periods[index]
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
-        matrices = self.of_blocks(self._derived, index[lane], along[lane, period])
+        derived = lambda scenes, states: batch_jacobians(scenes, states, self.epoch, **self._how)
+        matrices = self._of_states(derived, index[lane], along[lane, period])
         self.on_progress(0)
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
         """Return proposed states with a memory of contacts that is consistent with them, from that of `mapped`."""
-        call = lambda scenes, *rows: rows_of(_settled(scenes, *map(self.states, rows)))
-        return self.of_blocks(call, index, proposed, mapped)
+        return self._of_states(_settled, index, proposed, mapped)
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return the weights by which components of states are scaled [1/unit]; 0 for those that do not count."""
-        return self.of_blocks(lambda scenes, rows: rows_of(_weights(scenes, self.states(rows))), index, rows)
+        return self._of_states(_weights, index, rows)
 
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
         """Return `Status` codes of states by the contact loads of some periods from there on.
 
-        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
+        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacities`.
         """
-        return self.of_blocks(functools.partial(self._looked, capacity), index, rows)
-
-    def _advanced(self, at: float, scenes: Batched[Scene], rows: np.ndarray) -> np.ndarray:
-        steps = dynamic_steps(self.steps)
-        return rows_of(advance(scenes, self.states(rows), at, steps, solver=self.solver, periods=1).state)
-
-    def _derived(self, scenes: Batched[Scene], rows: np.ndarray) -> np.ndarray:
-        steps = dynamic_steps(self.steps)
-        matrices = batch_jacobians(scenes, self.states(rows), self.epoch, steps, solver=self.solver, periods=1)
-        return np.asarray(matrices)[:, 0]
-
-    def _looked(self, capacity: int, scenes: Batched[Scene], rows: np.ndarray) -> Int[Array, " some"]:
         stepping = ConstantSteps(capacity, as_argument(self.steps))
         how = dict(records=RecordSet((ContactChecks(),)), solver=self.solver, periods=FEW)
-        seen = advance(scenes, self.states(rows), self.epoch, stepping, **how)
-        return judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver))
+
+        def judged(scenes: Batched[Scene], states: State) -> Int[Array, " some"]:
+            seen = advance(scenes, states, self.epoch, stepping, **how)
+            return judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver))
+
+        return self._of_states(judged, index, rows)
+
+    @property
+    def _how(self) -> dict[str, object]:
+        """How programs integrate a period without records."""
+        return dict(stepping=dynamic_steps(self.steps), solver=self.solver)
+
+    def _of_states(self, call: Callable[..., PyTree], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
+        """Return the array, or the rows of states, that `call(scenes, *states)` gives for the cases."""
+
+        def of_rows(scenes: Batched[Scene], *rows: np.ndarray) -> PyTree:
+            made = call(scenes, *map(self.states, rows))
+            return rows_of(made) if isinstance(made, State) else made
+
+        return self.of_blocks(of_rows, index, *rows)
 
     def of_blocks(self, call: Callable[..., PyTree], index: np.ndarray, *arrays: PyTree) -> PyTree:
         """Return the arrays that `call(scenes, *arrays)` gives for the cases, in blocks of one size.
@@ -142,12 +150,11 @@ class Maps(NamedTuple):
         size = 32 if len(self.periods) > 8 else 8
         parts = []
         for first in range(0, len(index), size):
-            part = np.arange(first, min(first + size, len(index)))
-            lanes = filled(part, size)
+            # the last case fills up the last block
+            lanes = np.minimum(np.arange(first, first + size), len(index) - 1)
             of_lanes = jax.tree.map(operator.itemgetter(lanes), arrays)
-            made = call(self.scenes.take(index[lanes]), *of_lanes)
-            parts.append(jax.tree.map(operator.itemgetter(slice(len(part))), jax.tree.map(np.asarray, made)))
-        return jax.tree.map(lambda *of: np.concatenate(of), *parts)
+            parts.append(jax.tree.map(np.asarray, call(self.scenes.take(index[lanes]), *of_lanes)))
+        return jax.tree.map(lambda *of: np.concatenate(of)[: len(index)], *parts)
 
 
 # Functions of the module, so that each is compiled once and not once for each instance of `Maps`.
@@ -216,14 +223,11 @@ def find_orbits(
     **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
     a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    search = _Search(maps, rows_of(states))
-    if inverse is not None:
-        search.inverse = inverse.copy()
-        search.stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
-    while len(going := search.going(tolerance, max_iterations)):
+    search = _Search(maps, rows_of(states), tolerance, max_iterations, inverse)
+    while len(going := search.going()):
         search.renew(going[search.stale[going]])
-        search.step(going, max_iterations)
-    return search.orbits(tolerance)
+        search.step(going)
+    return search.orbits()
 
 
 class _Search:
@@ -236,18 +240,22 @@ class _Search:
     most_jacobians = 6
     """Jacobians of a case after which its search is given up."""
 
-    def __init__(self, maps: Maps, rows: np.ndarray):
+    def __init__(
+        self, maps: Maps, rows: np.ndarray, tolerance: float, max_iterations: int, inverse: np.ndarray | None
+    ):
         cases, size = rows.shape
         self.maps = maps
         self.rows = rows
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
         self.miss = np.zeros_like(rows)
         self.residual = np.full(cases, np.inf)
         self.share = np.ones(cases)
         """Share of a full step that is tried next."""
         self.iterations = np.zeros(cases, int)
         self.jacobians = np.zeros(cases, int)
-        self.inverse = np.full((cases, size, size), np.nan)
-        self.stale = np.ones(cases, bool)
+        self.inverse = np.full((cases, size, size), np.nan) if inverse is None else inverse.copy()
+        self.stale = ~np.all(np.isfinite(self.inverse), axis=(1, 2))
         """Whether the Jacobian is computed anew before the next step."""
         # a case without a search keeps an infinite residual, so that it never goes on
         wanted = np.flatnonzero(maps.periods)
@@ -255,9 +263,9 @@ class _Search:
         self.miss[wanted] = maps.mapped(wanted, begin) - begin
         self.residual[wanted] = _residuals(self.miss[wanted], maps.weights(wanted, begin))
 
-    def going(self, tolerance: float, max_iterations: int) -> np.ndarray:
+    def going(self) -> np.ndarray:
         """Return indices of the cases whose search goes on."""
-        going = np.isfinite(self.residual) & (self.residual > tolerance) & (self.iterations < max_iterations)
+        going = (self.residual > self.tolerance) & (self.residual < np.inf) & (self.iterations < self.max_iterations)
         return np.flatnonzero(going & ~(self.stale & (self.jacobians >= self.most_jacobians)))
 
     def renew(self, index: np.ndarray) -> None:
@@ -268,7 +276,7 @@ class _Search:
             self.stale[index] = False
             self.share[index] = 1.0
 
-    def step(self, index: np.ndarray, max_iterations: int) -> None:
+    def step(self, index: np.ndarray) -> None:
         """Try one step of some cases, and take it where the residual falls enough, or after `halvings`."""
         maps = self.maps
         rows = self.rows[index]
@@ -293,18 +301,14 @@ class _Search:
         self.residual[taken] = new_residual[good]
         self.share[taken] = 1.0
         self.share[index[~good]] /= 2
-        self.iterations[index[~good & last]] = max_iterations  # all its steps lead to NaN: it ends here
+        self.iterations[index[~good & last]] = self.max_iterations  # all its steps lead to NaN: it ends here
 
-    def orbits(self, tolerance: float) -> Orbits:
+    def orbits(self) -> Orbits:
         """Return the orbits, with multipliers where there are any, after one more step by their Jacobian."""
         maps = self.maps
         rows = self.rows
-        status = np.asarray(_statuses(maps.states(rows)))
-        status = np.where(
-            (status == Status.FINITE) & ~(self.residual <= tolerance),
-            int(Status.NO_ORBIT),
-            status,
-        )
+        found = np.where(self.residual <= self.tolerance, int(Status.FINITE), int(Status.NO_ORBIT))
+        status = first_problem(_statuses(maps.states(rows)), found)
         mu = np.full(rows.shape, np.nan + 0j)
         growth = np.full(len(rows), np.nan)
         good = np.flatnonzero(status == Status.FINITE)
@@ -316,7 +320,7 @@ class _Search:
             self.inverse[good] = _inverses(matrices)
             # one more step costs nothing now, and squares the small error
             rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
-        self.inverse[~np.isin(np.arange(len(rows)), good)] = np.nan
+        self.inverse[status != Status.FINITE] = np.nan
         return Orbits(
             maps.states(rows),
             self.residual,

@@ -10,17 +10,19 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import xarray as xr
 from diffrax import AbstractSolver
 from jaxtyping import Bool, Int, PyTree
 
-from ..flow.record import AbstractOutput, AbstractRecord, History, Labelled, RecordSet, Strobe, Unlabelled
+from ..flow.datasets import result_dataset, run_attributes, scene_attributes
+from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
 from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
 from ..flow.stepping import ROOM, ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
-from ..solvers.latching import calls_lapack
+from ..solvers.latching import calls_lapack, solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, require, whole
@@ -63,27 +65,6 @@ class Plan:
     stages: "tuple[AbstractStage, ...]" = ()  # what is measured after the recorded periods
     epoch: float = 0.0  # forcing periods from distance zero to where the run begins
     stretched: bool = False  # whether values of stretches follow one another along an axis
-
-    @classmethod
-    def of(
-        cls,
-        cases: Cases,
-        solver: AbstractSolver,
-        records: RecordSet,
-        steps: int | Int[np.ndarray, " cases"],
-        settled: int,
-        recorded: int,
-        stages: "tuple[AbstractStage, ...]" = (),
-        epoch: float = 0.0,
-    ) -> "Plan":
-        """Return the plan of cases that pass a transient and recorded periods.
-
-        **Arguments:** `steps`: integration steps per forcing period, one number or one of each case; `settled`,
-        `recorded`: forcing periods.
-        """
-        different, which = np.unique(np.atleast_1d(steps), return_inverse=True)
-        schedules = tuple(Schedule.of(settled, recorded, int(number)) for number in different)
-        return cls(cases, solver, records, schedules, which, stages, epoch)
 
     @property
     def outputs(self) -> tuple[AbstractOutput, ...]:
@@ -135,11 +116,11 @@ class Plan:
         if not records.inside:
             return dynamic_steps(steps)
         # the ends of steps are arrays, whose length a program must know: the most steps that it serves
-        capacity = self._capacities[steps]
-        return ConstantSteps(steps) if len(self._capacities) == 1 else ConstantSteps(capacity, as_argument(steps))
+        one = len(self.capacities) == 1
+        return ConstantSteps(steps) if one else ConstantSteps(self.capacities[steps], as_argument(steps))
 
     @functools.cached_property
-    def _capacities(self) -> dict[int, int]:
+    def capacities(self) -> dict[int, int]:
         """The steps for which the programs of recorded periods have room, by the steps in a period."""
         cases = np.bincount(self.which, minlength=len(self.schedules))
         periods: Counter[int] = Counter()
@@ -154,14 +135,6 @@ class Plan:
             if larger * sum(periods[steps] for steps in members) < CAPACITY_OF_A_PROGRAM:
                 own |= dict.fromkeys(members, larger)
         return own
-
-    def capacity(self, steps: int) -> int:
-        """Return the steps for which a program has room that records periods of so many steps."""
-        return self._capacities[steps]
-
-    def probing(self) -> "Plan":
-        """Return the same plan, with the first recorded period of each case probed."""
-        return replace(self, schedules=tuple(one.probing() for one in self.schedules))
 
     def estimate(self, count: int) -> Estimate:
         """Return the estimate of `count` cases such as these."""
@@ -183,7 +156,12 @@ class Plan:
 
     def check(self) -> None:
         """Raise `ValueError` where outputs do not suit the run, or each other."""
-        check_variables(self.outputs, ("status", "steps_per_period", *self.cases.dims, *self.cases.axes))
+        existing = ("status", "steps_per_period", *self.cases.dims, *self.cases.axes)
+        for name, count in Counter(name for one in self.outputs for name in one.variables).items():
+            if count > 1:
+                raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
+            if name in existing:
+                raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
         for one in self.outputs:
             one.check(self.cases.scene, self.recorded, int(self.steps.min()))
 
@@ -192,16 +170,32 @@ class Plan:
         data = {}
         coords = {}
         for one, mine in zip(self.outputs, values, strict=True):
-            more, along = one.label(self.cases.scene, (*dims, *self._axis(one)), mine)
+            # values of stretches follow one another
+            axis = ("distance" if one.each_period else "stretch",) if self.stretched else ()
+            more, along = one.label(self.cases.scene, (*dims, *axis), mine)
             data |= more
             coords |= along
         return data, coords
 
-    def _axis(self, output: AbstractOutput) -> tuple[str, ...]:
-        """Return the dimension along which the values of an output follow one another."""
-        if not self.stretched:
-            return ()
-        return ("distance",) if isinstance(output, AbstractRecord) and output.each_period else ("stretch",)
+    def dataset(
+        self,
+        data: Mapping[str, object],
+        coords: Mapping[str, object],
+        call: Mapping[str, object],
+        facts: Mapping[str, object],
+        varied: Collection[str] | None = None,
+    ) -> xr.Dataset:
+        """Return a dataset over the cases, with all that is needed to run them again as attributes.
+
+        **Arguments:** `call`: arguments by name; `facts`: further attributes; `varied`: names of the axes that it
+        has, by default all.
+        """
+        cases = self.cases
+        varied = cases.axes if varied is None else varied
+        attrs = scene_attributes(cases.scene, without=varied)
+        attrs |= run_attributes(cases.scene, cases.start, {**call, "solver": self.solver}, varied)
+        attrs |= {**facts, "solver": solver_name(self.solver), "record": self.record}
+        return result_dataset(data, {**coords, **cases.coordinates()}, attrs)
 
     def joined(self, made: Sequence[tuple[PyTree, ...]]) -> list[PyTree]:
         """Return the values of each record, (lanes, ...), from those of each stretch."""
@@ -215,8 +209,8 @@ class Plan:
 
     def strobes(self, settled: int, periods: int) -> "Plan":
         """Return the same cases with another transient, of which strobes of `periods` are kept."""
-        records = RecordSet((Strobe(),))
-        return Plan.of(self.cases, self.solver, records, self.steps, settled, periods, epoch=self.epoch)
+        schedules = tuple(Schedule.of(settled, periods, one.steps) for one in self.schedules)
+        return replace(self, records=RecordSet((Strobe(),)), schedules=schedules, stages=())
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """Cut the cases into chunks of equal steps, and choose the number of threads. Neither changes any result.
@@ -319,65 +313,47 @@ class LastStrobes(Unlabelled):
         return course.end.motion
 
 
-def check_variables(outputs: Sequence[AbstractOutput], existing: Collection[str]) -> None:
-    """Raise `ValueError` where two outputs, or an output and a dataset that has `existing`, share a variable."""
-    for name, count in Counter(name for one in outputs for name in one.variables).items():
-        if count > 1:
-            raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
-        if name in existing:
-            raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
-
-
-def sampled_plan(
-    grid: Grid,
-    start: Motion | State,
+def planned(
+    cases: Cases,
     call: Call,
     records: RecordSet = RecordSet(),
     stages: tuple[AbstractStage, ...] = (),
 ) -> Plan:
-    """Return the plan of at most 4096 cases spread over a grid, from which the cost of all is estimated.
+    """Return the plan of some cases, all of a grid or a sample, from a user's arguments, records and stages.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases = grid.sample(start)  # first of all, so that implausible values are told
-    grid.check_steps(call.steps_per_period)
-    steps, saves = _steps_and_saves(cases, call)
-    solver = resolve_solver(grid.scene, call.solver)
+    scene = cases.scene
+    default = lambda: call.refine * cases.default_steps()
+    steps, saves = step_plan(default, call.steps_per_period, call.saves_per_period)
+    solver = resolve_solver(scene, call.solver)
     # histories leave their saves to the run
-    kept = (History(saves) if one == History() else one for one in records.records)
-    plan = Plan.of(cases, solver, RecordSet(tuple(kept)), steps, call.settled, call.measured, stages)
+    kept = tuple(History(saves) if one == History() else one for one in records.records)
+    begin = beginning_of(scene, known("begin", call.begin))
+    epoch = _epoch(cases, begin)
+    each = steps if np.ndim(steps) else np.full(cases.count, steps)
+    different, which = np.unique(each, return_inverse=True)
+    of_steps = lambda number: Schedule.of(call.settled, call.measured, number, int(call.probe or 0))
+    schedules = tuple(map(of_steps, different.tolist()))
+    plan = Plan(cases, solver, RecordSet(kept), schedules, which, stages, epoch)
     # stages travel further along the rail than the plan itself
-    begin = beginning_of(grid.scene, known("begin", call.begin))
-    check_rail(grid.scene, plan.periods, begin, plan.settled, plan.periods_after)
+    check_rail(scene, plan.periods, begin, plan.settled, plan.periods_after)
     return plan
 
 
 def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
-    """Return the plan of a run from a user's arguments, records and stages.
+    """Return the plan of all cases of a grid, see `planned`.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    plan = sampled_plan(grid, start, call, *outputs)
+    cases = grid.sample(start)  # first of all, so that implausible values are told
+    grid.check_steps(call.steps_per_period)
+    plan = planned(cases, call, *outputs)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
-    cases = plan.cases
-    steps = plan.steps
     if cases.count < grid.count:
-        cases = grid.sample(start, grid.count)
-        steps, _ = _steps_and_saves(cases, call)
-    epoch = _epoch(cases, beginning_of(grid.scene, call.begin))
-    steps = np.broadcast_to(steps, cases.count)
-    plan = Plan.of(cases, plan.solver, plan.records, steps, plan.settled, plan.recorded, plan.stages, epoch)
+        plan = planned(grid.sample(start, grid.count), call, *outputs)
     plan.check()
     return plan
-
-
-def _steps_and_saves(cases: Cases, call: Call) -> tuple[int | np.ndarray, int]:
-    """Return steps per period, one number or one for each case, and saves per period."""
-    return step_plan(
-        lambda: call.refine * cases.default_steps(),
-        call.steps_per_period,
-        call.saves_per_period,
-    )
 
 
 def _epoch(cases: Cases, begin: float) -> float:
@@ -414,7 +390,7 @@ class Part(NamedTuple):
     @property
     def capacity(self) -> int:
         """Steps per period for which its recording programs have room."""
-        return self.plan.capacity(self.steps)
+        return self.plan.capacities[self.steps]
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Return whether each lane is a case, with which nothing is wrong."""

@@ -10,7 +10,7 @@ from ..analysis.attractor import recurrence
 from ..flow.status import FASTEST_GROWTH, Status
 from ..model.dynamics import State
 from ..model.layout import coordinates
-from ..model.quantities import COORDINATE_SCALES, COORDINATES
+from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
 from ..orbits.motions import recurs
 from ..orbits.periodic import DIVISOR, TOLERANCE
@@ -35,17 +35,6 @@ class ReachedOrbits(NamedTuple):
     state: State  # at the start of a forcing period; without an orbit, where the motion is
 
 
-def nothing_reached(states: State, count: int) -> ReachedOrbits:
-    """Return the result of a search that found no orbit for any case."""
-    cases = len(states.motion.y)
-    return ReachedOrbits(
-        np.zeros(cases, int),
-        np.full((cases, count), np.nan),
-        np.full(cases, np.nan),
-        states,
-    )
-
-
 def reached_orbits(
     maps: Maps,
     states: State,
@@ -63,14 +52,8 @@ def reached_orbits(
     **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
     record `strobe`, which has 20 periods or more; `count`: number of exponents.
     """
-    nothing = nothing_reached(states, count)
-    period = np.where(
-        (maps.periods > 0) & np.asarray(_recurs(maps.scenes, states)),
-        likely_periods(strobe),
-        0,
-    )
-    if not period.any():
-        return nothing
+    looked = (maps.periods > 0) & np.asarray(_recurs(maps.scenes, states))
+    period = np.where(looked, likely_periods(strobe), 0)
     # from so near, three to eight iterations are typical
     options = dict(tolerance=TOLERANCE, max_iterations=20)
     orbits = find_orbits(maps._replace(periods=period), states, **options)
@@ -81,7 +64,7 @@ def reached_orbits(
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
         period[k] = least_period(path) if is_near(strobe[k], path) else 0
-    half = nothing.half_step
+    half = np.full(len(period), np.nan)
     if half_step and period.any():
         finer_maps = maps._replace(periods=period, steps=2 * maps.steps)
         finer = find_orbits(finer_maps, orbits.state, **options)
@@ -149,18 +132,13 @@ def _sound(orbits: Orbits) -> np.ndarray:
 
 
 def _along(maps: Maps, states: State) -> np.ndarray:
-    """Return coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
+    """Return coordinates at the start of each forcing period, (cases, periods, coordinates), for those with one."""
     index = np.flatnonzero(maps.periods)
-    rows = rows_of(states)[index]
-    along = np.zeros((len(maps.periods), max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
-    if len(index):
-        path, _ = maps.path(index, rows)
-        every = np.zeros((len(maps.periods), path.shape[-1]))
-        # all cases at once, so that one program serves whatever their number
-        for k in range(path.shape[1]):
-            every[index] = path[:, k]
-            along[:, k] = coordinates(maps.states(every))
-    return along
+    path, _ = maps.path(index, rows_of(states)[index])
+    # all cases at once, so that one program serves whatever their number
+    every = np.zeros((path.shape[1], len(maps.periods), path.shape[-1]))
+    every[:, index] = np.moveaxis(path, 1, 0)
+    return np.stack([coordinates(maps.states(rows)) for rows in every], axis=1)
 
 
 @jit

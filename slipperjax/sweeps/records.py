@@ -23,7 +23,7 @@ from ..model.quantities import COORDINATE_SCALES, LOADS, SLIPPER_LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, Motions, classify_motions
-from .exponents import LyapunovExponents, counted_blocks, measure
+from .exponents import LyapunovExponents, counted_periods, measure
 from .orbits import NearestOrbit
 from .plan import AbstractStage, LastStrobes
 
@@ -124,8 +124,7 @@ class LargestExponent(AbstractStage):
         return 2
 
     def of_chunk(self, part, states, epoch, status, strobe):
-        blocks = counted_blocks(self.periods, part.plan.recorded)
-        local = measure(part, states, epoch, blocks, 1)
+        local = measure(part, states, epoch, counted_periods(self.periods, part.plan.recorded), 1)
         found = local.history.mean(axis=1)[:, 0], one_motion_standard_error(local.history)[:, 0]
         return found, first_problem(status, local.status)
 

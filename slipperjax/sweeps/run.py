@@ -2,7 +2,7 @@
 
 import functools
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import copy_context
@@ -13,12 +13,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, PyTree
+from jaxtyping import Float, Int, PyTree
 
-from ..flow.period_map import Passage, advance
+from ..flow.period_map import Passage, advance, initial_states
 from ..flow.record import RecordedSpan, RecordSet, Samples
 from ..flow.simulate import dynamic_steps
-from ..flow.status import Interrupted, Stop, blank, first_problem, heed_interrupts, with_accuracy
+from ..flow.status import (
+    Interrupted,
+    Status,
+    Stop,
+    blank,
+    first_problem,
+    heed_interrupts,
+    with_accuracy,
+    without_lost,
+)
 from ..flow.stepping import ConstantSteps, calls_of
 from ..model.dynamics import State
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
@@ -47,6 +56,11 @@ class ChunkRun(NamedTuple):
     record: tuple[PyTree, ...]
     probe: Float[np.ndarray, "lanes probes"]  # errors by half the step [1]
 
+    def over(self, shape: tuple[int, ...]) -> "ChunkRun":
+        """Return the results of all cases over a grid, without the numbers of lost ones."""
+        known = without_lost(self._replace(state=None), self.status)
+        return jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), known)
+
 
 def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
     """Run a chunk of cases through its schedule and the stages of its plan.
@@ -57,7 +71,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     """
     plan = part.plan
     records = plan.records
-    ride = Ride(part, states, plan.epoch + epoch, np.zeros(len(states.motion.y), int))
+    ride = Ride(part, states, plan.epoch + epoch)
     if first:
         ride.compile_ahead()
     values = plan.joined([ride.stretch(k) for k in range(len(part.schedule.stretches))])
@@ -75,15 +89,15 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
 class Ride:
     """A chunk of cases on its way through its schedule."""
 
-    def __init__(self, part: Part, states: State, period: float, status: Int[np.ndarray, " lanes"]):
-        """**Arguments:** `period`: forcing periods from distance zero; `status`: `slipperjax.Status` codes so far."""
+    def __init__(self, part: Part, states: State, period: float):
+        """**Arguments:** `period`: forcing periods from distance zero."""
         self.part = part
         self.states = states
         self.period = period
-        self.status = status
+        self.status = np.zeros(len(part.index), int)
         self.errors: list[Float[np.ndarray, " lanes"]] = []
         """What half the step changes, of each probe [1]."""
-        self.judged = status
+        self.judged = self.status
         """The `Status` codes with what records and errors of the last stretch show."""
         self._records = RecordSet()
         self._carry: tuple[PyTree, ...] = ()
@@ -98,7 +112,11 @@ class Ride:
         samples = Samples(part.plan.records, recorded)
         begin = self.period
         for k, span in enumerate(spans, passed):
-            self._see(part.plan.seen(span))
+            seen = part.plan.seen(span)
+            if seen != self._records:
+                # they begin where others saw what came before
+                self._records = seen
+                self._carry = self._begun()
             part.on_progress(0)  # stops here after Ctrl-C
             if span.probed:
                 self.errors.append(self._change(schedule.following(k, span.probed)))
@@ -130,12 +148,6 @@ class Ride:
             carry = initial_carry(records, self.part.scenes, self.states)
             now = self.part.scenes, self.states, self.period
             ahead(functools.partial(self._advanced, *now, stepping, 0, records, carry))
-
-    def _see(self, records: RecordSet) -> None:
-        """Let these records see what follows: they begin where others saw what came before."""
-        if records != self._records:
-            self._records = records
-            self._carry = self._begun()
 
     def _begun(self) -> tuple[PyTree, ...]:
         """Return the carries of records that have seen nothing."""
@@ -240,15 +252,45 @@ class Run(NamedTuple):
     # A named tuple of arrays with a leading axis of cases; unfinished cases have what `blank` gives.
     # None where no case was finished.
     results: PyTree
-    finished: Bool[np.ndarray, " cases"]
+    cases: int
     interrupted: bool
+
+    @property
+    def finished(self) -> int:
+        """Number of finished cases."""
+        return 0 if self.results is None else int(np.sum(self.results.status != Status.NOT_RUN))
 
     def checked(self, make: Callable[[], object]) -> PyTree:
         """Return `make()`, a dataset of the results; raise `Interrupted` with it where the run was interrupted."""
         made = None if self.results is None else make()
         if self.interrupted:
-            raise Interrupted(made, int(self.finished.sum()), len(self.finished))
+            raise Interrupted(made, self.finished, self.cases)
         return made
+
+
+def run_plan(
+    plan: Plan, how: Mapping[str, Any], prepared: Callable[[Part], Batched[Scene]] = lambda part: part.scenes
+) -> Run:
+    """Run all cases of a plan from their starts, and measure what its stages measure of all of them.
+
+    **Arguments:** `how`: options of `run_cases`; `prepared`: gives the scenes with which a chunk runs.
+    """
+
+    def work(part: Part) -> ChunkRun:
+        part = part._replace(scenes=prepared(part))
+        states = initial_states(part.scenes, part.starts, plan.epoch)
+        # the first chunk compiles the programs that most others use, too
+        return run_chunk(part, states, first=bool(part.row[0] == 0))
+
+    results, cases, interrupted = run_cases(plan, work, periods=plan.periods, **how)
+    if results is not None:
+        values = list(results.record)
+        status = results.status
+        # stages that measure only some of the cases cut these into chunks of their own; values of records come first
+        for k, stage in enumerate(plan.stages, len(plan.records.records)):
+            values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
+        results = results._replace(status=status, record=tuple(values))
+    return Run(results, cases, interrupted)
 
 
 def run_cases(
@@ -365,17 +407,14 @@ def gather(
         stop.set()
         if executor is None:
             wait(running, patience)
-            _warn_of_running(sum(not future.done() for future in running))
+            left = sum(not future.done() for future in running)
+            if left:
+                text = f"The run has ended, but {left} of its threads will go on"
+                warn(f"{text} to the end of the call that they are in.")
         raise
     finally:
         if executor is None:
             pool.shutdown(wait=False)  # an executor belongs to the caller
-
-
-def _warn_of_running(threads: int) -> None:
-    """Warn where threads go on after their run."""
-    if threads:
-        warn(f"The run has ended, but {threads} of its threads will go on to the end of the call that they are in.")
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:
@@ -384,12 +423,9 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: boo
     **Arguments:** `parts`: the chunks' results; None for an unfinished one, whose cases become blank.
     """
     cases = sum(chunk.cases for chunk in chunks)
-    finished = np.zeros(cases, bool)
-    for chunk, part in zip(chunks, parts, strict=True):
-        finished[chunk.index[: chunk.cases]] = part is not None
     like = next((part for part in parts if part is not None), None)
     if like is None:
-        return Run(None, finished, interrupted)
+        return Run(None, cases, interrupted)
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
@@ -398,7 +434,7 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: boo
         return ordered
 
     whole = (blank(like, len(c.index)) if part is None else part for c, part in zip(chunks, parts, strict=True))
-    return Run(jax.tree.map(joined, *whole), finished, interrupted)
+    return Run(jax.tree.map(joined, *whole), cases, interrupted)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import diffrax
@@ -12,12 +12,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.period_map import initial_states
 from ..flow.record import AbstractRecord, RecordSet
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
-from ..flow.status import MEANINGS, Status, without_lost
+from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import highest_of_points
@@ -25,7 +23,6 @@ from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
-from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, number, positive, require, whole
@@ -33,10 +30,10 @@ from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
-from .grid import Cases, filled
-from .plan import Part, Plan, check_variables
+from .grid import Cases
+from .plan import Part, Plan
 from .records import OF_LOADS
-from .run import ChunkRun, run_cases, run_chunk
+from .run import ChunkRun, run_plan
 from .schedule import Schedule, joint_profiles
 from .store import Store, run_or_store
 from .windows import (
@@ -182,19 +179,14 @@ def _planned(call: RunCall, cases: Cases) -> Plan:
     scene = cases.scene
     windows = _windows(scene, call.length, call.begin, call.window)
     records = _records(scene, call.record)
-    check_variables(records.records, (*cases.dims, "status"))
     profiles, which = _step_profiles(cases, call, windows)
     # errors grow over a wavelength of the track
     length = max(1, round(_probed_length(scene) / call.window))
-    schedules = [Schedule.of_profile(profile, STRETCH, _probed(call, windows), length) for profile in profiles]
+    stretches = len(stretch_ends(windows))
+    probed = np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int)
+    schedules = [Schedule.of_profile(profile, STRETCH, probed, length) for profile in profiles]
     solver = resolve_solver(scene, call.solver)
     return Plan(cases, solver, records, tuple(schedules), which, epoch=call.begin / call.window, stretched=True)
-
-
-def _probed(call: RunCall, windows: int) -> Int[np.ndarray, " probes"]:
-    """Return the stretches at whose start the error is measured."""
-    stretches = len(stretch_ends(windows))
-    return np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
 
 
 def _computed(
@@ -204,15 +196,15 @@ def _computed(
     cases = Cases(scene, grid, start, product=call.product)
     plan = _planned(call, cases)
     plan.estimate(cases.count).check()
+    plan.check()
 
-    def work(part: Part) -> ChunkRun:
+    def prepared(part: Part) -> Batched[Scene]:
         scenes = _windowed(part.scenes, call.window)
-        if call.worn is not None:
-            scenes = _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
-        states = initial_states(scenes, part.starts, plan.epoch)
-        return run_chunk(part._replace(scenes=scenes), states, first=bool(part.row[0] == 0))
+        if call.worn is None:
+            return scenes
+        return _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
 
-    done = run_cases(plan, work, periods=plan.periods, **how)
+    done = run_plan(plan, how, prepared)
     return done.checked(lambda: _dataset(plan, done.results, call))
 
 
@@ -262,10 +254,8 @@ def _step_profiles(
     """Return profiles of integration steps in each window, and the profile of each case."""
     window = call.window
     if call.steps_per_period is None:
-        # a batch of one of few sizes, so that programs are shared; what fills it up is cut off below
-        batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
         edges = call.begin + window * np.arange(windows + 1)
-        needed = np.asarray(_steps_along(*batch, jnp.asarray(edges)))[: cases.count]
+        needed = cases.of_each(_steps_along, jnp.asarray(edges))
         # slow places of a run may take many, but not the fastest one
         rounded_steps(needed.min(axis=1), cases.wavelengths())
         steps = call.refine * rounded_up(needed)
@@ -336,31 +326,29 @@ def _probed_length(scene: Scene) -> float:
 def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
     """Label the results of runs."""
     cases = plan.cases
-    results = without_lost(results._replace(state=None), results.status)
+    results = results.over(cases.shape)
     dims = cases.dims
-    of_grid = lambda a: np.asarray(a).reshape(*cases.shape, *a.shape[1:])
+    of_grid = lambda a: a.reshape(*cases.shape, *a.shape[1:])
     travelled = lambda dim, values: column(dim, values, "m", "distance travelled")
     ends = call.begin + call.window * np.arange(1, plan.periods + 1)
-    data, coords = plan.label(dims, jax.tree.map(of_grid, results.record))
+    data, coords = plan.label(dims, results.record)
     coords["distance"] = travelled("distance", ends)
     coords["stretch"] = travelled("stretch", ends[stretch_ends(plan.periods)])
-    status = results.status
     steps = np.array([one.profile for one in plan.schedules])[plan.which]
     text = "integration steps per window"
     data["steps_per_window"] = column((*dims, "distance"), of_grid(steps), "1", text)
-    probed = _probed(call, plan.periods)
+    probed = np.flatnonzero([stretch[0].probed for stretch in plan.schedules[0].stretches])
     if len(probed):
         text = "what half the step changes over a reference length, in scales"
         over_length = f"{_probed_length(cases.scene):g} m"
-        data["probe_error"] = column((*dims, "probe"), of_grid(results.probe), "1", text, over=over_length)
+        data["probe_error"] = column((*dims, "probe"), results.probe, "1", text, over=over_length)
         coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
-    data["status"] = column(dims, of_grid(status), "", "status", meaning=MEANINGS)
-    batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    speed, seconds, stands = _times(*batch, jnp.asarray(np.append(call.begin, ends)), call.window)
+    data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
+    speed, seconds, stands = cases.of_each(_times, jnp.asarray(np.append(call.begin, ends)), call.window)
     # by names and not by values, so that each part of a store has the same dimensions
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     over = (*dims, "distance") if differ else "distance"
-    joined = lambda a: of_grid(np.asarray(a)[: cases.count]) if differ else np.asarray(a)[0]
+    joined = lambda a: of_grid(a) if differ else a[0]
     name = "speed_along" if "speed" in cases.axes else "speed"  # which may be an axis of the grid
     coords[name] = column(over, joined(speed), "m/s", "travelling speed")
     coords["seconds"] = column(over, joined(seconds), "s", "time")
@@ -368,11 +356,7 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
         codes = np.where(joined(stands), Status.TOO_SLOW, Status.FINITE)
         data["window_status"] = column(over, codes, "", "status of each window", meaning=MEANINGS)
     varied = () if call.only else cases.axes
-    attrs = scene_attributes(cases.scene, without=varied)
-    asked = vars(replace(call, solver=plan.solver))
-    attrs |= run_attributes(cases.scene, cases.start, asked, varied)
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.record, "window [m]": call.window}
-    ds = _with_rates(result_dataset(data, {**coords, **cases.coordinates()}, attrs))
+    ds = _with_rates(plan.dataset(data, coords, vars(call), {"window [m]": call.window}, varied))
     return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 

@@ -37,9 +37,12 @@ class Schedule:
     """Records are finished at the end of each stretch, and begin anew after it."""
 
     @classmethod
-    def of(cls, settled: int, recorded: int, steps: int) -> "Schedule":
-        """Return a transient, of which nothing is recorded, and a recorded span, all in equal steps."""
-        return cls(((Span(settled, steps, recorded=False), Span(recorded, steps)),))
+    def of(cls, settled: int, recorded: int, steps: int, probed: int = 0) -> "Schedule":
+        """Return a transient, of which nothing is recorded, and a recorded span, all in equal steps.
+
+        **Arguments:** `probed`: periods of the recorded span that are probed.
+        """
+        return cls(((Span(settled, steps, recorded=False), Span(recorded, steps, probed=probed)),))
 
     @classmethod
     def of_profile(
@@ -98,11 +101,6 @@ class Schedule:
         """Mean integration steps of its forcing periods."""
         return self.work / max(self.periods, 1)
 
-    def probing(self) -> "Schedule":
-        """Return the same schedule, with the first recorded period of each stretch probed."""
-        probed = lambda span: span._replace(probed=int(span.recorded))
-        return Schedule(tuple(tuple(map(probed, stretch)) for stretch in self.stretches))
-
     def following(self, first: int, periods: int) -> list[tuple[int, int]]:
         """Return steps and number of the next forcing periods, from a span on; the last span goes on at the end."""
         parts = []
@@ -130,33 +128,23 @@ def joint_profiles(
 
     **Arguments:** `which`: the profile of each case.
     """
+    # time that a batch takes, in steps of one lane
+    cost = lambda profile, cases: int(profile.sum()) * (STEP_IN_LANES + batch_size(len(cases)))
     order = np.argsort(profiles.sum(axis=1), kind="stable")
-    groups = [_Group(profiles[k], np.flatnonzero(which == k)) for k in order]
+    groups = [(profiles[k], np.flatnonzero(which == k)) for k in order]
     # each step joins the two neighbours that save most
     while len(groups) > 1:
-        joint = [a.joined(b) for a, b in itertools.pairwise(groups)]
-        saved = [a.cost + b.cost - both.cost for (a, b), both in zip(itertools.pairwise(groups), joint, strict=True)]
+        joint = []
+        saved = []
+        for a, b in itertools.pairwise(groups):
+            both = np.maximum(a[0], b[0]), np.concatenate([a[1], b[1]])
+            joint.append(both)
+            saved.append(cost(*a) + cost(*b) - cost(*both))
         k = int(np.argmax(saved))
         if saved[k] <= 0:
             break
         groups[k : k + 2] = [joint[k]]
     found = np.empty_like(which)
-    for k, group in enumerate(groups):
-        found[group.cases] = k
-    return np.array([group.profile for group in groups]), found
-
-
-class _Group(NamedTuple):
-    """Cases that run as one batch."""
-
-    profile: Int[np.ndarray, " periods"]
-    cases: Int[np.ndarray, " members"]
-
-    @property
-    def cost(self) -> int:
-        """Time that the batch takes, in steps of one lane."""
-        return int(self.profile.sum()) * (STEP_IN_LANES + batch_size(len(self.cases)))
-
-    def joined(self, other: "_Group") -> "_Group":
-        """Return both as one batch."""
-        return _Group(np.maximum(self.profile, other.profile), np.concatenate([self.cases, other.cases]))
+    for k, (_, cases) in enumerate(groups):
+        found[cases] = k
+    return np.array([profile for profile, _ in groups]), found

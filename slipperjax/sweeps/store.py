@@ -52,6 +52,8 @@ from .run import gather, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: JSON of the fields of `Archive`."""
+DESCRIPTION = "zarr.json"
+"""File of a store that says what it is."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
 _ALONE = threading.Lock()  # held by the one tile that is computed where two at a time are not allowed
 
@@ -260,7 +262,7 @@ class Archive:
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then. `ValueError` where a store
         of another call was put in this one's place.
         """
-        if _digest(content_of(_description(self.path))) != self.digest:
+        if _digest(content_of(self.path / DESCRIPTION)) != self.digest:
             _open_archive(self.path, self.call)  # raises where a store of another call has taken its place
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
@@ -309,7 +311,9 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
     lengths = dict(zip(dims, tiles.shape, strict=True))
     pieces = dict(zip(dims, tiles.tile, strict=True))
     data = {name: _storable(v) for name, v in like.variables.items() if name not in axes}
-    encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
+    # a fill value would be an attribute, too
+    plain = {"_FillValue": None}
+    encoding: dict[Any, dict[str, Any]] = dict.fromkeys(data, plain)
     shapes = {}
     for name, variable in data.items():
         # variables over the grid are filled tile by tile; others, such as labels, are the same in all tiles
@@ -320,7 +324,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
             data[name] = variable.copy(data=np.full(variable.shape, fill, variable.dtype))
             chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
             compressors = (ZstdCodec(level=3, checksum=True),)
-            encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
+            encoding[name] = plain | {"chunks": chunks, "fill_value": fill, "compressors": compressors}
     mark = {
         "call": call,
         "versions": versions(),
@@ -330,13 +334,11 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
         "coords": list(like.coords),
         "variables": {name: data[name].dims for name in sorted(shapes)},
     }
-    for of_variable in encoding.values():
-        of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
     for name, whole_shape in shapes.items():  # afterwards, so that nothing of the size of the grid is in memory
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
     ds = xr.Dataset(coords=axes, attrs=like.attrs)
-    ds.to_zarr(path, mode="a", encoding={name: {"_FillValue": None} for name in axes}, **ZARR)
+    ds.to_zarr(path, mode="a", encoding=dict.fromkeys(axes, plain), **ZARR)
     zarr.open_group(path, mode="r+").update_attributes({MARK: json.dumps(mark)})
 
 
@@ -368,18 +370,13 @@ def _make_archive(path: Path, *contents: object) -> Archive:
     return _open_archive(path)
 
 
-def _description(path: Path) -> Path:
-    """Return the file of a store that says what it is."""
-    return path / "zarr.json"
-
-
 def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archive:
     """Open a store that exists.
 
     **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
     """
     try:
-        content = content_of(_description(path))
+        content = content_of(path / DESCRIPTION)
         archive = Archive(path, _digest(content), **json.loads(json.loads(content)["attributes"][MARK]))
         archive.files(archive.tiles.count - 1)  # raises where shapes and dimensions do not suit each other
     except (OSError, KeyError, ValueError, TypeError, RecursionError, AttributeError, ZeroDivisionError) as error:
@@ -632,19 +629,18 @@ def _stored(
         solver = resolve_solver(grid.scene, call.solver)
         one_by_one = calls_lapack(solver, True) or jax.default_backend() != "cpu"
         share, shares = store.share or (1, 1)
-        tasks = []
-        sizes = []
-        for number in np.flatnonzero(~archive.complete_tiles()).tolist():
-            if number % shares == share - 1:  # shares take tiles in turn, which are about equally long
-                work = work_on(archive.tiles.region(number))
-                tasks.append(functools.partial(_compute_tile, archive, number, work, one_by_one))
-                sizes.append(archive.tiles.cases(number))
+        missing = np.flatnonzero(~archive.complete_tiles())
+        # shares take tiles in turn, which are about equally long
+        own = missing[missing % shares == share - 1].tolist()
+        tiles = archive.tiles
+        task = lambda k: functools.partial(_compute_tile, archive, k, work_on(tiles.region(k)), one_by_one)
+        sizes = list(map(tiles.cases, own))
         total = sum(sizes)
         try:
             with progress_shown(total, total, "", progress) as shown:
                 done = lambda k: shown(sizes[k], sizes[k])
                 # the end of calls that threads are in is waited for, as they write to the store
-                gather(tasks, threads, _pool_of(executor), done, patience=10.0)
+                gather(list(map(task, own)), threads, _pool_of(executor), done, patience=10.0)
         except KeyboardInterrupt:
             raise Interrupted(open_store(archive.path), archive.complete_cases(), grid.count) from None
         except BrokenExecutor as error:

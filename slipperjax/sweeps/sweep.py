@@ -5,31 +5,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import diffrax
-import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
 
-from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS, Status, without_lost
+from ..flow.status import MEANINGS
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
-from ..solvers.latching import solver_name
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .call import Call
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
-from .plan import AbstractStage, Part, Plan, make_plan, sampled_plan
+from .plan import AbstractStage, Plan, make_plan, planned
 from .records import resolved_record
-from .run import ChunkRun, run_cases, run_chunk
+from .run import ChunkRun, run_plan
 from .store import Store, run_or_store
 
 
@@ -115,7 +110,7 @@ def sweep(
     first = first_of(start)
     return run_or_store(
         _computed,
-        lambda cases: sampled_plan(cases, first, *_spans(call)).estimate(cases.count),
+        lambda cases: planned(cases.sample(first), *_asked(call)).estimate(cases.count),
         call,
         scene,
         grid,
@@ -132,54 +127,31 @@ def _computed(
     call: Call, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
 ) -> xr.Dataset:
     """Return the results of a sweep. **Arguments:** `how`: of `run_cases`."""
-    cases = Grid(scene, grid, product=call.product)
-    lengths, *outputs = _spans(call)
-    plan = make_plan(cases, start, lengths, *outputs)
-    if call.probe is None:
-        # it takes as long as three periods without a record, and a record inside doubles a period's time
-        lasts = plan.settled + (2 if plan.records.inside else 1) * plan.recorded
-        probed = plan.settled > 0 and lasts >= 30
-    else:
-        probed = yes_or_no("probe", call.probe)
-    plan = plan.probing() if probed else plan
-
-    def work(part: Part) -> ChunkRun:
-        states = initial_states(part.scenes, part.starts, plan.epoch)
-        # the first chunk compiles the programs that most others use, too
-        return run_chunk(part, states, first=bool(part.row[0] == 0))
-
-    run = run_cases(plan, work, periods=plan.periods, **how)
-    if run.results is not None:
-        values = list(run.results.record)
-        status = run.results.status
-        interrupted = run.interrupted
-        # stages that measure only some of the cases cut these into chunks of their own; values of records come first
-        for k, stage in enumerate(plan.stages, len(plan.records.records)):
-            values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
-        results = run.results._replace(status=status, record=tuple(values))
-        # a case that ran, but that an interrupted stage did not reach, is unfinished
-        run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
-    return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
+    plan = make_plan(Grid(scene, grid, product=call.product), start, *_asked(call))
+    run = run_plan(plan, how)
+    return run.checked(lambda: sweep_dataset(plan, run.results, call))
 
 
-def _spans(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
-    """Return a call with the lengths of its transient and its recorded span, its records and its stages.
+def _asked(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
+    """Return a call with the lengths of its transient and its recorded span and whether it is probed, its records and
+    its stages.
 
     Where nothing but exponents and orbits is asked for, the transient becomes the recorded span, at whose end these
     begin.
     """
     records, stages = resolved_record(call.record, call.loads)
-    if not _begin_settled(records, stages):
-        return call, records, stages
-    settled = whole("transient", call.settled, max(one.least_settled for one in stages))
-    return replace(call, settled=0, measured=settled), records, tuple(one.over(call.measured) for one in stages)
-
-
-def _begin_settled(records: RecordSet, stages: tuple[AbstractStage, ...]) -> bool:
-    """Return whether nothing is kept of the recorded span, so that all is measured after it."""
+    lengths = call
     # records without variables, such as the last strobes, only serve the stages
-    alone = not any(one.variables for one in records.records)
-    return alone and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages)
+    kept = any(one.variables for one in records.records)
+    if not kept and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages):
+        settled = whole("transient", call.settled, max(one.least_settled for one in stages))
+        lengths = replace(call, settled=0, measured=settled)
+        stages = tuple(one.over(call.measured) for one in stages)
+    # a probe takes as long as three periods without a record, and a record inside doubles a period's time
+    lasts = lengths.settled + (2 if records.inside else 1) * lengths.measured
+    little = lengths.settled > 0 and lasts >= 30
+    probe = little if call.probe is None else yes_or_no("probe", call.probe)
+    return replace(lengths, probe=probe), records, stages
 
 
 def lyapunov_sweep(
@@ -284,44 +256,33 @@ def orbit_sweep(
 def sweep_dataset(
     plan: Plan,
     results: ChunkRun,
-    steps: Int[np.ndarray, " cases"],
     call: Call,
-    first: Mapping[str, list] | None = None,
+    first: Mapping[str, list] = {},
     **more: object,
 ) -> xr.Dataset:
     """Return the results of a run as a dataset.
 
-    **Arguments:** `steps`: per forcing period of each case; `first`: coordinates of dimensions before those of the
-    grid, by name; `more`: further arguments of the call, for the attribute `call`.
+    **Arguments:** `first`: coordinates of dimensions before those of the grid, by name; `more`: further arguments of
+    the call, for the attribute `call`.
     """
     cases = plan.cases
-    results = without_lost(results._replace(state=None), results.status)
-    first = first or {}
     dims = (*first, *cases.dims)
-    shape = (*(len(values) for values in first.values()), *cases.shape)
     # the flat list of cases becomes the grid again
-    record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
-    data, coords = plan.label(dims, record)
-    data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
+    shape = (*map(len, first.values()), *cases.shape)
+    results = results.over(shape)
+    data, coords = plan.label(dims, results.record)
+    data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
     if results.probe.size:
         text = "what half the step changes in a forcing period, in scales"
-        data["probe_error"] = column(dims, results.probe.reshape(shape), "1", text)
-    data["steps_per_period"] = column(
-        dims,
-        steps.reshape(shape),
-        "1",
-        "integration steps per forcing period",
-    )
+        data["probe_error"] = column(dims, results.probe[..., 0], "1", text)
+    steps = np.broadcast_to(plan.steps.reshape(cases.shape), shape)
+    data["steps_per_period"] = column(dims, steps, "1", "integration steps per forcing period")
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")
-    # the scene's parameters, and all that is needed to run it again
-    attrs = scene_attributes(cases.scene, without=cases.axes)
-    kept = {**call.kept(plan.solver), **more}
-    attrs |= run_attributes(cases.scene, cases.start, kept, cases.axes)
-    attrs |= {"settled": plan.settled, "measured": plan.recorded}
-    if _begin_settled(plan.records, plan.stages):  # the recorded span was the transient, see `_spans`
-        measured = max(one.measured for one in plan.stages)
-        attrs |= {"settled": plan.recorded, "measured": measured}
-    attrs |= {"solver": solver_name(plan.solver), "record": plan.record}
-    return result_dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
+    facts = {"settled": call.settled, "measured": plan.recorded}
+    if plan.settled != call.settled:  # the recorded span was the transient, see `_asked`
+        facts["measured"] = max(one.measured for one in plan.stages)
+    # the steps of each case are a variable
+    asked = replace(call, steps_per_period=None, refine=1)
+    return plan.dataset(data, {**coords, **first}, vars(asked) | more, facts)

@@ -37,7 +37,7 @@ def test_wrong_arguments_are_named():
 def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
     not_run = int(Status.NOT_RUN)
 
-    def run_longer_motions(plan, chosen, states, epoch, blocks, count, options):
+    def run_longer_motions(plan, chosen, states, epoch, counted, count, options):
         history = np.full((len(chosen), MOTIONS, 40, count), 0.5)
         status = np.array([0 if finished else not_run, not_run])
         return LongerMotions(chosen, history, np.zeros(len(chosen), int), status), True
@@ -145,7 +145,8 @@ def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways
 @pytest.mark.full
 def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
     """A motion on a stable orbit that presses a point in is marked."""
-    monkeypatch.setattr("slipperjax.sweeps.orbits.Maps._looked", lambda *a, **k: np.full(8, int(Status.PRESSED_IN)))
+    pressed = lambda maps, index, *given: np.full(len(index), int(Status.PRESSED_IN))
+    monkeypatch.setattr("slipperjax.sweeps.orbits.Maps.contact_status", pressed)
     found = swept(TWO[:1])
     assert found["status"].values.tolist() == [Status.PRESSED_IN]
     assert not found["by_orbit"].any()
@@ -155,7 +156,7 @@ def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
 
 @pytest.mark.full
 def test_an_interrupt_of_the_measurement_keeps_the_orbits(monkeypatch):
-    blank = lambda plan, work, **options: Run(None, np.zeros(plan.cases.count, bool), True)
+    blank = lambda plan, work, **options: Run(None, plan.cases.count, True)
     monkeypatch.setattr(exponents, "run_cases", blank)
     with pytest.raises(sj.Interrupted) as stop:
         swept(TWO)
