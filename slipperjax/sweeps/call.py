@@ -24,9 +24,7 @@ class AbstractCall:
     """Name of the function that was called."""
 
     def __post_init__(self):
-        refine = whole("refine", self.refine, 1, 1000)
-        good = refine == 1 or self.steps_per_period is None
-        require(good, "refine", "be 1 where steps_per_period is given", refine)
+        refined(self.refine, self.steps_per_period)
 
 
 @dataclass(frozen=True)
@@ -48,3 +46,14 @@ class Call(AbstractCall):
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
         super().__post_init__()
+
+
+def refined(refine: int, steps_per_period: object) -> int:
+    """Return the factor of the default steps [1].
+
+    **Raises:** `ValueError` where it is no whole number from 1 to 1000, or is not 1 though steps are given.
+    """
+    refine = whole("refine", refine, 1, 1000)
+    good = refine == 1 or steps_per_period is None
+    require(good, "refine", "be 1 where steps_per_period is given", refine)
+    return refine

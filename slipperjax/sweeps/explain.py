@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..flow.simulate import first_of
 from ..model.scene import Scene, at_speed
+from ..model.step_size import LEAST_STEPS
 from ..tools.checks import require, whole
 from ..tools.limits import cores, shown_time
+from .call import refined
 from .estimate import Estimate
 from .grid import Grid, Tiling
 from .plan import LARGEST_CHUNK
+from .runs import run
 from .store import Store
 
 
@@ -46,34 +50,53 @@ def explain(
     scene = at_speed(scene, options.pop("speed", None))
     cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
-    index = cases.spread(LARGEST_CHUNK)
-    steps = options.get("steps_per_period")
-    cases.check_steps(steps)
-    if np.ndim(steps):
-        options["steps_per_period"] = np.asarray(steps)[index]
-    options |= dict(workers=1, progress=False, product=False)
+    # work of all cases over that of the probe's
+    share = 1.0
+    # a run has steps of its own in each window, by the speed there, which may be a standstill's
+    if function is not run:
+        steps = options.get("steps_per_period")
+        refine = refined(options.pop("refine", 1), steps)
+        if steps is None:
+            steps = refine * cases.sample(first_of(options.get("start"))).default_steps()
+        steps = np.ravel(steps)
+        used = int(steps[0])
+        if np.ptp(steps):
+            # the same for all, so that the probe is one batch
+            used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS
+        options["steps_per_period"] = used
+        share = float(steps.mean()) / used
+        facts = f"steps per period: {steps.min()} to {steps.max()}"
+    options |= dict(
+        workers=1,
+        progress=False,
+        product=False,
+        chunk=options.get("chunk") or LARGEST_CHUNK,
+    )
     # the first run compiles, so the second one alone is the time
     seconds = []
     ds = xr.Dataset()
     for _ in range(2):
         begin = time.perf_counter()
-        ds = function(scene, grid=cases.part(index), **options)
+        ds = function(scene, grid=cases.part(cases.spread(LARGEST_CHUNK)), **options)
         seconds.append(time.perf_counter() - begin)
-    of_store = {}
+    of_store: dict[str, object] = {}
     if target is not None:
-        of_store = dict(tiles=Tiling.of(cases.shape, target.tile), free=target.free_bytes, shared=workers > cores())
-    # runs have steps of their own in each window
-    unit = "window" if "steps_per_window" in ds else "period"
-    used = ds[f"steps_per_{unit}"].values
+        of_store["tiles"] = Tiling.of(cases.shape, target.tile)
+        of_store["free"] = target.free_bytes
+        of_store["shared"] = workers > cores()
+    if function is run:
+        windows = ds["steps_per_window"].values
+        facts = f"steps per window: {windows.min()} to {windows.max()}"
     compiling = shown_time(max(seconds[0] - seconds[1], 0.0))
     return Estimate(
         cases=cases.count,
-        per_case=seconds[1] / LARGEST_CHUNK,
+        # by the mean steps of all cases, where the probe's are rounded
+        per_case=seconds[1] / LARGEST_CHUNK * share,
         bytes_per_case=ds.nbytes / LARGEST_CHUNK,
         workers=workers,
         **of_store,
         stored_per_case=_compressed(ds),
-        facts=f"steps per {unit}: {used.min()} to {used.max()}\ncompiling: {compiling}",
+        facts=f"{facts}\ncompiling: {compiling}",
     )
 
 

@@ -35,13 +35,14 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     assert found.stored < size < 8 * found.stored
 
 
-def test_a_run_from_standstill_has_steps_of_its_own():
+def test_a_run_from_standstill_has_steps_of_its_own(monkeypatch):
     asked = []
 
     def runs(scene, grid, **options):
         asked.append(options)
         return xr.Dataset({"steps_per_window": (("case", "distance"), [[4000, 40]] * 128)})
 
+    monkeypatch.setattr("slipperjax.sweeps.explain.run", runs)
     # half a second at a standstill, for which a wavelength would take endless steps
     fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=0.0)
     found = sj.explain(runs, SCENE, {"speed.scale": [0.9, 1.0]}, speed=fast, length=40.0, refine=2)
