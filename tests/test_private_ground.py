@@ -192,7 +192,7 @@ def test_zarr_writes_parts_that_end_in_partial(monkeypatch, tmp_path):
     names, replace = [], Path.replace
     monkeypatch.setattr(Path, "replace", lambda path, to: (names.append(path.name), replace(path, to))[1])
     zarr.create_array(tmp_path / "a.zarr", shape=(2,), dtype="f8")[:] = 1.0
-    assert all(name.endswith(".partial") for name in names), "slipperjax.sweeps.store clears away those of killed work"
+    assert all(name.endswith(".partial") for name in names), "slipperjax.sweeps.store clears those of killed work"
     assert names
 
 
