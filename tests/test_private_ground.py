@@ -34,7 +34,7 @@ NAMES = {
     "jax.extend.mlir.ir": "DictAttr FlatSymbolRefAttr FloatType FunctionType InsertionPoint Operation "
     "RankedTensorType StringAttr SymbolTable Value WalkResult DenseI64ArrayAttr DenseElementsAttr FloatAttr",
     "jax.extend.mlir.dialects.func": "CallOp FuncOp ReturnOp",
-    "jax.extend.mlir.dialects.stablehlo": "ComparisonDirectionAttr DotDimensionNumbers "
+    "jax.extend.mlir.dialects.stablehlo": "ComparisonDirectionAttr DotDimensionNumbers OptimizationBarrierOp "
     "ReduceOp ScatterDimensionNumbers add broadcast_in_dim compare constant multiply return_ select",
     "jax.experimental.serialize_executable": "deserialize_and_load serialize",
     "jax.interpreters.ad": "Zero deflinear2 is_undefined_primal primitive_jvps primitive_transposes",

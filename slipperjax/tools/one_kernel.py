@@ -71,11 +71,23 @@ def _mark(context: mlir.LoweringRuleContext, x: ir.Value, kernel: bool) -> list[
         inside = _operations(_callee(call), functions, set())
         if _only_calls(call, functions) and all(map(_fits, inside)):
             marks["xla_cpu_small_call"] = ir.StringAttr.get("true")
+            _hide_constants(call)
             _hide_from_library(inside)
         else:
             marks = {}
     call.attributes[ATTRIBUTES] = ir.DictAttr.get(marks)
     return [x]
+
+
+def _hide_constants(call: ir.Operation) -> None:
+    """Pass the operands of a call through a barrier.
+
+    XLA would fold constants into the called function, whose arguments would have no use then, so that it fails.
+    """
+    with ir.InsertionPoint(call), call.location:
+        barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
+    for k, value in enumerate(barrier.operation.results):
+        call.operands[k] = value
 
 
 def _hide_from_library(operations: list[ir.Operation]) -> None:

@@ -87,8 +87,8 @@ def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
 
 
 @pytest.mark.full
-def test_constants_of_a_program_in_reverse_mode():
-    """XLA ended the process where it folded them into the one call that became a kernel."""
+def test_reverse_mode_through_the_steps_is_the_derivative_by_jacobians():
+    """In a process of its own, which XLA ended where it folded constants into a kernel."""
     code = """
 import jax, slipperjax as sj
 from slipperjax.tools import jacobian
