@@ -34,7 +34,8 @@ FULL = "not slow and not benchmark"
 DEFAULT = f"{FULL} and not full"
 """Tiers of tests, by their markers."""
 FAILED = 1
-"""Exit code of pytest where tests failed; others mean that none were found, or that they could not be read."""
+"""Exit code of pytest where tests failed; others mean that none were found, or that they could not be read; negative
+ones are signals, such as XLA's where it has no code for a program."""
 
 
 class Defect(NamedTuple):
@@ -927,6 +928,8 @@ def tried(defect: Defect, tier: str = FULL) -> tuple[bool, str]:
     last = output.strip().splitlines()[-1] if output.strip() else "no output"
     if code == FAILED and failed:
         return True, f"caught by {failed[1]}"
+    if code is not None and code < 0:
+        return True, f"caught: signal {-code} ended the tests"
     return False, f"MISSED: {'its tests hang' if code is None else last}"
 
 
