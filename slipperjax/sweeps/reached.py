@@ -52,8 +52,13 @@ def reached_orbits(
     **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
     record `strobe`, which has 20 periods or more; `count`: number of exponents.
     """
-    looked = (maps.periods > 0) & np.asarray(_recurs(maps.scenes, states))
-    period = np.where(looked, likely_periods(strobe), 0)
+    period = np.where(maps.periods > 0, likely_periods(strobe), 0)
+    if period.any():
+        period = np.where(_recurs(maps.scenes, states), period, 0)
+    # chaotic cases alone compile none of the programs below
+    if not period.any():
+        unknown = np.full((len(period), count + 1), np.nan)
+        return ReachedOrbits(period, unknown[:, 1:], unknown[:, 0], states)
     # from so near, three to eight iterations are typical
     options = dict(tolerance=TOLERANCE, max_iterations=20)
     orbits = find_orbits(maps._replace(periods=period), states, **options)

@@ -4,7 +4,6 @@ Reverse mode through the steps of an integration is a program of three times the
 as much longer to compile. Where few numbers are differentiated, the product with a Jacobian is the same derivative.
 """
 
-import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -60,9 +59,9 @@ class _Linearised(eqx.Module):
 
     def __call__(self, fun: Callable, args: tuple) -> tuple[PyTree, PyTree]:
         """Return the value, and its derivatives by all numbers along a first axis; None for whole numbers."""
-        size = sum(math.prod(jnp.shape(leaf)) for leaf in jax.tree.leaves(self._split((fun, args))[0]))
+        numbers, _ = ravel_pytree(self._split((fun, args))[0])
         pushed = lambda along: self.pushed((fun, args), along)
-        return jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(size))
+        return jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(numbers.size))
 
     def pushed(self, primals: PyTree, along: jax.Array) -> tuple[PyTree, PyTree]:
         """Return the value, and its derivative along a direction of all numbers; None for whole numbers."""
