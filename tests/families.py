@@ -34,7 +34,7 @@ def swept(
     return ds.isel(dict.fromkeys(one, 0))
 
 
-def settling(speed: float = 1250.0, start: Any = None) -> sj.Trajectory:
+def settling(speed: float = 1250.0, start: Any = None) -> sj.orbits.Trajectory:
     """Every step of 20 periods, those of `swept`: one program for all speeds and starts."""
     return sj.simulate(sj.paper_scene(speed), 20, steps_per_period=STEPS, start=start)
 

@@ -89,7 +89,7 @@ def programs() -> Quantities:
     """Digests of lowered programs: the first part, as the sweep's is seen only while it is made."""
     functions: dict[str, Any] = {
         "period_map": after_period,
-        "period_map, Rodas4": lambda clearance, restitution: after_period(clearance, restitution, sj.Rodas4()),
+        "period_map, Rodas4": lambda clearance, restitution: after_period(clearance, restitution, sj.solvers.Rodas4()),
         "period_map, jacfwd": jax.jacfwd(after_period, (0, 1)),
     }
     texts = {name: jax.jit(function).lower(1e-3, 0.9).as_text() for name, function in functions.items()}
@@ -113,23 +113,23 @@ def digest(program: str) -> str:
 def strobe() -> Quantities:
     """States after one period, over scenes and solvers."""
     law = lambda contact: dataclasses.replace(SCENE, contact=contact)
-    switched = dataclasses.replace(SCENE, memory=sj.SmoothSwitch())
+    switched = dataclasses.replace(SCENE, memory=sj.model.SmoothSwitch())
     scenes = {
         "paper": SCENE,
         "low restitution": SCENE.replace(restitution=0.3),
         "two wavelengths": sj.paper_scene(wavelengths=(8.0, 3.2)),
         "short, 0.8 mm": SCENE.replace(length=0.1, clearance=0.8e-3),
         "gravity": SCENE.replace(gravity=9.81),
-        "HuntCrossley": law(sj.HuntCrossley(1e8, 0.9)),
-        "LankaraniNikravesh": law(sj.LankaraniNikravesh(1e8, 0.9)),
-        "ConstantDamping": law(sj.ConstantDamping(1e8, 0.2)),
+        "HuntCrossley": law(sj.model.HuntCrossley(1e8, 0.9)),
+        "LankaraniNikravesh": law(sj.model.LankaraniNikravesh(1e8, 0.9)),
+        "ConstantDamping": law(sj.model.ConstantDamping(1e8, 0.2)),
         "SmoothSwitch": switched,
     }
     for name, scene in scenes.items():
         yield f"strobe, {name}", PERIOD, strobed(scene)
-    for solver in (sj.Tsit5(), sj.Rodas4(), sj.TwoStep(), diffrax.Kvaerno5()):
+    for solver in (sj.solvers.Tsit5(), sj.solvers.Rodas4(), sj.solvers.TwoStep(), diffrax.Kvaerno5()):
         yield f"strobe, {type(solver).__name__}", PERIOD, strobed(SCENE, solver)
-    yield "strobe, SmoothSwitch, Rodas4", PERIOD, strobed(switched, sj.Rodas4())
+    yield "strobe, SmoothSwitch, Rodas4", PERIOD, strobed(switched, sj.solvers.Rodas4())
 
 
 def derivatives() -> Quantities:
@@ -145,7 +145,7 @@ def derivatives() -> Quantities:
 def runs() -> Quantities:
     """A trajectory, and sweeps with all kinds of records."""
     trajectory = sj.simulate(SCENE, 3, steps_per_period=STEPS, saves_per_period=5)
-    yield from labelled("simulate", RUN, trajectory.to_xarray())
+    yield from labelled("simulate", RUN, trajectory.ds)
     history = dict(record="history", periods=2, saves_per_period=4)
     of_periods = ["motion", "peak_force", "rms", "extremes", "impulse"]
     sweep = lambda count, **options: sj.sweep(SCENE, {"speed": SPEEDS[:count]}, **SWEEP | options)
@@ -180,8 +180,8 @@ def orbits() -> Quantities:
     events = {name: [getattr(event, name) for event in branch.events] for name in ("label", "value", "note")}
     yield "branch, events", SOLVED, events
     along = ("speed", "state", "stable", "signature")
-    yield "branch, points", SOLVED, {name: branch.points[name].values for name in along}
-    yield from layout("branch", branch.points)
+    yield "branch, points", SOLVED, {name: branch.ds[name].values for name in along}
+    yield from layout("branch", branch.ds)
 
 
 def design() -> Quantities:
@@ -190,7 +190,7 @@ def design() -> Quantities:
     best = sj.optimise_design(SCENE, "peak_force", box, over=over, starts=1, max_trials=6, **SETTLED)
     outcome = best.design | dict(objective=best.objective, status=best.status, regime=best.regime)
     yield "design", SOLVED, outcome | dict(tried=best.history["design"].values)
-    yield from layout("design", best.to_xarray())
+    yield from layout("design", best.ds)
     ds = sj.design.sensitivities(SCENE, ["peak_force", "excursion_pitch"], method="orbit", **SETTLED)
     yield from labelled("sensitivities", SOLVED, ds)
 

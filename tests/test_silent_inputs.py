@@ -31,7 +31,7 @@ from slipperjax.sweeps.grid import Grid
 from slipperjax.tools.checks import finite, positive
 
 SCENE = sj.paper_scene()
-RIG = Rig.of([sj.Sensor("front")])
+RIG = Rig.of([sj.model.Sensor("front")])
 Q = pint.Quantity
 NAN = float("nan")
 REFUSED = None
@@ -63,15 +63,15 @@ def table(text):
 
 
 def sled(**more):
-    return sj.RocketSled(**dict(time=[0.0, 1.0, 2.0], thrust=[9e4, 9e4, 0.0], mass=300.0) | more)
+    return sj.model.RocketSled(**dict(time=[0.0, 1.0, 2.0], thrust=[9e4, 9e4, 0.0], mass=300.0) | more)
 
 
 def load(time):
-    return sj.TabulatedLoad(np.zeros((3, 3)), time=time).time
+    return sj.model.TabulatedLoad(np.zeros((3, 3)), time=time).time
 
 
 def modes(frequency=(10.0, 20.0), damping=(0.01, 0.01), shapes=None):
-    return sj.Modes(frequency, damping, np.ones((2, 1, 3)) if shapes is None else shapes)
+    return sj.model.Modes(frequency, damping, np.ones((2, 1, 3)) if shapes is None else shapes)
 
 
 def record(value, time=None):
@@ -87,16 +87,16 @@ PLACES = 'places = { values = [[0, 0, 0]], unit = "m" }\n'
 RATES = {
     "low of a band": (lambda: band_edges(Q(125.66370614359172, "rad/s"), 2000.0)[0], 20.0),
     "low in a file": (lambda: from_toml("environment", f'{PLACES}low = "{RATE}"').environment["low"], 20.0),
-    "modes": (lambda: sj.Modes(array([1200.0], "rpm"), [0.01], np.ones((1, 1, 3))).frequency, 20.0),
+    "modes": (lambda: sj.model.Modes(array([1200.0], "rpm"), [0.01], np.ones((1, 1, 3))).frequency, 20.0),
     "motion": (lambda: sj.Motion(w_x=Q(20.0, "Hz")).w_x, 40 * np.pi),
     "start in a file": (lambda: from_toml("start", 'w_z = "20 Hz"').start.w_z, 40 * np.pi),
-    "sensor": (lambda: sj.Sensor("front", cutoff=Q(7200.0, "deg/s")).cutoff, 20.0),
+    "sensor": (lambda: sj.model.Sensor("front", cutoff=Q(7200.0, "deg/s")).cutoff, 20.0),
     "wavenumber": (lambda: positive("wavenumber", "cycles/m")(Q([2.0], "rad/m")), 1 / np.pi),
     "wavenumber that may be either": (lambda: positive("wavenumber", "cycles/m")(Q([2.0], "1/m")), REFUSED),
     "a speed": (lambda: band_edges(Q(20.0, "m/s"), 2000.0), REFUSED),
     "modes in a file": (
         lambda: (
-            sj.load_modes(
+            sj.model.load_modes(
                 table("frequency [rad/s], damping, a x, a y, a z\n314.1592653589793, 0.01, 1, 1, 1\n")
             ).frequency
         ),
@@ -107,11 +107,11 @@ RATES = {
 
 HALF = np.ma.masked_less([[1, 0, 0], [-1, 0, 0]], 0)
 UNDER_MASKS = {
-    "survey, distance": lambda: sj.SampledTrack(masked(RAMP), np.zeros(5), 0.0),
-    "survey, lateral": lambda: sj.SampledTrack(RAMP, masked(1e-4 * RAMP), 0.0),
-    "load, force": lambda: sj.TabulatedLoad(HALF, time=[0.0, 1.0]),
-    "load, time": lambda: sj.TabulatedLoad(np.zeros((5, 3)), time=masked(RAMP)),
-    "load, moment": lambda: sj.TabulatedLoad(np.zeros((2, 3)), HALF, time=[0.0, 1.0]),
+    "survey, distance": lambda: sj.model.SampledTrack(masked(RAMP), np.zeros(5), 0.0),
+    "survey, lateral": lambda: sj.model.SampledTrack(RAMP, masked(1e-4 * RAMP), 0.0),
+    "load, force": lambda: sj.model.TabulatedLoad(HALF, time=[0.0, 1.0]),
+    "load, time": lambda: sj.model.TabulatedLoad(np.zeros((5, 3)), time=masked(RAMP)),
+    "load, moment": lambda: sj.model.TabulatedLoad(np.zeros((2, 3)), HALF, time=[0.0, 1.0]),
     "speeds over time": lambda: sj.SpeedProgramme.over_time(RAMP, masked(RAMP + 100)),
     "speeds, times": lambda: sj.SpeedProgramme.over_time(masked(RAMP), RAMP + 100),
     "speeds over distance": lambda: sj.SpeedProgramme(RAMP, masked(RAMP + 100)),
@@ -122,7 +122,7 @@ UNDER_MASKS = {
     "modes, frequency": lambda: modes(frequency=masked([10.0, 20.0])),
     "modes, damping": lambda: modes(damping=masked([0.01, 0.01])),
     "modes, shapes": lambda: modes(shapes=masked(np.ones((2, 1, 3)))),
-    "damping of a beam": lambda: sj.Modes.beam(
+    "damping of a beam": lambda: sj.model.Modes.beam(
         [1.0], mass=1.0, length=4.0, stiffness=1e5, damping=masked([0.01] * 3)
     ),
     "section, play": lambda: sj.Section(points=SCENE.section.points, play=masked([1e-3] * 5)),
@@ -134,8 +134,8 @@ UNDER_MASKS = {
     "density of a record": lambda: power_spectral_density(masked(np.arange(16.0)), 100.0),
     "densities of windows": lambda: window_densities(masked(np.arange(64.0)), 100.0, np.array([10.0, 20.0])),
     "time of samples": lambda: resample(masked(np.arange(16.0)), np.arange(16.0), 1.0),
-    "waves": lambda: sj.FourierTrack(masked([1.0, 2.0]), [1e-3, 1e-3], [0.0, 0.0]),
-    "place of a sensor": lambda: sj.Sensor("front", place=masked([0.0, 0.0, 0.0])),
+    "waves": lambda: sj.model.FourierTrack(masked([1.0, 2.0]), [1e-3, 1e-3], [0.0, 0.0]),
+    "place of a sensor": lambda: sj.model.Sensor("front", place=masked([0.0, 0.0, 0.0])),
 }
 MASKS = {name: (call, REFUSED) for name, call in UNDER_MASKS.items()} | {
     # where numbers may be missing
@@ -157,7 +157,7 @@ DURATIONS = {
     ),
     "times of loads": (lambda: load(STEPS), SECONDS),
     "times of thrust": (lambda: sled(time=STEPS).time, SECONDS),
-    "delay": (lambda: sj.Sensor("front", delay=STEPS[0]).delay, 60.0),
+    "delay": (lambda: sj.model.Sensor("front", delay=STEPS[0]).delay, 60.0),
     "a list": (lambda: load(list(pd.to_timedelta([60, 120, 180], unit="s"))), SECONDS),
     "dates": (lambda: load(np.datetime64("2026-01-01") + STEPS), REFUSED),
     "no time": (lambda: load(np.array([1, "NaT", 3], "timedelta64[s]")), REFUSED),
@@ -185,25 +185,25 @@ FIVE = np.full(5, 0.5)
 UNITS = {
     "speed": (lambda: sj.paper_scene(speed=array(900.0, "km/h")).speed, 250.0),
     "speeds of a grid": (lambda: Grid(SCENE, {"speed": array([900.0], "mph")}).axes["speed"], [402.336]),
-    "survey": (lambda: sj.SampledTrack(RAMP, array(FIVE, "in"), 0.0).lateral, 0.0127 * np.ones(5)),
-    "distances of a survey": (lambda: sj.SampledTrack(array(RAMP, "ft"), FIVE, 0.0).distance, [0.0, 1.2192]),
+    "survey": (lambda: sj.model.SampledTrack(RAMP, array(FIVE, "in"), 0.0).lateral, 0.0127 * np.ones(5)),
+    "distances of a survey": (lambda: sj.model.SampledTrack(array(RAMP, "ft"), FIVE, 0.0).distance, [0.0, 1.2192]),
     "play": (lambda: sj.Section(points=SCENE.section.points, play=array([1.0] * 5, "um")).play, [1e-6] * 5),
     "thrust": (lambda: sled(thrust=array([9.0, 9.0, 0.0], "kN")).thrust, [9e3, 9e3, 0.0]),
     "a number in percent": (lambda: sled(friction=array(0.25, "percent")).friction, 0.0025),
     "a number in m": (lambda: sled(friction=array(0.1, "m")), REFUSED),
     "speed in kg": (lambda: sj.paper_scene(speed=array(900.0, "kg")), REFUSED),
-    "survey in s": (lambda: sj.SampledTrack(RAMP, array(FIVE, "s"), 0.0), REFUSED),
+    "survey in s": (lambda: sj.model.SampledTrack(RAMP, array(FIVE, "s"), 0.0), REFUSED),
     "thrust in kg": (lambda: sled(thrust=array([9.0, 9.0, 0.0], "kg")), REFUSED),
     "a unit of nobody": (lambda: sj.paper_scene(speed=array(900.0, "furz")), REFUSED),
     "a temperature": (lambda: sj.paper_scene(speed=array(900.0, "degC")), REFUSED),
-    "a case by its speed": (lambda: sj.load_scene(swept([250.0, 300.0]), speed=array(900.0, "km/h")).speed, 250.0),
-    "a result in km/h": (lambda: sj.load_scene(swept([900.0, 1080.0], units="km/h"), speed=900.0), REFUSED),
+    "a case by its speed": (lambda: sj.load(swept([250.0, 300.0]), speed=array(900.0, "km/h")).scene.speed, 250.0),
+    "a result in km/h": (lambda: sj.load(swept([900.0, 1080.0], units="km/h"), speed=900.0).scene, REFUSED),
 }
 """What has a unit is converted, and another kind of unit refused."""
 
 
 def clearance(ds, **more):
-    return float(PARAMETERS["clearance"].of(sj.load_scene(ds, **more)))
+    return float(PARAMETERS["clearance"].of(sj.load(ds, **more).scene))
 
 
 ONE, SAME, OTHER = swept([1e3, 1.1e3]), swept([1.2e3, 1.3e3]), swept([1.4e3, 1.5e3], 2e-3)
@@ -218,7 +218,7 @@ JOINED = {
     "of two gravities": (lambda: clearance(LIGHT, speed=1.4e3), REFUSED),
     "beside each other": (lambda: clearance(BESIDE, speed=1e3), REFUSED),
     "the second beside": (lambda: clearance(BESIDE.isel(play=1), speed=1e3), REFUSED),
-    "its start": (lambda: sj.load_start(TWO, speed=1.4e3), REFUSED),
+    "its start": (lambda: sj.load(TWO, speed=1.4e3).start, REFUSED),
     "merged": (
         lambda: clearance(xr.combine_by_coords([OTHER, ONE], combine_attrs="override"), speed=1e3),
         REFUSED,
@@ -238,9 +238,9 @@ OVERLOADS = {
 }
 OVERLOADS |= {
     "a survey": (lambda: sj.load_rail(table("distance [m], lateral [mm]\n0,0\n1,9.9E37\n2,0\n3,0\n")), REFUSED),
-    "speeds": (lambda: sj.load_speed(table("time [s], speed [m/s]\n0,100\n1,OVL\n2,120\n")), REFUSED),
+    "speeds": (lambda: sj.model.load_speed(table("time [s], speed [m/s]\n0,100\n1,OVL\n2,120\n")), REFUSED),
     "thrust": (
-        lambda: sj.RocketSled.from_file(table("time [s], thrust [N]\n0,9e4\n1,9.9E37\n2,0\n"), mass=300.0),
+        lambda: sj.model.RocketSled.from_file(table("time [s], thrust [N]\n0,9e4\n1,9.9E37\n2,0\n"), mass=300.0),
         REFUSED,
     ),
 }

@@ -1,15 +1,17 @@
 """The command that chooses parameters by an objective."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
-from ..model.parameters import PARAMETERS, parameter
+from ..model.parameters import PARAMETERS
 from ..tools.checks import require
-from .files import Outputs, fitting, keeping
+from .files import Outputs, keeping, said
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -17,7 +19,6 @@ from .options import (
     LOST,
     Case,
     Measure,
-    Target,
     app,
     bounds,
     given,
@@ -28,8 +29,6 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..design.objectives import Objective
     from ..design.optimise import Design
 
@@ -106,7 +105,7 @@ SPEED = Measure(PARAMETERS["speed"])
 )
 @result("design")
 @takes_case
-def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: Target, **options) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: Sequence[Path], **options) -> int:
     """Find the parameters within bounds that minimise an objective over a range of speeds.
 
     All other parameters keep the values of the scene.
@@ -128,67 +127,52 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
         require(objective not in limits, "--constraint", "name each objective once", name)
         limits[objective] = tuple(map(objective.quantity.from_shown, ends))
     options |= dict(over=over or None, constraints=limits, progress=True, **case.options)
-    files = Outputs(out.path, ".nc", out.picture)
+    files = Outputs(out)
     of_case = case.text([*variables, *over])
 
     def keep(best: "Design") -> str:
-        print(f"{report(best)}\n{of_case}")
-        return files.write(best.to_xarray(), partial=True)
+        said(*best.summary(), of_case)
+        return files.keep(best)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
     # an interrupted search keeps its best design
     with keeping(keep):
         best = on_thread(call, TRIAL_PATIENCE)
     # before the checks, which take a while
-    print(f"{report(best)}\n{of_case}", flush=True)
+    said(*best.summary(), of_case)
     # checks of a design that is not the best one would mislead
-    done = best.status == "converged"
-    around = on_thread(partial(_around, best), TRIAL_PATIENCE) if check and done else None
-    events = on_thread(partial(_margins, best), TRIAL_PATIENCE) if margins and done else None
-    print(files.write(best.to_xarray(events), partial(fitting, surroundings=around, margins=events)))
+    if best.status == "converged":
+        best = on_thread(partial(_checked, best, check, margins), TRIAL_PATIENCE)
+    said(files.write(best))
     return LOST if best.status == "no motion" else 0
 
 
-def _around(best: "Design") -> "xarray.Dataset | None":
-    """Return the objective on a grid of designs around the best one, by simulation alone; None where too many."""
-    from ..design.checks import surroundings
+def _checked(best: "Design", check: bool, margins: bool) -> "Design":
+    """Return a design with the checks that are wanted; print what they found."""
+    from ..design.checks import event_margins, surroundings
+    from ..results.designs import NEAREST
 
     # the number of designs grows with the power of the variables
-    points = AROUND.get(len(best.problem.bounds))
-    if points is None:
-        print("too many variables for a grid of designs around it")
-        return None
-    ds = surroundings(best, points=points, progress=True)
-    lower = 100 * ds.attrs["lower"]
-    print(f"{ds['total'].size} designs around it by simulation alone: the lowest is {lower:.2g} % lower", flush=True)
-    return ds
-
-
-def _margins(best: "Design") -> "xarray.Dataset | None":
-    """Return and print how far parameters may change before an event; None where no orbit can be followed."""
-    from ..design.checks import event_margins
-
+    points = AROUND.get(len(best.design))
+    if check and points is None:
+        said("too many variables for a grid of designs around it")
+    elif check:
+        around = surroundings(best, points=points, progress=True)
+        best = replace(best, around=around)
+        improvement = 100 * around.attrs["improvement_found"]
+        count = around["total"].size
+        said(f"{count} designs around it by simulation alone: the lowest is {improvement:.2g} % lower")
     # only orbits have a period
-    if not any(best.cases["period"].values > 0):
-        print("no case is on an orbit that could be followed to events")
-        return None
-    try:
-        ds = event_margins(best, progress=True)
-    except ValueError as error:  # what was found stands
-        print(f"nearest events were not found: {error}")
-        return None
-    print("nearest events:")
-    columns = ds[["case", "parameter", "label", "value", "relative"]].to_dataframe()
-    # a line for each case, parameter and way that it changes
-    for case, name, event, value, relative in columns.itertuples(index=False):
-        quantity = parameter(name, best.problem.scene)
-        where = ", ".join(
-            f"{over} {PARAMETERS[over].shown(values[case]):.5g} {PARAMETERS[over].display_unit}"
-            for over, values in best.problem.cases.items()
-        )
-        change = f"{quantity.shown(value):.6g} {quantity.display_unit} ({100 * relative:+.3g} %)"
-        print(f"  {where or 'the case'}: {quantity.name} {event or 'none up to'} {change}", flush=True)
-    return ds
+    if margins and not any(best.cases["period"].values > 0):
+        said("no case is on an orbit that could be followed to events")
+    elif margins:
+        try:
+            best = replace(best, margins=event_margins(best, progress=True))
+            words = best.summary()
+            said(*words[words.index(NEAREST) :])
+        except ValueError as error:  # what was found stands
+            said(f"nearest events were not found: {error}")
+    return best
 
 
 def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> np.ndarray:
@@ -200,31 +184,3 @@ def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> 
     need = "be the lowest and the highest speed, above zero, and their number"
     require(good, "--speeds", need, shown=f"{low:g} to {high:g} m/s and {count}")
     return np.linspace(low, high, count)
-
-
-def report(best: "Design") -> str:
-    """Return a design in words: what was found, its uncertainty, and a line for each case."""
-    import pandas as pd
-
-    from ..plots.style import shown
-
-    if best.status == "no motion":
-        return repr(best)
-    q = best.problem.objective.quantity
-    cases = best.cases
-    lines = [repr(best)]
-    # averages over chaotic motions have one, orbits none
-    if best.stderr > 0:
-        lines.append(f"standard error {q.shown(best.stderr):.2g} {q.display_unit}")
-    if best.several:
-        lines.append("starts ended at different designs that are about equally good: see start_end in the file")
-    # a row for each case, a column for each quantity
-    table = {}
-    for name in best.problem.over:
-        table[f"{name} [{PARAMETERS[name].display_unit}]"] = [f"{v:.6g}" for v in shown(cases, name)]
-    pairs = q.shown(cases[["objective", "objective_stderr"]].to_array().values).T
-    texts = [f"{value:.5g}" + (f" +- {error:.2g}" if error > 0 else "") for value, error in pairs]
-    table[f"{q.name} [{q.display_unit}]"] = texts
-    table["regime"] = cases["regime"].values
-    lines.append(pd.DataFrame(table).to_string(index=False))
-    return "\n".join(lines)

@@ -1,27 +1,21 @@
-"""Files of a command: OUT with endings, written whole or not at all, also after an interrupt."""
+"""Files of a command: those of --out, written whole or not at all, also after an interrupt."""
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial as partial_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..flow.status import Interrupted
-from ..tools.files import Content, listed, write_each
+from ..results.writing import PICTURES, check_ending
+from ..tools.files import listed
 
 if TYPE_CHECKING:
-    import matplotlib.axes
-    import xarray
+    from ..results.result import AbstractResult
 
-Draw = Callable[["xarray.Dataset"], "matplotlib.axes.Axes | np.ndarray"]
-"""Draws a dataset; returns Axes, or an array of them."""
-
-PICTURES = (".png", ".pdf", ".svg")
-"""Endings of pictures; the first is that of a command whose --out has none."""
+USUAL = (".nc", ".png")
+"""Endings of the files that are written for an --out without one."""
 PARTIAL = "_partial"
 """Added to the names of files with the part of a result that was finished before an interrupt."""
 
@@ -40,94 +34,58 @@ def make_folder(folder: Path, out: Path) -> None:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
-def fitting(ds: "xarray.Dataset", **options: object) -> "matplotlib.axes.Axes | np.ndarray":
-    """Draw the picture that fits a dataset; import matplotlib only now, so that help and errors need not wait."""
-    from ..plots.picture import plot
-
-    return plot(ds, **options)
-
-
-def _picture(ds: "xarray.Dataset", draw: Draw, ending: str) -> bytes:
-    """Return the content of a file of a dataset's picture, drawn by `draw`."""
-    import matplotlib
-
-    matplotlib.use("Agg")  # which needs no screen
-    from ..plots.style import FILES
-
-    # all Axes of a picture are in one figure
-    return FILES[ending](np.asarray(draw(ds)).flat[0].figure)
-
-
 class Outputs:
-    """The files that a command writes: OUT with each of its endings."""
+    """The files that a command writes."""
 
-    pictures = PICTURES
-    """Endings of pictures."""
+    def __init__(self, out: Path | Sequence[Path], usual: Sequence[str] = USUAL):
+        """Make the folders, and print which files will be replaced.
 
-    def __init__(self, out: Path, *endings: str):
-        """Make the folder, and print which files will be replaced.
+        **Arguments:** `out`: values of --out; `usual`: endings of the files for one without an ending.
 
-        **Raises:** `ValueError` where they cannot be written.
+        **Raises:** `ValueError` for an unknown ending, and where the files cannot be written.
         """
-        if out.name in ("", ".."):
-            raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{out}'.")
-        make_folder(out.parent, out)
-        self.out = out
-        self.endings = endings
-        paths = [Path(f"{out}{ending}") for ending in endings]
-        # a folder in the way is found before anything runs
-        for path in paths:
+        self.paths: list[Path] = []
+        for path in [out] if isinstance(out, Path) else out:
+            if path.name in ("", ".."):
+                raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{path}'.")
+            # what comes after a point in a number is no ending
+            if path.suffix[1:].isalpha():
+                check_ending(path, "--out")
+                self.paths.append(path)
+            else:
+                self.paths += [path.with_name(path.name + ending) for ending in usual]
+        for path in self.paths:
+            make_folder(path.parent, path)
+            # a folder in the way is found before anything runs
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
         # on standard error, so that output stays what scripts read
-        old = [str(path) for path in paths if path.exists()]
+        old = [str(path) for path in self.paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
-    def write(
-        self,
-        ds: "xarray.Dataset",
-        draw: Draw | None = fitting,
-        *,
-        partial: bool = False,
-        redraw: "Outputs | None" = None,
-    ) -> str:
-        """Write a dataset to OUT.nc, and its picture to OUT.png or another ending, as far as these are its files.
+    def named(self, more: str) -> "Outputs":
+        """Return files with a text added to their names, before the ending."""
+        return Outputs([path.with_name(f"{path.stem}{more}{path.suffix}") for path in self.paths])
 
-        **Arguments:** `draw`: None for no picture; `partial`: whether it is what an interrupt left, which is
-        written to OUT_partial; `redraw`: files whose picture is replaced in place of making one.
+    @property
+    def pictures(self) -> list[Path]:
+        """Those that are pictures."""
+        return [path for path in self.paths if path.suffix.lower() in PICTURES]
+
+    def write(self, result: "AbstractResult", *, drawn: bool = True, **options: object) -> str:
+        """Write a result.
+
+        **Arguments:** `drawn`: whether pictures are written, too; `options`: of the picture.
 
         **Returns:** what was written, in words.
         """
-        out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
-        contents: dict[Path, Callable[[], Content]] = {}
-        if ".nc" in self.endings:
-            # made in memory: HDF5 loses the whole process where a disk is full
-            contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
-        if draw is not None:
-            contents |= self._pictures(ds, draw, out) if redraw is None else redraw._pictures(ds, draw, redraw.out)
-        return write_each(contents | self._others(ds, out))
+        paths = [path for path in self.paths if drawn or path not in self.pictures]
+        return result.write(*paths, **options)
 
-    def _pictures(self, ds: "xarray.Dataset", draw: Draw, out: Path) -> dict[Path, Callable[[], Content]]:
-        """Return functions that make the content of pictures, by their paths."""
-        ends = [ending for ending in self.endings if ending in self.pictures]
-        return {Path(f"{out}{ending}"): partial_of(_picture, ds, draw, ending) for ending in ends}
-
-    def _others(self, ds: "xarray.Dataset", out: Path) -> dict[Path, Callable[[], Content]]:
-        """Return functions that make the content of further files, by their paths."""
-        return {}
-
-
-class Reports(Outputs):
-    """The files that a run writes, of which a PDF is a report with several pages, and others are tables."""
-
-    pictures = (".png", ".svg")
-
-    def _others(self, ds: "xarray.Dataset", out: Path) -> dict[Path, Callable[[], Content]]:
-        from ..plots.report import report_files
-
-        ends = [ending for ending in self.endings if ending not in (".nc", *self.pictures)]
-        return report_files(ds, out, ends) if ends else {}
+    def keep(self, result: "AbstractResult", **options: object) -> str:
+        """Write what an interrupt left, with `PARTIAL` in the names of the files."""
+        return self.named(PARTIAL).write(result, **options)
 
 
 def kept_in(store: Path | None) -> str:
@@ -155,3 +113,8 @@ def keeping(keep: Callable[[Any], str], store: Path | None = None) -> Iterator[N
         # before the first case or after the last one
         print(kept_in(store), file=sys.stderr)
         raise
+
+
+def said(*lines: str) -> None:
+    """Print lines, at once, also where the output is a file."""
+    print("\n".join(lines), flush=True)

@@ -1,5 +1,6 @@
 """The command that finds parameters from measured signals."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -7,7 +8,7 @@ import click
 
 from ..model.parameters import PARAMETERS
 from ..tools.checks import require
-from .files import Outputs
+from .files import Outputs, said
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -15,7 +16,6 @@ from .options import (
     INPUT,
     LOST,
     Case,
-    Target,
     app,
     begin,
     bounds,
@@ -62,7 +62,7 @@ def fit(
     by: str,
     starts: int,
     window: int | None,
-    out: Target,
+    out: Sequence[Path],
     **options,
 ) -> int:
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
@@ -74,9 +74,9 @@ def fit(
     from ..fitting.fit import fit as find
     from ..fitting.likelihood import Features
     from ..fitting.trajectories import Trajectories
-    from ..flow.datasets import load_sensors
 
-    file = click.get_current_context().params["scene"]
+    sensors = case.file.sensors if case.file else []
+    require(sensors, "FILE", "have tables [sensors.NAME]", shown="none")
     unknowns: dict[str, tuple[float, float]] = {}
     for name, low, high in fit:
         require(name not in unknowns, "--fit", "name each parameter once", name)
@@ -87,10 +87,7 @@ def fit(
     # one that the user did not choose, the method does
     solver = case.solver if given("solver") else None
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
-    files = Outputs(out.path, ".nc", out.picture)
-    sensors = load_sensors(file)
-    call = lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options)
-    found = on_thread(call)
-    print(f"{found!r}\n{case.text(list(PARAMETERS.keys() & unknowns.keys()))}")
-    print(files.write(found.to_xarray()))
+    files = Outputs(out)
+    found = on_thread(lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options))
+    said(*found.summary(), case.text(list(PARAMETERS.keys() & unknowns.keys())), files.write(found))
     return LOST if found.status == "not converged" else 0

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from ..flow.status import ASKED, Interrupted
 
-Result = TypeVar("Result")
+Kept = TypeVar("Kept")
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that interrupt a command."""
@@ -78,7 +78,7 @@ def leave(code: int) -> None:
     os._exit(code)
 
 
-def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
+def on_thread(call: Callable[[], Kept], patience: float = 0.0) -> Kept:
     """Return what `call` returns on another thread, so that the main one answers signals while XLA compiles or runs.
 
     **Arguments:** `patience`: seconds to wait after a signal for a call that then returns a partial result.

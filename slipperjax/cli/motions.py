@@ -1,20 +1,19 @@
 """The commands that look at one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from ..flow.status import Status, is_lost, step_error
+from ..flow.status import Status, is_lost
 from ..model.parameters import Parameter
-from ..model.scene import Scene, travel_unit
+from ..model.scene import Scene
 from ..tools.checks import require
-from .files import Outputs, keeping
-from .interrupts import Result, on_thread
+from .files import Outputs, keeping, said
+from .interrupts import Kept, on_thread
 from .options import (
     CASE,
     COUNT,
@@ -22,7 +21,6 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
-    Target,
     app,
     begin,
     bounds,
@@ -34,8 +32,6 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..orbits.branches import OrbitBranch
     from ..orbits.periodic import PeriodicOrbit
 
@@ -59,15 +55,16 @@ BRANCH_PATIENCE = 10.0
 @result("trajectory")
 @takes_case
 def simulate(
-    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Target
+    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Sequence[Path]
 ) -> int:
     """Simulate one case and write its trajectory."""
-    from ..flow.simulate import simulate as run
+    from ..orbits.simulate import simulate as run
+    from ..results.result import Result
     from ..tools.compile import ahead
     from ..tools.progress import bar
 
     scene = case.scene
-    files = Outputs(out.path, ".nc", out.picture)
+    files = Outputs(out)
     saving = dict(begin=begin, saves_per_period=saves_per_period)
     of_case = dict(start=case.start, steps_per_period=case.steps_per_period)
     preparing = []
@@ -77,21 +74,10 @@ def simulate(
     # matplotlib cannot be used while another thread imports it
     for thread in preparing:
         thread.join()
-    ds = trajectory.to_xarray()
-    print(files.write(ds))
-    status = Status(int(trajectory.status))
-    parts = [case.text(), f"{ds.attrs['steps_per_period']} steps per {travel_unit(scene)}", f"status: {status}"]
-    # forces and errors of a lost motion mean nothing
-    if not is_lost(status):
-        if float(trajectory.peak.force) > 0:
-            parts.append(trajectory.peak.text(scene))
-        if trajectory.probe is not None:
-            peaks = np.asarray(trajectory.probe.peak_error)
-            peaks = peaks[np.isfinite(peaks)]  # NaN where there was no contact
-            force = f" and its highest force by {peaks.max():.1e} of it" if len(peaks) else ""
-            parts.append(step_error(scene, trajectory.probe.error) + force)
-    print("; ".join(parts))
-    return LOST if is_lost(status) else 0
+    # made once
+    found = Result(trajectory.ds)
+    said(files.write(found), case.text(), *found.summary())
+    return LOST if is_lost(int(trajectory.status)) else 0
 
 
 def _prepare(scene: Scene, periods: int, **options: object) -> None:
@@ -99,12 +85,11 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
     # zeros of a longer run would take memory that the run itself may need
     if periods > LONGEST_PREPARED:
         return
-    from ..flow.simulate import stand_in
+    from ..orbits.simulate import stand_in
 
     trajectory = stand_in(scene, periods, **options)
-    trajectory.to_xarray()
-    float(trajectory.peak.force)
-    from ..plots import picture  # noqa: F401  (which imports matplotlib)
+    # which imports matplotlib, too
+    _ = trajectory.ds, trajectory.kind
 
 
 @app.command()
@@ -114,23 +99,18 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
 )
 @result("orbit")
 @takes_case
-def orbit(case: Case, period: int, transient: int | None, out: Target) -> int:
+def orbit(case: Case, period: int, transient: int | None, out: Sequence[Path]) -> int:
     """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
+    from ..results.result import Result
 
-    files = Outputs(out.path, ".nc", out.picture)
+    files = Outputs(out)
     print(f"looking for a motion of period {period} ...", file=sys.stderr)
     motion = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
     if _is_missed(motion):
         return LOST
-    print(files.write(motion.to_xarray()))
-    # real multipliers are written without an imaginary part
-    leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
-    print(
-        f"{case.text()}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
-        f"{float(motion.exponent):.6g} per period; multipliers {leading}, ...; {motion.signature}; "
-        f"{int(motion.iterations)} iterations, residual {float(motion.residual):.1g} (scaled)"
-    )
+    found = Result(motion.ds)
+    said(files.write(found), case.text(), *found.summary())
     return 0
 
 
@@ -148,7 +128,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
     "--from",
     "source",
     type=FILE,
-    help="netCDF file of a branch to extend: one that was interrupted, ended after --points, or reached a bound that "
+    help="File of a branch to extend: one that was interrupted, ended after --points, or reached a bound that "
     "--over now moves.",
 )
 @option("--period", COUNT, "Forcing periods after which the motion repeats.", default=1)
@@ -157,7 +137,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 @option(
     "--switch",
     click.Choice(SWITCHED),
-    "Also follow the branches that leave at every flip (PD) or branch point (BP), into OUT_PD1.nc and so on; repeat "
+    "Also follow the branches that leave at every flip (PD) or branch point (BP), into files with _PD1 and so on in their names; repeat "
     "for both.",
     multiple=True,
 )
@@ -170,10 +150,12 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @result("branch")
 @takes_case
-def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out: Target) -> int:
+def follow_branch(
+    case: Case, over, source, period, transient, points, switch, brute, quantity, out: Sequence[Path]
+) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
-    from ..flow.datasets import dataset_of
-    from ..plots.branches import branches, check_brute, check_quantity
+    from ..plots.branches import check_brute, check_quantity
+    from ..sweeps.loading import load
 
     options = dict(points=points, progress=True)
     if source is not None:
@@ -184,19 +166,18 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
         raise ValueError("Option --over must be given, or --from.")
     # checked before anything long is begun
     check_quantity(quantity)
-    beneath = None if brute is None else dataset_of(brute)
+    beneath = None if brute is None else load(brute).ds
     if beneath is not None:
         check_brute(beneath, parameter.name, quantity)
-    # each picture has the branches before it, too
-    drawn: list[xarray.Dataset] = []
-    draw = lambda ds: branches([*drawn, ds], quantity, beneath)
+    drawn: list[OrbitBranch] = []
 
-    def followed(call: Callable[[], Result], files: Outputs) -> Result:
+    def followed(call: Callable[[], Kept], files: Outputs) -> Kept:
         """Return the branch of a call; where that is interrupted, write the points so far."""
-        with keeping(lambda branch: files.write(branch.points, draw, partial=True)):
+        # each picture has the branches before it, too
+        with keeping(partial(files.keep, quantity=quantity, brute=beneath, others=drawn)):
             return on_thread(call, BRANCH_PATIENCE)
 
-    files = Outputs(out.path, ".nc", out.picture)
+    files = Outputs(out)
     branch = followed(call, files)
     # no first orbit was found, and why is printed
     if branch is None:
@@ -204,24 +185,25 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     # an extended branch has its scene in the file, not in the options
     varied = [parameter.name]
     text = case.text(varied) if source is None else Case(branch.scene).text(varied, f"from {source}")
-    print(f"{branch.summary()}\n{text}")
-    print(files.write(branch.points, draw))
-    drawn.append(branch.points)
-    # branches that leave at events are drawn over those before
+    picture = dict(quantity=quantity, brute=beneath)
+    said(*branch.summary(), text, files.write(branch, **picture))
+    drawn.append(branch)
+    # branches that leave at events are drawn with those before
     for label in sorted(set(switch)):
         for number, event in enumerate(branch.events_named(label), 1):
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
-            beside = Outputs(Path(f"{out.path}_{name}"), ".nc", out.picture)
+            own = files.named(f"_{name}")
             # no branch leaves at some events, and the others are followed all the same
             try:
-                other = followed(partial(branch.switched, event, **options), beside)
+                other = followed(partial(branch.switched, event, **options), own)
             except ValueError as error:
                 print(f"{place}: {error}", file=sys.stderr)
                 continue
-            print(f"{place}: {other.summary()}")
-            print(beside.write(other.points, draw, redraw=files))
-            drawn.append(other.points)
+            said(f"{place}:", *other.summary())
+            # all of them in the first picture
+            said(own.write(other, drawn=False), other.write(*files.pictures, others=drawn, **picture))
+            drawn.append(other)
     return 0
 
 
@@ -257,13 +239,15 @@ def _further(
     source: Path, over: Bounds | None, options: dict[str, object]
 ) -> "tuple[Parameter, Callable[[], OrbitBranch]]":
     """Return the parameter of the branch in a file, and a function that extends it, to other bounds where given."""
-    from ..orbits.branches import load_branch
+    from ..orbits.branches import OrbitBranch
+    from ..sweeps.loading import load
 
     # the first of them is named
     for name in given(*WITHOUT_FROM):
         raise ValueError(f"Option {name} must not be given with --from, whose file says it.")
     try:
-        before = load_branch(source)
+        before = load(source)
+        require(isinstance(before, OrbitBranch), "source", "be a result of continue_orbit", source)
     except ValueError as error:
         raise ValueError(f"Option --from must name a file of slipperjax continue, but {source}: {error}") from error
     quantity = before.parameter

@@ -23,10 +23,11 @@ from ..model.kinematics import Motion
 from ..model.parameters import PARAMETERS, STARTS, Parameter, parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
+from ..model.scene_files import SceneFile
 from ..tools.cache import compile_cache, keep_in
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, read_standard_input, user_path
-from .files import PICTURES
+from .files import USUAL
 
 LOST = 1
 """Exit code where no number that came out means anything."""
@@ -198,32 +199,15 @@ def out(default: str | None, text: str, *endings: str) -> Adds:
     return option("--out", FILE, text, default=default, callback=without)
 
 
-class Target(NamedTuple):
-    """What --out names where a picture is written."""
-
-    path: Path
-    """Without the endings that commands add."""
-    picture: str
-    """Ending of the picture."""
-
-    @classmethod
-    def of(cls, path: Path) -> "Target":
-        """Return the target of a path: an ending of a picture chooses that one, and .nc the usual one."""
-        ending = path.suffix.lower()
-        known = ending in (".nc", *PICTURES)
-        return cls(path.with_suffix("") if known else path, ending if ending in PICTURES else PICTURES[0])
-
-
-def drawn(default: str | None, text: str) -> Adds:
-    """Return the option --out of commands that write a picture, whose value is a `Target`."""
-    text = f"{text} OUT.pdf or OUT.svg draws that in place of OUT.png."
-    target = lambda ctx, parameter, path: None if path is None else Target.of(path)
-    return option("--out", FILE, text, default=default, callback=target)
-
-
-def result(default: str) -> Adds:
-    """Return the option --out of commands that write a dataset and a picture."""
-    return drawn(default, "Write OUT.nc and OUT.png.")
+def result(default: str | None, text: str = "") -> Adds:
+    """Return the option --out of commands that write a result, whose value is a list of paths."""
+    endings = (
+        ".nc (all numbers), .png or .svg (a picture), .pdf (a picture or a report), .csv (tables), .xlsx (tables and "
+        f"summary), .mat (MATLAB); without one, {' and '.join(USUAL)}"
+    )
+    usual = [] if default is None else [default]
+    help = f"File to write, by its ending: {endings}; repeat for several.{text}"
+    return option("--out", FILE, help, default=usual, multiple=True, show_default=default or False)
 
 
 _PAPER = inspect.signature(paper_scene).parameters  # whose defaults are stated in help
@@ -301,6 +285,8 @@ class Case(NamedTuple):
     solver: diffrax.AbstractSolver | None = None
     steps_per_period: int | None = None
     """None for as many as the scene needs."""
+    file: SceneFile | None = None
+    """What the scene's TOML file says, where it is from one."""
 
     @property
     def options(self) -> dict[str, object]:
@@ -374,14 +360,15 @@ def make_case(
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     # here, because help needs none of them
-    from ..flow.datasets import load_scene, load_start
     from ..model.surveys import load_rail
     from ..model.tracks import HarmonicTrack
     from ..solvers.named import resolve_solver
+    from ..sweeps.loading import load
     from ..tools.units import parsed
 
-    made = paper_scene() if scene is None else load_scene(scene)
-    start = None if scene is None else load_start(scene)
+    found = None if scene is None else load(scene)
+    made = paper_scene() if found is None else found.scene
+    start = None if found is None else found.start
     # parts of the scene first, because parameters are written into them
     parts: dict[str, object] = {}
     if memory is not None:
@@ -408,7 +395,8 @@ def make_case(
         except ValueError:
             numbers[name] = parsed(name, value, parameter(name, made).unit)
     made = made.replace(**numbers)
-    return Case(made, start, resolve_solver(made, solver), steps_per_period)
+    file = found if isinstance(found, SceneFile) else None
+    return Case(made, start, resolve_solver(made, solver), steps_per_period, file)
 
 
 def make_bounds(

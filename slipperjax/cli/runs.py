@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from ..flow.status import is_lost
 from ..model.parameters import PARAMETERS, parameter
 from ..tools.checks import require
-from .files import Reports, keeping, kept_in
+from .files import Outputs, keeping, kept_in, said
 from .options import (
     COUNT,
     FILE,
@@ -26,11 +27,15 @@ from .options import (
     given,
     option,
     parameters_of,
+    result,
     shown_value,
     takes_case,
 )
 
-BESIDE = "-environment"
+if TYPE_CHECKING:
+    from ..results.result import Result
+
+FURTHER = "-environment"
 """Added to the names of files with the vibration environment of a run."""
 SEPARATOR = "\t"
 """Between the words of --over, which may have spaces in them."""
@@ -73,100 +78,77 @@ class _Comparing(click.Command):
     default=[0.5, 0.95],
 )
 @option("--store", FILE, "With --over: keep runs in this store, from which the same command goes on.")
-@click.option(
-    "--out",
-    type=FILE,
-    help="File to write, by its ending: .nc (all numbers), .png or .svg (a page), .pdf (a report), .csv (tables of "
-    "windows and of each 100 m), .xlsx (tables and summary); without one, .nc and .png; repeat for several.",
-    multiple=True,
-    default=["run"],
-)
+@result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
-def run(case: Case, begin: float | None, out: tuple[Path, ...], over: str | None, **ensemble: object) -> int:
+def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, **ensemble: object) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
     designs by many runs over the same rails from the same starts.
 
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input. With a
-    table [environment], the vibration environment of its places is told, too, and written beside each --out with
-    -environment in its name.
+    table [environment], the vibration environment of its places is printed, too, and written into further files, with
+    -environment in their names.
     """
-    from ..flow.datasets import load_environment, load_run, load_units
-    from ..plots.environment import environment_summary
-    from ..plots.report import summary
-    from ..plots.runs import UNITS, RunView
     from ..sweeps.environment import check_environment, environment
     from ..sweeps.runs import run as over_rail
     from ..sweeps.windows import AccelerationHistory, default_records
 
-    file = click.get_current_context().params["scene"]
+    file = case.file
+    if file is None or file.run is None:
+        raise ValueError("Argument `FILE` must be a TOML file with a table [run], but has none.")
     # options that the user gave override the file
-    of_file = {name: value for name, value in load_run(file).items() if not given(name)}
+    of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
+    files = Outputs(out)
     if over is not None:
-        return _compared(case, over, options | ensemble, out, load_units(file))
+        return _compared(case, over, options | ensemble, files)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    files = [_outputs(path) for path in out]
-    asked = load_environment(file)
-    beside: list[Reports] = []
-    if asked is not None:
+    further = None
+    if file.environment is not None:
         # before a long run
-        check_environment(case.scene, **asked)
-        beside = [Reports(one.out.with_name(f"{one.out.name}{BESIDE}"), *one.endings) for one in files]
+        check_environment(case.scene, **file.environment)
+        further = files.named(FURTHER)
         history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
         options["record"] = [*default_records(case.scene), history]
-    with keeping(lambda ds: "\n".join(one.write(ds, partial=True) for one in files)):
-        ds = over_rail(case.scene, **options, probe=3, progress=True)
-    # reports of the file have them later, too
-    ds.attrs[UNITS] = json.dumps(load_units(file))
-    for one in files:
-        print(one.write(ds))
-    lost = is_lost(int(ds["status"]))
-    told = [case.text(start=_start(case)), *summary(RunView.of(ds, case.scene))]
-    # of a lost run nothing but its status is told
-    if asked is not None and not lost:
-        report = environment(ds, **asked)
-        for one in beside:
-            print(one.write(report))
-        told += environment_summary(report)
-    print("\n".join(told))
+    with keeping(files.keep):
+        ran = over_rail(case.scene, **options, probe=3, progress=True)
+    _keep_units(ran, case)
+    said(files.write(ran), case.text(start=_start(case)), *ran.summary())
+    lost = is_lost(int(ran.status))
+    # of a lost run nothing but its status is said
+    if further is not None and not lost:
+        report = environment(ran, **file.environment)
+        said(further.write(report), *report.summary())
     return LOST if lost else 0
 
 
-def _compared(case: Case, over: str, options: dict[str, object], out: tuple[Path, ...], units: Sequence[str]) -> int:
-    """Compare designs, write and print what was found."""
-    from ..plots.comparisons import verdict
+def _keep_units(result: "Result", case: Case) -> None:
+    """Put the units of the scene's file into a result: reports of it have them later, too."""
     from ..plots.runs import UNITS
+
+    assert case.file is not None
+    result.attrs[UNITS] = json.dumps(case.file.units)
+
+
+def _compared(case: Case, over: str, options: dict[str, object], files: Outputs) -> int:
+    """Compare designs, write and print what was found."""
     from ..sweeps.compare import compare
 
     name, *written = over.split(SEPARATOR)
     require(len(written) > 1, "--over", "have a parameter and two or more values", over.replace(SEPARATOR, " "))
     q = parameter(name, case.scene)
     values = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
-    files = [_outputs(path) for path in out]
     store = options["store"]
     without = "nothing is written; with --store runs are kept, and the same command goes on"
     with keeping(lambda ds: without if store is None else kept_in(store), store):
-        ds = compare(case.scene, {name: values}, progress=True, **options)
-    ds.attrs[UNITS] = json.dumps(units)
-    for one in files:
-        print(one.write(ds))
-    print("\n".join([case.text([name], _start(case)), *verdict(ds)]))
+        found = compare(case.scene, {name: values}, progress=True, **options)
+    _keep_units(found, case)
+    said(files.write(found), case.text([name], _start(case)), *found.summary())
     # by the last quantile, which decides
-    return 0 if np.isfinite(ds["value"].values[..., -1]).all() else LOST
+    return 0 if np.isfinite(found["value"].values[..., -1]).all() else LOST
 
 
 def _start(case: Case) -> str:
     """Return in words where a run begins whose scene has no start; empty for one that has."""
     return "from rest on the rail" if case.start is None else ""
-
-
-def _outputs(path: Path) -> Reports:
-    """Return the files of a value of --out."""
-    from ..plots.report import endings
-
-    # what comes after a point in a number is no ending
-    if not path.suffix[1:].isalpha():
-        return Reports(path, ".nc", ".png")
-    return Reports(path.with_suffix(""), *endings(path, ".nc", *Reports.pictures, name="--out"))

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from ..analysis.attractor import MIN_TEST
 from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..model.scene import Scene
 from ..tools.checks import require
-from .files import Draw, Outputs, fitting, keeping, kept_in, make_folder
+from .files import Outputs, keeping, kept_in, make_folder, said
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -26,10 +25,8 @@ from .options import (
     VALUE,
     Adds,
     Case,
-    Target,
     app,
     begin,
-    drawn,
     flag,
     option,
     parameters_of,
@@ -39,8 +36,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    import xarray
-
+    from ..results.result import Result
     from ..sweeps.store import Store
 
 Axis = tuple[str, float | str, float | str, int]
@@ -74,12 +70,12 @@ show = option("--show", str, "Variable to draw; default: what suits the record."
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Target, **options) -> int:
+def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
     grid = make_grid(case.scene, over, log=log)
-    return _swept(run, case, grid, Outputs(out.path, ".nc", out.picture), **options)
+    return _swept(run, case, grid, Outputs(out), **options)
 
 
 @app.command()
@@ -94,12 +90,12 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Target, **opt
 @option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Target, **options) -> int:
+def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
     """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
     grid = make_grid(case.scene, *filter(None, (over, by)), log=log)
-    return _swept(lyapunov_sweep, case, grid, Outputs(out.path, ".nc", out.picture), **options)
+    return _swept(lyapunov_sweep, case, grid, Outputs(out), **options)
 
 
 @app.command()
@@ -133,7 +129,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option("--cluster", str, "Address of a dask scheduler, such as tcp://host:8786.")
 @flag("--explain", "Print the time, memory and disk space that it will take, and stop.")
 @show
-@drawn(None, "Write OUT.png, and without a store OUT.nc; default: sweep, or the store's name.")
+@result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case
 def sweep(
     case: Case,
@@ -147,7 +143,7 @@ def sweep(
     store,
     explain,
     show,
-    out: Target | None,
+    out: Sequence[Path],
     transient,
     **storing,
 ):
@@ -172,13 +168,11 @@ def sweep(
         return 0
     with _executor(storing["processes"], storing["cluster"]) as executor:
         if store is None:
-            out = out or Target.of(Path("sweep"))
-            files = Outputs(out.path, ".nc", out.picture)
+            files = Outputs(out or [Path("sweep")])
         else:
             options |= dict(store=target, executor=executor)
             # a share of a store is not drawn
-            out = out or Target.of(store.with_suffix(""))
-            files = Outputs(out.path, out.picture) if storing["share"] is None else None
+            files = _of_store(store, out) if storing["share"] is None else None
         return _swept(run, case, grid, files, show, **options)
 
 
@@ -275,8 +269,13 @@ def _show_dask() -> None:
         del sys.modules["dask"]
 
 
+def _of_store(store: Path, out: Sequence[Path]) -> Outputs:
+    """Return the files of a store, by default a picture of its name."""
+    return Outputs(out or [store.with_suffix("")], usual=(".png",))
+
+
 def _swept(
-    function: "Callable[..., xarray.Dataset]",
+    function: "Callable[..., Result]",
     case: Case,
     grid: dict[str, np.ndarray],
     files: Outputs | None,
@@ -293,70 +292,38 @@ def _swept(
     store = options.get("store")
     path = None if store is None else store.path
 
-    def keep(ds: "xarray.Dataset") -> str:
+    def keep(found: "Result") -> str:
         # a store has written what is finished
-        if store is not None:
+        if store is not None or files is None:
             return kept_in(path)
-        assert files is not None
-        return files.write(ds, _draw(ds, None), partial=True)
+        return files.keep(found, drawn=_is_drawn(found))
 
     before = time.perf_counter()
     with keeping(keep, path):
-        ds = function(case.scene, grid, progress=True, **case.options, **options)
+        found = function(case.scene, grid, progress=True, **case.options, **options)
     seconds = time.perf_counter() - before
     if files is None:
         assert store is not None
-        print(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
+        said(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
         return 0
-    _write(ds, files, show)
-    print(f"{case.text(grid)}; {summary(ds, seconds)}")
+    _write(found, files, show)
+    said(case.text(grid), *found.summary(), f"{seconds:.1f} s with compiling")
     # one case with numbers makes a result
-    return LOST if is_lost(ds["status"].values).all() else 0
+    return LOST if is_lost(found["status"].values).all() else 0
 
 
-def _draw(ds: "xarray.Dataset", show: str | None) -> Draw | None:
-    """Return the function that draws a sweep, or its variable `show`; None for more than two parameters."""
-    from ..plots.maps import quantity_map
-
-    if ds["status"].ndim > 2:
-        return None
-    return fitting if show is None else partial(quantity_map, name=show)
+def _is_drawn(found: "Result") -> bool:
+    """Return whether a sweep has a picture, which those over more than two parameters have not."""
+    return found["status"].ndim <= 2
 
 
-def _write(ds: "xarray.Dataset", files: Outputs, show: str | None) -> None:
-    """Write the dataset and the picture of a sweep, as far as it has them."""
-    draw = _draw(ds, show)
-    if draw is None:
-        print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")
+def _write(found: "Result", files: Outputs, show: str | None) -> None:
+    """Write the files of a sweep, as far as it has them."""
+    drawn = _is_drawn(found)
+    if not drawn:
+        said(f"no picture of {found['status'].ndim} parameters: take a part of the data, and quantity_map")
     # a store without a picture has nothing more to write
-    if draw is not None or ".nc" in files.endings:
-        print(files.write(ds, draw))
-
-
-def summary(ds: "xarray.Dataset", seconds: float) -> str:
-    """Return a sweep in one line: numbers of cases, periods and steps, time, statuses, errors and regimes."""
-    from ..analysis.kinds import REGIMES, lasting
-    from ..flow.status import Status, is_lost
-
-    periods = f"{ds.attrs['settled']} + {ds.attrs['measured']} periods, " if "measured" in ds.attrs else ""
-    # one number, or the least and the greatest
-    steps = " to ".join(map(str, np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])))
-    parts = [f"{ds['status'].size} cases, {periods}{steps} steps per period: {seconds:.1f} s with compiling"]
-    # how many cases have which status, without those that are fine
-    wrong = ds["status"].values[ds["status"].values != Status.FINITE]
-    codes, counts = np.unique(wrong, return_counts=True)
-    meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
-    parts.append(f"{wrong.size} cases flagged" + (f" ({meanings})" if meanings else ""))
-    # the error of a lost case says nothing
-    lost = is_lost(ds["status"].values)
-    if "probe_error" in ds and not lost.all():
-        most = float(ds["probe_error"].values[~lost].max())
-        parts.append(f"half the step changes the motion by {most:.1e} scales at most")
-    # chaos is named with how long it lasts at least
-    if "regime" in ds:
-        life = ds.get("least_mean_life", np.nan)
-        parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
-    return "; ".join(parts)
+    said(*filter(None, [files.write(found, drawn=drawn, show=show)]))
 
 
 @app.group(no_args_is_help=False)
@@ -393,15 +360,15 @@ def check(path: Path) -> int:
 @store.command()
 @path
 @show
-@drawn(None, "Write OUT.png; default: the store's name.")
-def draw(path: Path, show: str | None, out: Target | None) -> None:
+@result(None, " Default: a picture with the name of the store.")
+def draw(path: Path, show: str | None, out: Sequence[Path]) -> None:
     """Draw the store PATH, which may still be growing."""
-    from ..sweeps.store import open_store, store_status
+    from ..sweeps.loading import load
+    from ..sweeps.store import store_status
 
-    ds = open_store(path)
-    out = out or Target.of(path.with_suffix(""))
+    found = load(path)
     try:
-        _write(ds, Outputs(out.path, out.picture), show)
+        _write(found, _of_store(path, out), show)
     except RuntimeError as error:  # of a checksum
         raise ValueError(f"{path} is damaged, see `slipperjax store check {path}`: {error}") from None
-    print(store_status(path))
+    said(str(store_status(path)))

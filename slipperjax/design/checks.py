@@ -41,8 +41,8 @@ def surroundings(
     `transient`, `periods`, `options`: as for `sweep`; the steps are those of the search.
 
     **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form,
-    and `total`, the worst or the mean of the cases, over the variables. Attribute `lower`: difference of the lowest
-    total from the design's own, over it [1].
+    and `total`, the worst or the mean of the cases, over the variables. Attribute `improvement_found`: difference of
+    the lowest total from the design's own, over it [1].
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
@@ -68,7 +68,7 @@ def surroundings(
             periods=periods,
             record=[*objectives, kinds],
         )
-        ds = sweep(problem.scene, grid | problem.over, **(call | options))
+        ds = sweep(problem.scene, grid | problem.over, **(call | options)).ds
         # lost cases have no objective
         for one in objectives:
             ds[one.name] = ds[one.name].where(ds["status"] == Status.FINITE)
@@ -79,8 +79,8 @@ def surroundings(
     total = join(of_cases, skipna=False)
     total = total.assign_attrs(values.attrs, long_name=f"{problem.robust} {smooth.name}")
     own = float(total.sel(design.design, method="nearest"))
-    lower = float((own - np.nanmin(total.values)) / abs(own))
-    return ds.assign(total=total).assign_attrs(lower=lower)
+    improvement = float((own - np.nanmin(total.values)) / abs(own))
+    return ds.assign(total=total).assign_attrs(improvement_found=improvement)
 
 
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
@@ -192,7 +192,7 @@ def _telling_cases(design: Design) -> list[int]:
 
 def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, float]]:
     """Return direction, label and parameter of the first event on each side of where a branch began."""
-    along = branch.points[branch.parameter.name].values
+    along = branch.ds[branch.parameter.name].values
     begin = int(np.argmin(np.abs(along - value)))
     events = []
     # branches may turn: the first step from the beginning tells the direction

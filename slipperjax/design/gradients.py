@@ -20,11 +20,11 @@ from ..analysis.floquet import linearise
 from ..flow.period_map import PeriodMap, SlopePassage, advance_slopes
 from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
-from ..flow.simulate import dynamic_steps
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
+from ..orbits.simulate import dynamic_steps
 from ..sweeps.orbits import Maps, rows_of
 from ..sweeps.records import LargestExponent
 from ..tools.batching import Batched

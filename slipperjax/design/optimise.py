@@ -1,9 +1,8 @@
 """Designs by gradient: parameters that keep an objective lowest over some cases."""
 
 import dataclasses
+import functools
 import math
-import os
-from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,9 +17,9 @@ from ..model.kinematics import Motion
 from ..model.parameters import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
+from ..results.result import AbstractResult
 from ..tools.checks import instance, warn, whole
 from ..tools.columns import column
-from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Numbers
 from .ensembles import AbstractEnsemble, RailEnsemble
@@ -35,8 +34,8 @@ VIOLATED = 1e-6
 """Violation from which a design counts as infeasible, in multiples of the limit."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Design:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Design(AbstractResult):
     """An optimal design, as far as the search went, and the trials on the way."""
 
     problem: Problem
@@ -62,6 +61,10 @@ class Design:
     judged: str
     """In words, along which rails the objective was taken, and how many runs were lost; empty on a rail that recurs
     without a lost run."""
+    around: xr.Dataset | None = None
+    """Of `surroundings`; None where no neighbours were simulated."""
+    margins: xr.Dataset | None = None
+    """Of `event_margins`; None where no events were looked for."""
 
     @property
     def regime(self) -> np.ndarray:
@@ -80,12 +83,12 @@ class Design:
         return found
 
     @property
-    def simulated(self) -> float:
+    def cost_periods(self) -> float:
         """Simulated forcing periods in all, derivatives counted by their cost."""
         return float(self.history["simulated"].values[-1] + self.cases["simulated"].sum())
 
     @property
-    def several(self) -> bool:
+    def has_equal_optima(self) -> bool:
         """Whether starts ended at different designs that are about equally good."""
         values = self.starts["smooth"].values
         # starts without a motion have no value, and are not near the lowest
@@ -99,40 +102,11 @@ class Design:
         """The scene with the best design."""
         return self.problem.scene.replace(**self.design)
 
-    def __repr__(self) -> str:
-        # numbers of lost motions mean nothing
-        if self.status == "no motion":
-            return (
-                "Design(status: no motion: no design that was tried stays on the rail; raise steps_per_period, check "
-                "the units of the scene, or change the bounds)"
-            )
-        problem = self.problem
-        shown = lambda q, value: f"{q.name} {q.shown(value):.5g} {q.display_unit}"
-        variables = []
-        for name, value in self.design.items():
-            bound = self.at_bounds.get(name)
-            where = f" (its {bound} bound)" if bound else ""
-            variables.append(shown(parameter(name, problem.scene), value) + where)
-        cases = "one case"
-        if problem.count > 1:
-            cases = f"{problem.robust} of {problem.count} cases"
-        counts = Counter(sorted(self.regime.tolist()))
-        regimes = [f"{count} x {word}" for word, count in counts.items()]
-        judged = f"  judged {self.judged},\n" if self.judged else ""
-        return (
-            f"Design(status: {self.status}, {', '.join(variables)},\n"
-            f"  {shown(problem.objective.quantity, self.objective)}, {cases},\n"
-            f"  regimes: {', '.join(regimes)},\n"
-            f"{judged}"
-            f"  {self.history.sizes['trial']} trials from {self.starts.sizes['start']} starts, "
-            f"{self.simulated:.3g} forcing periods)"
-        )
-
-    def to_xarray(self, margins: xr.Dataset | None = None) -> xr.Dataset:
-        """Return one dataset for files and pictures: `cases` as they are, `starts` and `history` with the prefixes
-        start_ and trial_, `design` with its bounds `low` and `high`, and scene, call and outcome as attributes.
-
-        **Arguments:** `margins`: of `event_margins`, kept with the prefix margin_.
+    @functools.cached_property
+    def ds(self) -> xr.Dataset:
+        """One dataset for files and pictures: `cases` as they are, `starts`, `history` and `margins` with the
+        prefixes start_, trial_ and margin_, `design` with its bounds `low` and `high`, the objective nearby as
+        `around_total`, and scene, call and outcome as attributes.
         """
         problem = self.problem
         names = problem.names
@@ -148,9 +122,11 @@ class Design:
         )
         parts = [variables, self.cases]
         # tables have variables of the same names, and so get prefixes
-        for prefix, table in (("start", self.starts), ("trial", self.history), ("margin", margins)):
+        for prefix, table in (("start", self.starts), ("trial", self.history), ("margin", self.margins)):
             if table is not None:
                 parts.append(table.rename({name: f"{prefix}_{name}" for name in table.data_vars}))
+        if self.around is not None:
+            parts.append(self.around[["total"]].rename(total="around_total").drop_attrs(deep=False))
         # what was chosen or varied has no value for all
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
         attrs |= run_attributes(self.scene, problem.start, _call(problem), problem.over)
@@ -161,13 +137,10 @@ class Design:
             status=self.status,
             robust=problem.robust,
             judged=self.judged,
-            several=np.int8(self.several),
+            has_equal_optima=np.int8(self.has_equal_optima),
+            cost_periods=self.cost_periods,
         )
         return xr.merge(parts, join="exact", compat="equals").assign_attrs(attrs)
-
-    def to_netcdf(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_xarray()`, whole or not at all; `load_scene` reads the best design's scene from it."""
-        write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
 
 
 def _call(problem: Problem) -> dict[str, object]:

@@ -9,10 +9,10 @@ import numpy as np
 import scipy.stats.qmc
 from jaxtyping import Float
 
-from ..flow.simulate import first_of
 from ..model.parameters import check_no_overlap, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
+from ..orbits.simulate import first_of
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import known, one_of, require, whole

@@ -10,13 +10,13 @@ import xarray as xr
 
 from ..analysis.step_error import FINER, with_step_error
 from ..flow.datasets import scene_attributes
-from ..flow.simulate import Trajectory, default_steps, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.parameters import checked_parameters, parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
+from ..orbits.simulate import Trajectory, default_steps, first_of
 from ..solvers.named import resolve_solver
 from ..sweeps.orbits import NearestOrbit
 from ..tools.checks import known, number, one_of, positive, require, tuple_of, whole

@@ -25,7 +25,7 @@ def python_of(session: Session) -> str:
         lines += [*_state_at(session, begin), f"scene = {scene_text(scene)}"]
         more = _arguments(begin=begin, **case.options, saves_per_period=case.steps)
         call = f"{periods}, start=start{more}"
-    lines += [f"run = sj.simulate(scene, {call})", "sj.plots.overview(run)"]
+    lines += [f"run = sj.simulate(scene, {call})", "run.plot()"]
     return "\n".join(lines) + "\n"
 
 
@@ -33,19 +33,18 @@ def _left(session: Session) -> list[str]:
     """Return the lines that make the map or the run."""
     view = session.view
     if not view.grid:
-        source = "ds  # that with which the page was opened"
-        if view.source is not None:
-            source = f"sj.flow.dataset_of({str(view.source)!r})"
-        return [f"given = {source}", "scene = sj.load_scene(given)" * view.is_run, "sj.plots.plot(given)"]
+        # else that with which the page was opened
+        source = "ds" if view.source is None else repr(str(view.source))
+        return [f"given = sj.load({source})", "scene = given.scene" * view.is_run, "given.plot()"]
     grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
     call = f"map = sj.sweep(scene, {{{grid}}}{_arguments(**sweep_options(view))})"
-    return [f"scene = {scene_text(view.scene)}", call, "sj.plots.plot(map)"]
+    return [f"scene = {scene_text(view.scene)}", call, "map.plot()"]
 
 
 def _state_at(session: Session, distance: float) -> list[str]:
     """Return the lines that compute what `Session.state_at` returns."""
     kept, begin = session.way(distance)
-    start = "given" if kept in session.run["stretch"] else "sj.load_start(given)"
+    start = "given" if kept in session.run["stretch"] else "given.start"
     # the run kept its state there
     if kept == begin:
         return [f"start = {start}"]

@@ -14,8 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from ..analysis.attractor import classify
-from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_start, varied_names
-from ..flow.simulate import Trajectory, first_of, simulate
+from ..flow.datasets import load_base, load_call, start_of, varied_names
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
 from ..model.dynamics import State
@@ -23,17 +22,19 @@ from ..model.kinematics import Motion
 from ..model.parameters import parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
+from ..orbits.simulate import Trajectory, first_of, simulate
 from ..plots.runs import PEAKS, edges_of, main_peak, peak_of
+from ..results.result import Result
 from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
+from ..sweeps.loading import load
 from ..sweeps.runs import run as run_along
-from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
 from ..tools.checks import require
 from ..tools.files import user_path
 from ..tools.types import Numbers
 
-Source = xr.Dataset | Scene | Path | str
+Source = Result | xr.Dataset | Scene | Path | str
 """What a page is opened with: a result, a scene, or a file or store of one."""
 Start = Motion | State | None
 """Where motions start; None for the start of Table 2."""
@@ -170,16 +171,17 @@ class Session:
             need = "be a store, a netCDF file or a scene's TOML file of slipperjax"
             there = path.suffix != ".zarr" or path.is_dir()
             require(there, "source", need, shown=f"{path}, which is not there")
-            if path.suffix.lower() == ".toml":
-                source = load_scene(path)
-                start = start or load_start(path)
+            found = load(path)
+            if isinstance(found, Result):
+                source = _with_statuses(found.ds)
             else:
-                source = _opened(path)
+                source = found.scene
+                start = start or found.start
         ds = xr.Dataset()
         if source is None or isinstance(source, Scene):
             scene = paper_scene() if source is None else source
         else:
-            ds = dataset_of(source)
+            ds = load(source).ds
             scene, of_ds = load_base(ds)
             start = start or of_ds
         # a dataset that varies nothing is the source of a scene
@@ -241,7 +243,7 @@ class Session:
         for first in range(0, len(order), 80):
             part = np.unravel_index(order[first : first + 80], cases.shape)
             values = cases.part(part)
-            pieces.append(sweep(view.scene, values, product=False, **sweep_options(view), chunk=40))
+            pieces.append(sweep(view.scene, values, product=False, **sweep_options(view), chunk=40).ds)
             done = min(first + 80, len(order))
             ds = _on_grid(pieces, order[:done], cases)
             yield dataclasses.replace(view, ds=ds), done / len(order)
@@ -251,7 +253,7 @@ class Session:
         view = self.view
         if not view.growing:
             return False
-        ds = _opened(view.source)
+        ds = _with_statuses(load(view.source).ds)
         # cases change their status when they are computed
         if np.array_equal(ds["status"].values, view.ds["status"].values):
             return False
@@ -286,11 +288,11 @@ class Session:
         """Return the start of a simulation from where the window at a distance [m] begins: a run up to there, or its
         own start."""
         kept, begin = self.way(distance)
-        start = self.run if kept in self.run["stretch"] else load_start(self.run)
+        start = self.run if kept in self.run["stretch"] else start_of(self.run)
         # the run stored its state there; else the run goes on up to the window
         if begin == kept:
             return start
-        return run_along(self.view.scene, length=begin - kept, begin=kept, start=start, **self.run_options)
+        return run_along(self.view.scene, length=begin - kept, begin=kept, start=start, **self.run_options).ds
 
     def passage(self, case: Case) -> tuple[Scene, int, float]:
         """Return what to simulate to see a window at the end: scene, forcing periods, and where they begin [m]."""
@@ -347,11 +349,11 @@ class Session:
             scene, periods, begin = self.passage(case)
             options = case.options | {"start": self.state_at(begin), "begin": begin, "saves_per_period": case.steps}
             run = simulate(scene, periods, **options)
-            yield Shown(case, run, run.to_xarray(), "run", 0)
+            yield Shown(case, run, run.ds, "run", 0)
             return
         run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=case.saves, **case.options)
         every = len(run.period) // PERIODS  # saves per period
-        ds = run.to_xarray().isel(time=slice(-SETTLED * every - 1, None))
+        ds = run.ds.isel(time=slice(-SETTLED * every - 1, None))
         # a motion that was lost has no kind
         kind, period = "unresolved", 0
         if int(run.status) == Status.FINITE:
@@ -375,9 +377,8 @@ def _wavelength(scene: Scene) -> float:
     return float(np.max(np.asarray(scene.wavelength)))
 
 
-def _opened(path: Path) -> xr.Dataset:
+def _with_statuses(ds: xr.Dataset) -> xr.Dataset:
     """Return the dataset of a store or a file, with statuses in memory."""
-    ds = open_store(path) if path.is_dir() else dataset_of(path)
     return ds.assign(status=ds["status"].load()) if "status" in ds else ds
 
 

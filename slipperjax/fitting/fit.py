@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import diffrax
 import numpy as np
 
-from ..flow.simulate import beginning, check_rail, refuse_periods
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..model.sensors import Rig, Sensor
 from ..model.step_size import given_steps
+from ..orbits.simulate import beginning, check_rail, refuse_periods
 from ..solvers.named import resolve_solver
 from ..tools.checks import TOLD, instance, known, number, positive, require, whole
 from ..tools.progress import bar as progress_bar, is_live
@@ -44,7 +44,7 @@ def fit(
     """Find parameters of a scene, and of sensors, from signals that were measured in one run or several.
 
     ```python
-    sensors = [sj.Sensor("front", place=(0.05, 0.0, 0.0)), sj.Sensor("side", direction="y")]
+    sensors = [sj.model.Sensor("front", place=(0.05, 0.0, 0.0)), sj.model.Sensor("side", direction="y")]
     unknowns = {"stiffness": (1e7, 1e9), "sensors.front.gain": scipy.stats.norm(1.0, 0.05)}
     found = sj.fit(scene, "measured.csv", unknowns, sensors)
     ```

@@ -1,6 +1,6 @@
 """The result of a fit: estimates with intervals, what the record does not tell, and what the model leaves of it."""
 
-import os
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..model.kinematics import Motion
-from ..model.parameters import Parameter, at_values
+from ..model.parameters import at_values
 from ..model.scene import Scene
 from ..model.sensors import Sensor
+from ..results.result import AbstractResult
 from ..tools.columns import column
 from ..tools.description import describe
-from ..tools.files import user_path, write_whole
 from .method import AbstractFitMethod, Posterior, Problem
 
 LEAST_INFORMATION = 3.0
@@ -27,8 +27,8 @@ AT_BOUND = 2.33
 """Level beyond which an estimate is at a bound, among the 1 % of values next to it."""
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(AbstractResult):
     """Parameters that explain measured signals, and how well they are known."""
 
     problem: Problem
@@ -124,25 +124,12 @@ class Fit:
         """Values beyond each of which 1 % was expected before, (parameters, 2)."""
         return np.array([one.value(np.array([-AT_BOUND, AT_BOUND])) for one in self.problem.unknowns])
 
-    def __repr__(self) -> str:
-        quantities = [one.parameter for one in self.problem.unknowns]
-        rows = []
-        for q in quantities:
-            low, high = map(q.shown, self.interval[q.name])
-            bound = self.at_bounds.get(q.name)
-            where = f", at its {bound} bound" if bound else ""
-            rows.append(f"{q.name} {q.shown(self.estimate[q.name]):.5g} ({low:.5g} to {high:.5g}){_unit(q)}{where}")
-        for other in self.minima:
-            shown = [f"{q.name} {q.shown(other[q.name]):.5g}{_unit(q)}" for q in quantities]
-            rows.append(f"another minimum: {', '.join(shown)}")
-        inside = ",\n  ".join([*rows, *self.not_identified, *self.misfit])
-        return f"Fit(status: {self.status}, {100 * self.confidence:g} % intervals,\n  {inside})"
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return one dataset for files and pictures.
+    @functools.cached_property
+    def ds(self) -> xr.Dataset:
+        """One dataset for files and pictures.
 
         Over `parameter` it has `estimate`, `stderr`, the interval's `low` and `high`; `prior_low` and `prior_high`,
-        beyond each of which 1 % was expected before; `step_change` by half the step [standard errors]; `covariance`;
+        beyond each of which 1 % was expected before; `at_bound`, on which bound it ended, if any; `step_change` by half the step [standard errors]; `covariance`;
         other minima as `minimum`. All are in the parameters' units, the coordinate `unit`.
 
         Of trajectories it has, over `window`, `sensor` and `sample`, the times `seconds` and the signals `measured`,
@@ -170,6 +157,7 @@ class Fit:
         data["step_change"] = column(
             "parameter", posterior.step_change, "1", "change by half the step, standard errors"
         )
+        data["at_bound"] = column("parameter", [self.at_bounds.get(name, "") for name in names], "", "bound")
         data["covariance"] = column(("parameter", "other"), self.covariance.values, "", "covariance")
         minima = np.reshape([list(other.values()) for other in self.minima], (-1, len(names)))
         data["minimum"] = column(("other_minimum", "parameter"), minima, "", f"other minima, {each}")
@@ -200,10 +188,6 @@ class Fit:
             "seed": problem.seed,
         }
 
-    def to_netcdf(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_xarray()`, whole or not at all; `load_scene` reads the scene with the estimates from it."""
-        write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
-
 
 def not_identified(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
     """Return in words what a record does not tell.
@@ -220,7 +204,3 @@ def not_identified(names: Sequence[str], information: Float[np.ndarray, "paramet
             else:
                 texts.append(f"the record does not tell {named[0]} from {' and '.join(map(str, named[1:]))}")
     return texts
-
-
-def _unit(q: Parameter) -> str:
-    return "" if q.display_unit == "1" else f" {q.display_unit}"

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from ..flow.simulate import Trajectory
 from ..model.dynamics import Args, State
 from ..model.scene import Scene
 from ..model.sensors import Channels, Rig, Sensor, channels
+from ..orbits.simulate import Trajectory
 from ..tools.checks import instance, not_negative, number, positive, require, whole
 from ..tools.columns import column
 from ..tools.compile import jit
@@ -40,7 +40,7 @@ def synthetic_record(
 
     **Raises:** `ValueError` for periods that the run does not have, and where it ends sooner than 8 samples do.
     """
-    instance("run", run, Trajectory, "a slipperjax.Trajectory")
+    instance("run", run, Trajectory, "a slipperjax.orbits.Trajectory")
     rig = Rig.of(sensors)
     rate = number(positive, "rate", rate, "Hz")
     noise = number(not_negative, "noise", noise)

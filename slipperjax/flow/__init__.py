@@ -1,7 +1,7 @@
 """One case through time: the period map, trajectories, records, statuses and datasets."""
 
 from .course import Course as Course, Loads as Loads
-from .datasets import dataset_of as dataset_of, load_call as load_call, versions as versions
+from .datasets import versions as versions
 from .record import (
     AbstractRecord as AbstractRecord,
     History as History,
@@ -16,4 +16,3 @@ from .records import (
     PowerMean as PowerMean,
     Record as Record,
 )
-from .simulate import Peak as Peak, Probe as Probe

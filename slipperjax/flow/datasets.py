@@ -3,12 +3,12 @@
 import functools
 import importlib.metadata
 import json
-import os
 import platform
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import diffrax
@@ -24,15 +24,14 @@ from ..model.layout import coordinates
 from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
-from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
+from ..model.scene_files import scene_from_json, scene_to_json
 from ..model.sensors import Sensor
 from ..model.travel import SpeedProgramme
-from ..tools.checks import finite, known, number, require
+from ..tools.checks import finite, known, require
 from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from ..tools.files import STANDARD_INPUT, check_file, content_of, readable, user_path
-from ..tools.first_dataset import on_dataset
+from ..tools.files import check_file, readable
 from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractOutput, History, HistoryValues
@@ -64,13 +63,11 @@ def run_attributes(
     call: Mapping[str, object],
     varied: Iterable[str] = (),
 ) -> dict[str, str]:
-    """Return the attributes of a dataset from which `load_scene`, `load_start` and `load_call` read, each JSON.
+    """Return the attributes of a dataset from which `scene_of`, `start_of` and `load_call` read, each JSON.
 
     **Arguments:** `call`: the name of the function that made it as `function`, and its arguments; `varied`: names of
     the coordinates that hold the values which differ between cases.
     """
-    # a dataset is being made: what plots it is registered with xarray now, not at import
-    on_dataset()
     return {
         "scene": scene_to_json(scene),
         "start": json.dumps(describe(start)),
@@ -180,94 +177,27 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     return result_dataset(data, coords, attrs)
 
 
-def load_scene(source: object, **chosen: object) -> Scene:
-    """Return the scene of a TOML file, of a result's netCDF file or store, or of a dataset; exactly as it was.
+def scene_of(ds: "xr.Dataset") -> Scene:
+    """Return the scene of a result of one case, exactly as it was.
 
-    **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of several cases, the varied
-    parameters of the wanted one by name, such as `speed=1250.0` [SI units, or quantities]. It is not needed for a
-    dataset of one case, as from `ds.isel(speed=3)`.
-
-    **Raises:** `ValueError` where the source holds no scene, or several of which none is chosen; `OSError` for a file
-    that cannot be read.
+    **Raises:** `ValueError` where the dataset holds no scene, or several.
     """
-    file = _scene_file(source, chosen)
-    if file is not None:
-        return file.scene
-    ds = _labels_of(source)
     scene, _ = load_base(ds)
-    values = _case_of(ds, chosen, of_start=False)
+    values = _case_of(ds, of_start=False)
     return scene.replace(**values) if values else scene
 
 
-def load_start(source: object, **chosen: object) -> Motion | State | None:
-    """Return the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
-
-    **Arguments:** and **Raises:** as for `load_scene`.
-    """
-    file = _scene_file(source, chosen)
-    if file is not None:
-        return file.start
-    ds = _labels_of(source)
+def start_of(ds: "xr.Dataset") -> Motion | State:
+    """Return the start of a result of one case; raises as `scene_of`."""
     _, start = load_base(ds)
     motion = start.motion if isinstance(start, State) else start
     # what was varied replaces the numbers of the start that all cases have in common
-    motion = replace(motion, **of_motion(_case_of(ds, chosen, of_start=True)))
+    motion = replace(motion, **of_motion(_case_of(ds, of_start=True)))
     return State(motion, start.memory) if isinstance(start, State) else motion
 
 
-def load_run(source: object) -> dict[str, Any]:
-    """Return the arguments of `run` from the table [run] of a TOML file.
-
-    They serve as in `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
-
-    **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
-    """
-    table = _run_table(source)
-    return {name: value for name, value in table.items() if name != "units"}
-
-
-def load_units(source: object) -> tuple[str, ...]:
-    """Return the units of reports from the table [run] of a TOML file; errors are those of `load_run`."""
-    return _run_table(source).get("units", ())
-
-
-def load_environment(source: object) -> dict[str, Any] | None:
-    """Return the arguments of `environment` besides its runs from the table [environment] of a TOML file; None where
-    it has none.
-
-    They serve as in `sj.environment(runs, **sj.load_environment(file))`.
-
-    **Raises:** `OSError` for a file that cannot be read.
-    """
-    file = _scene_file(source, {})
-    return None if file is None else file.environment
-
-
-def load_sensors(source: object) -> list[Sensor]:
-    """Return the sensors of a TOML file, from its tables [sensors.NAME].
-
-    **Raises:** `ValueError` where the file has none; `OSError` for a file that cannot be read.
-    """
-    file = _scene_file(source, {})
-    if not file or not file.sensors:
-        raise ValueError(f"Argument `source` must be a TOML file with tables [sensors.NAME], but is {source}.")
-    return file.sensors
-
-
-def _run_table(source: object) -> dict[str, Any]:
-    file = _scene_file(source, {})
-    table = file and file.run
-    if not table:
-        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
-    return table
-
-
-def load_base(source: object) -> tuple[Scene, Motion | State]:
-    """Return the scene and the start that all cases of a result are variations of.
-
-    **Raises:** `ValueError` as `load_scene`.
-    """
-    ds = _labels_of(source)
+def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
+    """Return the scene and the start that all cases of a result are variations of; raises as `scene_of`."""
     # a clear error where the attribute is missing or no JSON
     _described(ds, "scene")
     need = "be of one scene: these are joined from several, and only the first's is known"
@@ -282,14 +212,14 @@ def load_base(source: object) -> tuple[Scene, Motion | State]:
     return scene, State(motion, finite("start.memory", optional=True)(description.get("memory")))
 
 
-def load_call(source: object) -> dict[str, Any]:
+def load_call(ds: "xr.Dataset") -> dict[str, Any]:
     """Return the call that made a result: the function's name as `function`, and its arguments by name.
 
     Scene, grid and start are not among them.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
-    call = _described(_labels_of(source), "call")
+    call = _described(ds, "call")
     kinds = (
         diffrax.AbstractSolver,
         diffrax.AbstractStepSizeController,
@@ -304,65 +234,19 @@ def load_call(source: object) -> dict[str, Any]:
     return {name: build(value, kinds, name) for name, value in call.items()}
 
 
-def _scene_file(source: object, chosen: Mapping[str, object]) -> SceneFile | None:
-    """Return the content of a TOML file or of standard input; None where the source is something else."""
-    if not isinstance(source, str | os.PathLike):
-        return None
-    path = user_path(source, "source")
-    if path.suffix.lower() != ".toml" and path != STANDARD_INPUT:
-        return None
-    content = content_of(path)
-    with readable(source, "TOML file in UTF-8"):
-        text = content.decode()
-    for name in chosen:
-        raise ValueError(f"Argument `{name}` must not be given for a TOML file, which has one scene.")
-    return scene_from_toml(text, str(source))
+def read_dataset(path: Path) -> "xr.Dataset":
+    """Return the dataset of a netCDF file.
 
-
-def dataset_of(source: object) -> "xr.Dataset":
-    """Return the dataset of a netCDF file or a zarr store; a dataset as it is.
-
-    **Raises:** `ValueError` for something else, or where a file does not fit into memory; `OSError` for a file that
-    cannot be read.
+    **Raises:** `ValueError` for another file, or one that does not fit into memory; `OSError` for one that cannot be
+    read.
     """
-    with _opened(source) as ds:
-        # a store is read later, as far as it is used; a file must be read before it is closed
-        if not (isinstance(source, str | os.PathLike) and user_path(source, "source").is_file()):
-            return ds
-        refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
-        with readable(source, "netCDF file"):
-            return ds.load()
-
-
-def _labels_of(source: object) -> "xr.Dataset":
-    """Return a result without its variables: attributes and coordinates are enough to rebuild its scenes."""
-    with _opened(source) as ds:
-        if ds is source:
-            return ds
-        with readable(source, "result"):
-            return ds.drop_vars(list(ds.data_vars)).load()
-
-
-@contextmanager
-def _opened(source: Any) -> Iterator["xr.Dataset"]:
-    """Open the dataset of a file or a store, of which nothing is read yet; a dataset is yielded as it is."""
     import xarray as xr
 
-    if not isinstance(source, str | os.PathLike):
-        is_dataset = hasattr(source, "attrs") and hasattr(source, "coords")
-        require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
-        yield source
-        return
-    path = user_path(source, "source")
-    if path.is_dir():
-        with readable(path, "zarr store"):
-            ds = xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
-    else:
-        check_file(path)
-        with readable(path, "TOML file or netCDF file"):
-            ds = xr.open_dataset(path, engine="h5netcdf")
-    with ds:
-        yield ds
+    check_file(path)
+    with readable(path, "netCDF file"), xr.open_dataset(path, engine="h5netcdf") as ds:
+        refuse_impossible(f"the variables of {path}", float(ds.nbytes), 0.0)
+        # read before the file is closed
+        return ds.load()
 
 
 def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
@@ -390,24 +274,13 @@ def varied_names(ds: "xr.Dataset") -> list[str]:
     return names
 
 
-def _case_of(ds: "xr.Dataset", chosen: Mapping[str, object], of_start: bool) -> dict[str, float]:
-    """Return the varied values of the one case that is chosen, those of its start or those of its scene."""
-    names = varied_names(ds)
-    cases = ds.coords.to_dataset()[names]
-    for name, value in chosen.items():
-        require(name in names, name, f"be one of what was varied, {', '.join(names) or 'nothing'}", value)
-        varied = cases[name]
-        value = number(finite, name, value, varied.attrs.get("units", ""))
-        # numbers with a unit are converted, with rounding errors
-        hits = np.isclose(varied, value, rtol=1e-9, atol=0.0)
-        require(np.any(hits), name, "be one of the result's", value)
-        # lists that were read side by side have one dimension
-        cases = cases.isel({dim: np.flatnonzero(hits) for dim in varied.dims})
+def _case_of(ds: "xr.Dataset", of_start: bool) -> dict[str, float]:
+    """Return the varied values of the one case of a result, those of its start or those of its scene."""
     values = {}
-    for name in names:
+    for name in varied_names(ds):
         if (name in STARTS) == of_start:
-            count = cases[name].size
-            need = f"be given, as the result has {count} values of it; or select a case, as by ds.isel({name}=0)"
-            require(count == 1, name, need, shown="not")
-            values[name] = cases[name].item()
+            count = ds[name].size
+            need = "have one value"
+            require(count == 1, name, need, shown=f"{count}: select a case, as by .isel({name}=0)")
+            values[name] = ds[name].item()
     return values

@@ -209,7 +209,7 @@ class EventLatch(AbstractMemory):
     it opens.
 
     Needs a solver that applies the latch after each step: one of `slipperjax`, or one of diffrax in
-    `slipperjax.Latching`.
+    `slipperjax.solvers.Latching`.
     """
 
     unit: ClassVar = "s/m"

@@ -289,7 +289,7 @@ class VectorField(eqx.Module):
             return rates
         # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
         text = (
-            "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact "
+            "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's, for a contact "
             "memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
             "memory=SmoothSwitch() any solver serves."
         )
@@ -395,7 +395,7 @@ def vector_field(scene: Scene) -> VectorField:
     """Return the right-hand side for a scene, as a term of diffrax.
 
     Its time counts forcing periods, not seconds: a period of the scene is an interval of 1. Solve it with
-    `args=slipperjax.Args(scene)`.
+    `args=slipperjax.model.Args(scene)`.
     """
     instance("scene", scene, Scene, "a slipperjax.Scene")
     return VectorField()
@@ -433,7 +433,7 @@ def reactions(t: Real, state: State, args: Args) -> Reactions:
     **Raises:** `ValueError` for an argument of another kind.
     """
     instance("state", state, State, "a slipperjax.State")
-    instance("args", args, Args, "slipperjax.Args")
+    instance("args", args, Args, "slipperjax.model.Args")
     require(np.ndim(real("t", t)) == 0, "t", "be one number", t)
     return _reactions(t, state, args)
 

@@ -41,7 +41,7 @@ def _modal(name: str, unit: str) -> Any:
 
 
 class SledMotion(eqx.Module):
-    """Motion of a mass on the slipper, see `slipperjax.SledMass`."""
+    """Motion of a mass on the slipper, see `slipperjax.model.SledMass`."""
 
     y: Real = _coordinate("y", "m")
     """Lateral displacement [m]."""
@@ -54,7 +54,7 @@ class SledMotion(eqx.Module):
 
 
 class ModalMotion(eqx.Module):
-    """Motion of a sled's elastic modes, see `slipperjax.Modes`."""
+    """Motion of a sled's elastic modes, see `slipperjax.model.Modes`."""
 
     coordinate: Float[Array, " modes"] = _modal("coordinate", "m kg^0.5")
     """Coordinate of each mode [m kg^0.5]."""

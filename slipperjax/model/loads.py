@@ -42,7 +42,7 @@ class AppliedLoad(AbstractLoad):
     """Constant loads, such as a share of the sled's weight, and lift and drag by the square of the speed.
 
     ```python
-    load = sj.AppliedLoad(force=[0.0, 0.0, -800.0], force_by_square=[-0.02, 0.0, 0.01])
+    load = sj.model.AppliedLoad(force=[0.0, 0.0, -800.0], force_by_square=[-0.02, 0.0, 0.01])
     ```
     """
 
@@ -71,7 +71,7 @@ class AerodynamicLoad(AbstractLoad):
     Coefficients are numbers, or tables by the Mach number, linear between its rows and constant beyond its ends.
 
     ```python
-    load = sj.AerodynamicLoad(area=0.5, drag_coefficient=[0.4, 0.9, 0.7], mach=[0.8, 1.1, 2.6])
+    load = sj.model.AerodynamicLoad(area=0.5, drag_coefficient=[0.4, 0.9, 0.7], mach=[0.8, 1.1, 2.6])
     ```
     """
 
@@ -113,7 +113,7 @@ class TabulatedLoad(AbstractLoad):
     """Loads from a table by speed, time or distance, linear between its rows, and constant beyond its ends.
 
     ```python
-    thrust = sj.TabulatedLoad([[9e4, 0, 0], [8e4, 0, 0], [0, 0, 0]], time=[0.0, 1.5, 1.6], arm=[0, 0, 0.4])
+    thrust = sj.model.TabulatedLoad([[9e4, 0, 0], [8e4, 0, 0], [0, 0, 0]], time=[0.0, 1.5, 1.6], arm=[0, 0, 0.4])
     ```
     """
 
@@ -183,7 +183,7 @@ class SumLoad(AbstractLoad):
     def __check_init__(self):
         require(self.loads, "loads", "be one or more loads", self.loads)
         for load in self.loads:
-            instance("loads", load, AbstractLoad, "loads such as slipperjax.AppliedLoad(...)")
+            instance("loads", load, AbstractLoad, "loads such as slipperjax.model.AppliedLoad(...)")
 
     def __repr__(self) -> str:
         return f"SumLoad({list(self.loads)!r})"

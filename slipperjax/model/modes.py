@@ -110,7 +110,7 @@ class Modes(ShapeChecked):
 
     def check_place(self, place: AnyArray) -> None:
         """Raise `ValueError` unless a place is one of the modes' `places` [m]."""
-        need = "be places of the modes, see slipperjax.Modes"
+        need = "be places of the modes, see slipperjax.model.Modes"
         require(self.places is not None, "places", need, place)
         apart = np.linalg.norm(np.asarray(self.places) - np.asarray(place), axis=1).min()
         # a millimetre is no other place

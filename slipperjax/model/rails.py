@@ -191,7 +191,7 @@ class SampledTrack(AbstractRail):
     """A track through samples, such as a survey, by a cubic spline with continuous second derivatives.
 
     ```python
-    track = sj.SampledTrack(distance, lateral, vertical)  # arrays [m]
+    track = sj.model.SampledTrack(distance, lateral, vertical)  # arrays [m]
     ```
     """
 
@@ -411,7 +411,7 @@ class TrackSet(AbstractRail):
     """Several rails, such as surveys of one track, or pairs of rails, of which a number chooses one.
 
     ```python
-    ds = sj.sweep(dataclasses.replace(scene, track=sj.TrackSet(rails)), {"track.number": range(len(rails))})
+    ds = sj.sweep(dataclasses.replace(scene, track=sj.model.TrackSet(rails)), {"track.number": range(len(rails))})
     ```
     """
 
@@ -433,7 +433,7 @@ class TrackSet(AbstractRail):
             _ = self.rails
         else:
             for track in self.tracks:
-                require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.SampledTrack", track)
+                require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.model.SampledTrack", track)
             alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
             need = "have the same ends, and all roll or none"
             require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")

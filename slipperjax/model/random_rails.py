@@ -210,7 +210,7 @@ class RandomTrack(AbstractRail):
         ```python
         survey = sj.load_rail("survey.csv")
         alike = sj.RandomTrack.like(survey)
-        track = sj.TrackSet([survey, *(dataclasses.replace(alike, seed=seed) for seed in range(1, 200))])
+        track = sj.model.TrackSet([survey, *(dataclasses.replace(alike, seed=seed) for seed in range(1, 200))])
         ```
 
         Narrow peaks of the spectra, such as those of joints that recur, are not random: they become the `lines`, with
@@ -264,7 +264,7 @@ class RandomTrack(AbstractRail):
         )
         one_of("ends", self.ends, ENDS)
         if self.lines is not None:
-            instance("lines", self.lines, FourierTrack, "a slipperjax.FourierTrack")
+            instance("lines", self.lines, FourierTrack, "a slipperjax.model.FourierTrack")
         if self.band[0] >= 1.5:
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
@@ -410,7 +410,7 @@ class RandomRails(AbstractTwoRails):
     """Two random rails side by side with a coherence, one pair for each seed.
 
     ```python
-    track = sj.RandomRails(sj.RandomTrack.sled(), coherence=0.5, gauge=1.2, seed=3)
+    track = sj.model.RandomRails(sj.RandomTrack.sled(), coherence=0.5, gauge=1.2, seed=3)
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred pairs of rails
     ```
 
@@ -438,7 +438,7 @@ class RandomRails(AbstractTwoRails):
 
         ```python
         survey = sj.load_rail("both.csv")
-        scene = dataclasses.replace(scene, track=sj.RandomRails.like(survey))
+        scene = dataclasses.replace(scene, track=sj.model.RandomRails.like(survey))
         ds = sj.sweep(scene, {"track.seed": range(200)})
         ```
 

@@ -38,12 +38,12 @@ PARTS: dict[str, tuple[type, str]] = {
     "slipper": (AbstractBody, "a slipperjax.Slipper or a slipperjax.Sled"),
     "section": (Section, "a slipperjax.Section"),
     "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
-    "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
-    "memory": (AbstractMemory, "slipperjax.EventLatch(), slipperjax.PeakRateLatch() or slipperjax.SmoothSwitch()"),
-    "load": (AbstractLoad, "a load such as slipperjax.AppliedLoad(...)"),
-    "sled": (SledMass, "a slipperjax.SledMass"),
-    "wear": (AbstractWear, "a law of wear such as slipperjax.Wear(...)"),
-    "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
+    "contact": (AbstractContactLaw, "a contact law such as slipperjax.model.Flores(...)"),
+    "memory": (AbstractMemory, "slipperjax.model.EventLatch(), slipperjax.model.PeakRateLatch() or slipperjax.model.SmoothSwitch()"),
+    "load": (AbstractLoad, "a load such as slipperjax.model.AppliedLoad(...)"),
+    "sled": (SledMass, "a slipperjax.model.SledMass"),
+    "wear": (AbstractWear, "a law of wear such as slipperjax.model.Wear(...)"),
+    "friction": (AbstractFriction, "a friction law such as slipperjax.model.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
 INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)

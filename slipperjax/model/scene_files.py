@@ -95,7 +95,9 @@ class SceneFile(NamedTuple):
     start: Motion | None
     """The motion at time zero; None where the file has none."""
     run: dict[str, Any] | None
-    """Arguments of `slipperjax.run` [SI unit], and the `units` of its report; None where the file has none."""
+    """Arguments of `slipperjax.run` [SI unit]; None where the file has none."""
+    units: tuple[str, ...]
+    """Units in which its results are shown, such as "ft" and "lbf"."""
     environment: dict[str, Any] | None
     """Arguments of `slipperjax.environment` besides its runs [SI unit]; None where the file has none."""
     sensors: list[Sensor]
@@ -195,7 +197,8 @@ class _Reader:
         if not self.tables.keys().isdisjoint(BODY):
             values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
-            return SceneFile(Scene(**values), start, run, environment, sensors)
+            units = () if run is None else run.pop("units", ())
+            return SceneFile(Scene(**values), start, run, units, environment, sensors)
 
     def check_names(self) -> None:
         """Raise `ValueError` for names that a file does not have, and for values in place of tables."""

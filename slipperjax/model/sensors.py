@@ -195,10 +195,10 @@ class Rig(eqx.Module):
     @classmethod
     def of(cls, sensors: object) -> "Rig":
         """Return sensors as one; raises `ValueError` where they are no list of sensors of different names."""
-        listed = instance("sensors", sensors, Sequence, "a list of slipperjax.Sensor")
+        listed = instance("sensors", sensors, Sequence, "a list of slipperjax.model.Sensor")
         require(len(listed), "sensors", "have one or more", shown="none")
         for sensor in listed:
-            instance("sensors", sensor, Sensor, "a list of slipperjax.Sensor")
+            instance("sensors", sensor, Sensor, "a list of slipperjax.model.Sensor")
         rig = cls(tuple(listed))
         require(len(set(rig.names)) == len(rig.names), "sensors", "have different names", ", ".join(rig.names))
         return rig

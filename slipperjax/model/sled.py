@@ -86,7 +86,7 @@ class Sled(AbstractBody):
         names = self.names
         require(len(set(names)) == len(names), "mounts", "have different names", names)
         if self.modes is not None:
-            instance("modes", self.modes, Modes, "slipperjax.Modes(...)")
+            instance("modes", self.modes, Modes, "slipperjax.model.Modes(...)")
             count = self.modes.shapes.shape[-2]
             need = f"have shapes at each of the {len(names)} mounts"
             require(count == len(names), "modes", need, shown=f"shapes at {count}")

@@ -83,7 +83,7 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
 def check_start(name: str, start: Motion | State) -> Motion | State:
     """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
     motion = start.motion if isinstance(start, State) else start
-    kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
+    kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.orbits.Trajectory"
     require(isinstance(motion, Motion), name, f"be {kinds}", start)
     if isinstance(start, State) and np.ndim(motion.y) and not is_traced(motion):
         raise ValueError(

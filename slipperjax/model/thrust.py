@@ -53,14 +53,14 @@ class WaterBrake(ShapeChecked):
 
 
 def _brakes(value: object) -> tuple[WaterBrake, ...]:
-    return tuple_of("brakes", value, WaterBrake, "a list of slipperjax.WaterBrake(...)")
+    return tuple_of("brakes", value, WaterBrake, "a list of slipperjax.model.WaterBrake(...)")
 
 
 class RocketSled(ShapeChecked):
     """A whole sled with its forces along the rail, from which the programme of its speed follows.
 
     ```python
-    sled = sj.RocketSled([0.0, 2.0, 2.1], [9e4, 8e4, 0.0], mass=300.0, propellant=80.0, drag_area=0.1, friction=0.2)
+    sled = sj.model.RocketSled([0.0, 2.0, 2.1], [9e4, 8e4, 0.0], mass=300.0, propellant=80.0, drag_area=0.1, friction=0.2)
     scene = dataclasses.replace(scene, speed=sled.programme())
     ```
     """

@@ -51,7 +51,7 @@ class AbstractTrack(ShapeChecked):
         """Return displacements at `distance` [m], and their slopes per metre of travel."""
         # the slope is the derivative along one metre of travel
         here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
-        return instance("irregularity", here, Irregularity, "a slipperjax.Irregularity"), slope
+        return instance("irregularity", here, Irregularity, "a slipperjax.model.Irregularity"), slope
 
     def prepared(self) -> "AbstractTrack":
         """Return the track as runs evaluate it, with all work done that is the same at all distances."""
@@ -507,7 +507,7 @@ class TwoRails(AbstractTwoRails):
     """Any two rails side by side.
 
     ```python
-    track = sj.TwoRails(sj.load_rail("left.csv"), sj.load_rail("right.csv"), gauge=1.435)
+    track = sj.model.TwoRails(sj.load_rail("left.csv"), sj.load_rail("right.csv"), gauge=1.435)
     ```
     """
 

@@ -1,10 +1,12 @@
 """Events of branches of periodic orbits, critical orbits and their curves over two parameters, contact signatures."""
 
-from .branches import BranchEvent as BranchEvent
+from .branches import BranchEvent as BranchEvent, OrbitBranch as OrbitBranch
 from .critical import (
     OrbitCurve as OrbitCurve,
     continue_event as continue_event,
     critical_orbit as critical_orbit,
     event_sensitivities as event_sensitivities,
 )
+from .periodic import PeriodicOrbit as PeriodicOrbit
 from .signature import Signature as Signature, Touchdown as Touchdown
+from .simulate import Peak as Peak, Probe as Probe, Trajectory as Trajectory

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import diffrax
@@ -17,17 +16,14 @@ from ..analysis.continuation import Branch, End, continue_motion, extend, switch
 from ..analysis.events import MEANINGS, Event, observed
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import (
-    dataset_of,
     load_base,
     load_call,
     result_dataset,
     run_attributes,
     scene_attributes,
-    varied_names,
 )
 from ..flow.period_map import PeriodMap
 from ..flow.record import PoincareSections, RecordedSpan, RecordSet, SectionPoints, Strobe
-from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import Interrupted, Stop
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -36,19 +32,19 @@ from ..model.parameters import Parameter, parameter
 from ..model.scene import Scene, check_scene
 from ..model.starts import initial_state
 from ..model.step_size import given_steps
+from ..results.result import Result
 from ..solvers.named import resolve_solver
 from ..tools.checks import known, number, positive, require, tuple_of, whole
 from ..tools.columns import column
 from ..tools.compile import call_compiled
-from ..tools.files import user_path, write_whole
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Real
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, grazing, signature
+from .simulate import Trajectory, default_steps, dynamic_steps
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 FINER = 4
@@ -98,66 +94,30 @@ class OrbitView(NamedTuple):
     crossings: SectionPoints
 
 
-@dataclasses.dataclass(frozen=True)
-class OrbitPoints:
-    """Orbits along a curve, which can be written to files and tables."""
-
-    points: "xr.Dataset"
-    """An `xarray.Dataset` along `point`."""
-
-    def __post_init__(self):
-        # xarray is not imported for this, because that takes time
-        good = hasattr(self.points, "attrs") and hasattr(self.points, "coords")
-        require(good, "points", "be an xarray.Dataset along `point`", self.points)
-
-    def to_netcdf(self, path: str | Path) -> None:
-        """Write `points` to a netCDF file, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
-        write_whole(user_path(path), self.points.to_netcdf(engine="h5netcdf"))
-
-    def to_dataframe(self) -> "pd.DataFrame":
-        """Return a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, states.
-
-        Points of Poincare sections, whose number differs from orbit to orbit, are left out.
-        """
-        import pandas as pd  # here, because importing it takes time
-
-        ds = self.points
-        columns = {name: ds[name].values for name in varied_names(ds)}
-        columns |= {str(name): array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
-        # a column for each multiplier and each number of the state
-        for name in ("multiplier_real", "multiplier_imag", "state"):
-            columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
-        return pd.DataFrame(columns, index=ds["point"].to_index())
-
-
-@dataclasses.dataclass(frozen=True)
-class OrbitBranch(OrbitPoints):
-    """Orbits along a curve over one parameter."""
-
-    points: "xr.Dataset"
-    """An `xarray.Dataset` along `point`: the parameter, `state`, `multiplier_real` and `multiplier_imag` [1],
-    `stable`, `signature`, `touchdowns`, `slowest_touchdown` [m/s], `grazing_gap` [m], `residual`, `label`, and the
-    Poincare sections of `slipperjax.sweep`; along `event`, the table of events."""
+class OrbitBranch(Result):
+    """Orbits along a curve over one parameter: a dataset along `point` with the parameter, `state`, `multiplier_real`
+    and `multiplier_imag` [1], `stable`, `signature`, `touchdowns`, `slowest_touchdown` [m/s], `grazing_gap` [m],
+    `residual`, `label`, and the Poincare sections of `slipperjax.sweep`; along `event`, the table of events."""
 
     @property
     def scene(self) -> Scene:
         """Scene in which the parameter varies."""
-        return load_base(self.points)[0]
+        return load_base(self.ds)[0]
 
     @property
     def parameter(self) -> Parameter:
         """Parameter that varies."""
-        return parameter(load_call(self.points)["parameter"], self.scene)
+        return parameter(load_call(self.ds)["parameter"], self.scene)
 
     @property
     def period(self) -> int:
         """Forcing periods after which the orbits recur [1]."""
-        return int(self.points.attrs["orbit_period"])
+        return int(self.ds.attrs["orbit_period"])
 
     @property
     def events(self) -> tuple[BranchEvent, ...]:
         """Events of the branch, in the order of its points."""
-        ds = self.points
+        ds = self.ds
         columns = {name: ds[f"event_{name}"].values.tolist() for name in EVENT_COLUMNS}
         columns["multiplier"] = map(complex, columns["multiplier_real"], columns["multiplier_imag"])
         return tuple(map(BranchEvent, *(columns[name] for name in BranchEvent._fields)))
@@ -166,45 +126,9 @@ class OrbitBranch(OrbitPoints):
         """Return the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
 
-    def summary(self) -> str:
-        """Return a description of the branch in words, with a table of its events."""
-        varied = self.parameter
-        ds = self.points
-        values = ds[varied.name].values
-        outside = ds["outside"].values
-        shown = lambda value: f"{varied.shown(value):.8g}"
-        begin, end = ds.attrs["ended"]
-        first = f"{shown(values[0])} ({begin or 'start'})"
-        last = f"{shown(values[-1])} ({end or 'start'})"
-        title = f"{varied.name} [{varied.display_unit}]"
-        lines = [
-            f"OrbitBranch of period {self.period} over {varied.name}: {len(values)} points, "
-            f"{int(np.sum(ds['stable'].values))} stable, from {first} to {last} {varied.display_unit}",
-            f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
-        ]
-        for event in self.events:
-            mu = event.multiplier
-            error = varied.shown(event.high - event.low) / 2
-            # grazings and ends have no critical multiplier
-            critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
-            sure = f"{error:.0e}" if event.converged else "unsure"
-            lines.append(
-                f"  {event.label:5}  {shown(event.value):>20}  {sure:>7}  {critical:>22}  {outside[event.point]:>7}"
-                f"  {event.note}".rstrip()
-            )
-        return "\n".join(lines)
-
-    __repr__ = summary
-
-    def events_dataframe(self) -> "pd.DataFrame":
-        """Return a `pandas.DataFrame` with a row per event, in the order of `events`."""
-        # the table of events consists of the variables along `event` alone
-        names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
-        return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
-
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
         """Return the orbit at a point, by its index, or at an event."""
-        ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
+        ds = self.ds.isel(point=point.point if isinstance(point, BranchEvent) else point)
         settings = _Settings.of(self)
         return PeriodicOrbit(
             scene=settings.varied.replaced(settings.scene, ds[settings.varied.name].values),
@@ -253,7 +177,7 @@ class OrbitBranch(OrbitPoints):
     def branch(self) -> Branch:
         """The branch as a `slipperjax.analysis.Branch`; for one from a file its points are evaluated anew."""
         settings = _Settings.of(self)
-        ds = self.points
+        ds = self.ds
         z = np.column_stack([ds["state"].values, ds[settings.varied.name].values])
         nodes = []
         # all points meet a tolerance of 1 at once, so that Newton's method leaves them in place
@@ -270,17 +194,6 @@ def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
     """Return an event as a `slipperjax.analysis.Event`."""
     label, _, low, high, multiplier, converged, note, point = event
     return Event(label, nodes[point], low, high, multiplier, converged, note)
-
-
-def load_branch(source: "str | Path | xr.Dataset") -> OrbitBranch:
-    """Load a branch from a netCDF file, or from the dataset of one.
-
-    **Raises:** `ValueError` for other files and datasets; `OSError` for a file that cannot be read.
-    """
-    ds = dataset_of(source)
-    good = "call" in ds.attrs and load_call(ds)["function"] == "continue_orbit"
-    require(good, "source", "be a result of continue_orbit", source)
-    return OrbitBranch(ds)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -307,8 +220,8 @@ class _Settings:
     def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Settings":
         """Return the settings of a branch, or with other bounds. The scale of lengths stays that of the first
         bounds."""
-        call = load_call(branch.points)
-        scene, start = load_base(branch.points)
+        call = load_call(branch.ds)
+        scene, start = load_base(branch.ds)
         varied = branch.parameter
         values = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
         first = cls.new(scene, varied, tuple(call["bounds"]), *values, initial_state(scene, start))
@@ -478,13 +391,13 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple
     return data
 
 
-Followed = TypeVar("Followed", bound=OrbitPoints)
+Followed = TypeVar("Followed", bound=Result)
 
 
 def finished(result: Followed) -> Followed:
     """Return a branch or curve as it is; raise `Interrupted` with it if it ended by Ctrl-C."""
-    if "interrupted" in result.points.attrs["ended"]:
-        raise Interrupted(result, result.points.sizes["point"], unit="points")
+    if "interrupted" in result.ds.attrs["ended"]:
+        raise Interrupted(result, result.ds.sizes["point"], unit="points")
     return result
 
 

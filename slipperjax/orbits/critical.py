@@ -25,11 +25,11 @@ from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
-from ..flow.simulate import dynamic_steps
 from ..flow.stepping import AbstractStepping, ConstantSteps
 from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
+from ..results.result import Result
 from ..tools.checks import one_of, require, shown_number
 from ..tools.columns import column
 from ..tools.compile import jit
@@ -39,7 +39,6 @@ from ..tools.types import Real
 from .branches import (
     BranchEvent,
     OrbitBranch,
-    OrbitPoints,
     bounds_of,
     counted,
     finished,
@@ -48,6 +47,7 @@ from .branches import (
 from .motions import ScenePath, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
+from .simulate import dynamic_steps
 
 
 def critical_orbit(
@@ -128,7 +128,7 @@ def event_sensitivities(
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     scene = branch.scene
-    call = load_call(branch.points)
+    call = load_call(branch.ds)
     tolerance = call["tolerance"]
     own = branch.parameter
     start = branch.orbit(event)
@@ -238,33 +238,21 @@ class GapExtreme(eqx.Module):
         return cubic.value(x), k + (n + x) / steps
 
 
-@dataclasses.dataclass(frozen=True)
-class OrbitCurve(OrbitPoints):
-    """Orbits with one event, along a curve in the plane of two parameters."""
-
-    points: xr.Dataset
-    """An `xarray.Dataset` along `point`: both parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and
-    `outside`, the multipliers outside the unit circle without the critical ones."""
+class OrbitCurve(Result):
+    """Orbits with one event, along a curve in the plane of two parameters: a dataset along `point` with both
+    parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and `outside`, the multipliers outside the unit
+    circle without the critical ones."""
 
     @property
     def label(self) -> str:
         """Event: "LP", "PD", "NS" or "GR"."""
-        return self.points.attrs["label"]
+        return self.ds.attrs["label"]
 
     @property
     def names(self) -> tuple[str, str]:
         """Names of both parameters."""
-        first, second = varied_names(self.points)
+        first, second = varied_names(self.ds)
         return first, second
-
-    def __repr__(self) -> str:
-        ds, ends = self.points, self.points.attrs["ended"]
-        at = lambda k: ", ".join(f"{ds[name].values[k]:.6g}" for name in self.names)
-        first, last = (f"({at(k)}: {ends[k] or 'start'})" for k in (0, -1))
-        return (
-            f"OrbitCurve({self.label} of period {ds.attrs['orbit_period']} over {' and '.join(self.names)}: "
-            f"{ds.sizes['point']} points,\n  from {first} to {last})"
-        )
 
 
 def continue_event(
@@ -294,7 +282,7 @@ def continue_event(
     """
     one_of("event", event.label, (*CRITICAL_MULTIPLIERS, "GR"))
     scene = branch.scene
-    call = load_call(branch.points)
+    call = load_call(branch.ds)
     own = branch.parameter
     other = parameter(name, scene)
     require(other.name != own.name, "name", "be another parameter than the branch's", name)

@@ -10,15 +10,6 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import (
-    SECONDS_PER_STEP,
-    Trajectory,
-    beginning_of,
-    check_rail,
-    default_steps,
-    dynamic_steps,
-    first_of,
-)
 from ..flow.status import judge_states, with_growth, with_resolution
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
@@ -30,6 +21,15 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import require, whole
 from ..tools.limits import refuse_impossible
 from ..tools.tracing import is_traced
+from .simulate import (
+    SECONDS_PER_STEP,
+    Trajectory,
+    beginning_of,
+    check_rail,
+    default_steps,
+    dynamic_steps,
+    first_of,
+)
 
 
 def check_count(scene: Scene, count: int) -> int:

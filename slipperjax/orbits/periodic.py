@@ -1,5 +1,6 @@
 """Periodic motions of one slipper, exact to rounding, with their multipliers and contact signatures."""
 
+import json
 from typing import Any
 
 import diffrax
@@ -14,7 +15,22 @@ from ..analysis.newton import without_derivatives
 from ..analysis.shooting import Shot, minimal_period, shoot
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.record import RecordSet
-from ..flow.simulate import (
+from ..flow.status import Status, is_lost, judge_states
+from ..flow.stepping import ConstantSteps
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.quantities import MOTION_NUMBERS
+from ..model.scene import Scene, check_scene
+from ..model.starts import initial_state
+from ..results.result import AbstractResult
+from ..solvers.named import resolve_solver
+from ..tools.checks import number, positive, shown_number, whole
+from ..tools.compile import jit
+from ..tools.tracing import is_traced
+from ..tools.types import Whole
+from .motions import check_forcing, consistent_state
+from .signature import Gaps, GapSamples, Signature, signature
+from .simulate import (
     Trajectory,
     default_steps,
     dynamic_steps,
@@ -23,20 +39,6 @@ from ..flow.simulate import (
     run_eagerly,
     simulate,
 )
-from ..flow.status import Status, is_lost, judge_states
-from ..flow.stepping import ConstantSteps
-from ..model.dynamics import State
-from ..model.kinematics import Motion
-from ..model.quantities import MOTION_NUMBERS
-from ..model.scene import Scene, check_scene
-from ..model.starts import initial_state
-from ..solvers.named import resolve_solver
-from ..tools.checks import number, positive, shown_number, whole
-from ..tools.compile import jit
-from ..tools.tracing import is_traced
-from ..tools.types import Whole
-from .motions import check_forcing, consistent_state
-from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
@@ -46,7 +48,7 @@ DIVISOR = 1e-6
 """Scaled residual below which a motion counts as recurring after a divisor of its period [1]."""
 
 
-class PeriodicOrbit(eqx.Module):
+class PeriodicOrbit(eqx.Module, AbstractResult):
     """A motion that recurs after `period` forcing periods."""
 
     scene: Scene
@@ -98,14 +100,17 @@ class PeriodicOrbit(eqx.Module):
         options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
         return simulate(self.scene, count, start=self.state, **options)
 
-    def to_xarray(self) -> Any:
-        """Return the `xarray.Dataset` of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
+    @property
+    def ds(self) -> Any:
+        """The dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
         attributes orbit_period [forcing periods], stable, residual, iterations and signature."""
         mu = np.asarray(self.multipliers)
         words = {"units": "1", "long_name": "Floquet multiplier"}
         parts = {"multiplier_real": ("multiplier", mu.real, words), "multiplier_imag": ("multiplier", mu.imag, words)}
-        ds = self.trajectory().to_xarray().assign(parts)
+        ds = self.trajectory().ds.assign(parts)
+        call = {"function": "periodic_orbit", "period": self.period}
         return ds.assign_attrs(
+            call=json.dumps(call),
             orbit_period=self.period,
             stable=int(self.stable),
             residual=float(self.residual),

@@ -2,7 +2,7 @@
 environments and animations."""
 
 from .branches import branches as branches, event_curves as event_curves, multiplier_circle as multiplier_circle
-from .comparisons import comparison as comparison, verdict as verdict
+from .comparisons import comparison as comparison
 from .designs import design_margins as design_margins, design_overview as design_overview
 from .environment import vibration as vibration
 from .fits import fit_overview as fit_overview
@@ -15,9 +15,7 @@ from .maps import (
     quantity_map as quantity_map,
     regime_map as regime_map,
 )
-from .picture import plot as plot
 from .rails import rail as rail
-from .report import report as report
 from .runs import passing as passing, run_overview as run_overview
 from .sections import animate as animate, instant as instant, section as section
 from .sleds import load_sharing as load_sharing, plan as plan

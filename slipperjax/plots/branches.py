@@ -1,5 +1,7 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -32,8 +34,10 @@ DASHED = (0, (3.0, 1.4))
 def branches(
     ds: object,
     quantity: str = "v_z",
-    brute: xr.Dataset | None = None,
+    brute: object = None,
     ax: Axes | None = None,
+    *,
+    others: Sequence[object] = (),
 ) -> Axes:
     """Draw branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
 
@@ -47,13 +51,15 @@ def branches(
         such as slowest_touchdown or grazing_gap.
     - `brute`: from `sweep(..., record="sections")` over the same parameter, drawn beneath as grey dots.
     - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
+    - `others`: branches that are drawn before these.
 
     **Returns:** the Axes.
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
     check_quantity(quantity)
-    points = _datasets(ds, "continue_orbit", "stable", "event_point")
+    these = list(ds) if isinstance(ds, list | tuple) else [ds]
+    points = _datasets([*others, *these], "continue_orbit", "stable", "event_point")
     names = {varied_names(one)[0] for one in points}
     if len(names) > 1:
         raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
@@ -99,8 +105,8 @@ def check_brute(brute: object, name: str, quantity: str) -> None:
     # simulations record sections only
     if quantity not in SECTIONS:
         raise ValueError(f"Argument `brute` must be None where `quantity` is {quantity}, which simulations lack.")
-    brute = check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
-    over = [str(d) for d in brute[quantity].dims if d != "crossing"]
+    of_sweep = check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
+    over = [str(d) for d in of_sweep[quantity].dims if d != "crossing"]
     if over != [name]:
         raise ValueError(f"Argument `brute` must be swept over {name}, as the branch is, but is over {over}.")
 

@@ -1,18 +1,14 @@
-"""Designs compared over the same rails and starts: in words, as a table and as a picture."""
+"""Designs compared over the same rails and starts: their values in words, and their picture."""
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
-from ..analysis.quantiles import Estimates
-from ..flow.status import Status, is_lost
 from ..model.quantities import Quantity, ShownUnits
-from ..tools.files import first_ones
 from .runs import UNITS
 from .style import check_dataset, line_color, name_label, page, quantity_of, with_unit
 
@@ -32,7 +28,7 @@ class Comparison(NamedTuple):
 
     @classmethod
     def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
-        """Return the comparison of a dataset; `units`: as of `slipperjax.plots.report`."""
+        """Return the comparison of a dataset; `units`: such as ("ft", "lbf"), by default those of the scene's file."""
         ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
         chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
         dims = ds["best"].dims
@@ -67,72 +63,17 @@ def _stated(text: str, quantity: Quantity) -> str:
     return text if quantity.display_unit == "1" else f"{text} {quantity.display_unit}"
 
 
-def verdict(ds: object, units: Sequence[str] | None = None) -> list[str]:
-    """Return in words which design is better and how sure that is: the status of lost runs first, then a line for
-    each design. Behind +- stand standard errors."""
-    view = Comparison.of(ds, units)
-    flat = view.ds
-    lines = list(_lost(view))
-    shares = flat["quantile"].values
-    best = int(np.argmax(flat["best"].values))
-    if np.isnan(flat["value"].isel(design=best, quantile=-1)):
-        return [*lines, "too many runs are lost to tell which design is better"]
-    for k, label in enumerate(view.labels):
-        if k == best:
-            continue
-        at = flat.isel(design=k, quantile=-1)
-        words = "is better than" if float(at["difference_low"]) > 0 else "cannot be told from"
-        # the last quantile, which decides, first
-        each = [f"{view.said('difference', k, j)} in the {_of_runs(shares[j])}" for j in reversed(range(len(shares)))]
-        lines.append(f"{view.labels[best]} {words} {label}: by {', '.join(each)}")
-    rails, starts = flat.sizes["rail"], flat.sizes["start"]
-    runs = f"{rails} rail{'s' * (rails > 1)} from {starts} start{'s' * (starts > 1)} each"
-    over = flat.attrs.get("mean_over")
-    lines.append(f"{view.quantity.long_name}{f' over {over}' * bool(over)} on {runs}:")
-    for k, label in enumerate(view.labels):
-        values = [f"{_of_runs(share)} {view.said('value', k, j)}" for j, share in enumerate(shares)]
-        lines.append(f"{label}: {', '.join(values)}")
-    return lines
-
-
-def _lost(view: Comparison) -> Iterator[str]:
-    """Yield in words which runs are lost, by their status, and which others do not count for that."""
-    codes = view.ds["status"].transpose("design", "rail", "start").values
-    for code in np.unique(codes[is_lost(codes)]):
-        runs = [f"{view.labels[k]} rail={rail} start={start}" for k, rail, start in np.argwhere(codes == code)]
-        yield f"status of {len(runs)} of {codes.size} runs: {Status(int(code))}: {first_ones(runs)}"
-    if not view.ds["counted"].all():
-        along = "rail" if view.ds.sizes["rail"] > 1 else "start"
-        counted = view.ds["counted"].all({"rail", "start"} - {along}).values
-        left_out = f"{np.sum(~counted)} of {len(counted)} {along}s"
-        yield f"{left_out} are left out for all designs, because a run is lost there"
-
-
-def _of_runs(share: float) -> str:
+def of_runs(share: float) -> str:
+    """Return the name of a quantile."""
     return "median" if share == 0.5 else f"{100 * share:g} % quantile"
-
-
-def table(ds: object, units: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return a row for each design and quantile, with units in the header."""
-    view = Comparison.of(ds, units)
-    rows = []
-    for k, label in enumerate(view.labels):
-        for j, share in enumerate(view.ds["quantile"].values):
-            at = view.ds.isel(design=k, quantile=j)
-            numbers = {
-                f"{name.replace('_', ' ')} [{view.quantity.display_unit}]": view.quantity.shown(float(at[name]))
-                for name in Estimates._fields
-            }
-            lost = int(is_lost(at["status"].values).sum())
-            rows.append({"design": label, "quantile": share} | numbers | {"runs": at["runs"].size, "lost": lost})
-    return pd.DataFrame(rows)
 
 
 def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
     """Draw the shares of runs below each value, with the quantiles and their 95 % intervals, and what designs
     differ by.
 
-    **Arguments:** as for `verdict`.
+    **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default those of the scene's
+    file.
 
     **Returns:** an array of two Axes.
 
@@ -161,7 +102,7 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
         left.set(xlabel=name_label(q), ylabel="share of runs below", ylim=(0, 1.02))
         left.legend(loc="lower right", fontsize=7)
         right.axvline(0.0, color="black", lw=0.6)
-        right.set_yticks(np.arange(len(shares)), [_of_runs(share) for share in shares])
+        right.set_yticks(np.arange(len(shares)), [of_runs(share) for share in shares])
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
         right.set_title("bars: 95 % intervals, of all differences at once", fontsize=7)
         right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))

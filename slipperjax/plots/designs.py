@@ -1,7 +1,6 @@
 """Designs: objective in each case, trials, progress, sensitivities, margins to events, and the objective nearby."""
 
 from collections.abc import Callable
-from functools import partial
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,7 +11,6 @@ from matplotlib.cm import ScalarMappable
 from ..flow.datasets import varied_names
 from ..model.parameters import PARAMETERS
 from ..model.quantities import Quantity
-from ..tools.checks import require
 from .branches import EVENT_MARKERS, EVENT_NAMES
 from .style import (
     COLORS,
@@ -47,9 +45,7 @@ OPTIMUM: dict[str, object] = dict(
 """Marker of the best design."""
 
 
-def design_overview(
-    ds: object, surroundings: xr.Dataset | None = None, *, margins: xr.Dataset | None = None
-) -> np.ndarray:
+def design_overview(ds: object) -> np.ndarray:
     """Draw a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design. The panels are
@@ -59,14 +55,11 @@ def design_overview(
     - the trials in the plane of the first two variables, coloured by the objective, with lines through those that
       each start took; with one variable the objective is drawn over it;
     - the objective of each trial, and the lowest until then without violations, over the simulated periods;
-    - percent of the objective by one percent of a variable, with standard errors.
+    - percent of the objective by one percent of a variable, with standard errors;
+    - where the design has them, the objective in its surroundings, as colours or over one variable as a line, and the
+      distances to events of `design_margins`.
 
-    **Arguments:**
-
-    - `ds`: a result of `optimise_design`, or its dataset.
-    - `surroundings`: a grid around the best design, by `slipperjax.design.surroundings`, drawn as colours, or over
-      one variable as a line.
-    - `margins`: distances to events, drawn at the end by `design_margins`.
+    **Arguments:** `ds`: a result of `optimise_design`, or its dataset.
 
     **Returns:** the Axes, an array.
 
@@ -74,10 +67,10 @@ def design_overview(
     """
     ds = _design(ds)
     draws: list[Callable[..., object]] = [_draw_cases, _draw_trials, _draw_progress, _draw_slopes]
-    if surroundings is not None:
-        draws.append(partial(_draw_map, surroundings=surroundings))
-    if margins is not None:
-        draws.append(partial(design_margins, margins=margins))
+    if "around_total" in ds:
+        draws.append(_draw_map)
+    if "margin_label" in ds:
+        draws.append(design_margins)
     # panels of each row
     counts = {4: (2, 2), 5: (2, 2, 1), 6: (2, 2, 2)}[len(draws)]
     with rows_of(*counts, height=2.9 * len(counts)) as axes:
@@ -243,7 +236,7 @@ def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
     legend_above(ax)
 
 
-def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> Axes:
+def design_margins(ds: object, ax: Axes | None = None) -> Axes:
     """Draw bars of how far parameters may change, either way, before the orbit of a case meets an event.
 
     A marker at the end of a bar is the event, with the parameter's value there; a bar without one ends where the
@@ -251,8 +244,7 @@ def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> A
 
     **Arguments:**
 
-    - `ds`: a result of `optimise_design`, or its dataset.
-    - `margins`: of it, by `event_margins`.
+    - `ds`: a result of `optimise_design` with its `margins`, or its dataset.
     - `ax`: the Axes to draw into, default those of a new figure.
 
     **Returns:** the Axes.
@@ -260,11 +252,13 @@ def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> A
     **Raises:** `ValueError` for another kind of dataset.
     """
     ds = _design(ds)
-    check_dataset(margins, "event_margins", "parameter", "relative", "label")
+    check_dataset(ds, "optimise_design with margins", "margin_label")
+    margins = ds[[name for name, values in ds.data_vars.items() if values.dims == ("margin",)]]
+    margins = margins.rename({name: str(name).removeprefix("margin_") for name in margins.data_vars})
     cases = list(dict.fromkeys(margins["case"].values))
-    parameters = {name: _parameter(ds, name) for name in dict.fromkeys(margins["parameter"].values)}
+    parameters = {name: design_quantity(ds, name) for name in dict.fromkeys(margins["parameter"].values)}
     names = list(parameters)
-    over = [(_parameter(ds, name), ds[name].values) for name in varied_names(ds)]
+    over = [(design_quantity(ds, name), ds[name].values) for name in varied_names(ds)]
     with drawing(ax, None, 3.5, 2.9) as ax:
         rows = margins[["case", "parameter", "label", "value", "relative"]].to_dataframe()
         for case, name, label, value, relative in rows.itertuples(index=False):
@@ -291,22 +285,14 @@ def design_margins(ds: object, margins: xr.Dataset, ax: Axes | None = None) -> A
     return ax
 
 
-def _draw_map(ds: xr.Dataset, ax: Axes, surroundings: xr.Dataset) -> None:
+def _draw_map(ds: xr.Dataset, ax: Axes) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
-    grid = check_dataset(
-        surroundings,
-        "slipperjax.design.surroundings",
-        "total",
-        argument="surroundings",
-    )
-    dims = grid["total"].dims
-    over = [one for one in _variables(ds) if one.name in dims]
-    need = f"be over some of {', '.join(map(str, ds['variable'].values))}"
-    require(over, "surroundings", need, shown=f"over {', '.join(map(str, dims))}")
+    grid = ds["around_total"]
+    over = [one for one in _variables(ds) if one.name in grid.dims]
     # of more than two variables the further ones are as near the best design as the grid has them
     nearest = {one.name: float(ds["design"].sel(variable=one.name)) for one in over[2:]}
     variables = over[:2]
-    values = grid["total"].sel(nearest, method="nearest").transpose(*(one.name for one in variables))
+    values = grid.sel(nearest, method="nearest").transpose(*(one.name for one in variables))
     places = [one.shown(grid[one.name].values) for one in variables]
     total = quantity_of("smooth", ds).shown(values.where(np.isfinite(values)).values)
     drawn = None
@@ -340,10 +326,10 @@ def _smooth_label(ds: xr.Dataset) -> str:
 
 def _variables(ds: xr.Dataset) -> list[Quantity]:
     """Return the quantities of the design variables."""
-    return [_parameter(ds, name) for name in ds["variable"].values.tolist()]
+    return [design_quantity(ds, name) for name in ds["variable"].values.tolist()]
 
 
-def _parameter(ds: xr.Dataset, name: str) -> Quantity:
+def design_quantity(ds: xr.Dataset, name: str) -> Quantity:
     """Return the quantity of a design variable, or of a parameter that differs between cases."""
     if name in ds or name in PARAMETERS:
         return quantity_of(name, ds)

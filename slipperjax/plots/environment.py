@@ -1,4 +1,4 @@
-"""The page, table and words of a vibration environment, in g as reports of tests show it."""
+"""The page of a vibration environment, in g as reports of tests show it."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
 
     **Raises:** `ValueError` for another dataset, or a place that it does not have.
     """
-    at = _of_place(report, place)
+    at = of_place(report, place)
     with page(2, 3, 5.0, report, full=False) as axes:
         for ax, direction in zip(axes[0], at["direction"].values, strict=True):
             _draw_density(ax, at.sel(direction=direction))
@@ -68,60 +68,12 @@ def named_place(at: xr.Dataset) -> str:
     return "({:g}, {:g}, {:g}) m".format(*(float(at[axis]) for axis in "xyz"))
 
 
-def environment_table(report: xr.Dataset) -> pd.DataFrame:
-    """Return a report by frequency, a row for each band of each place.
-
-    Columns are the place's coordinates [m], both edges of the band [Hz], and along each direction the maximum, the
-    mean and the 95/50 limit over rails of the density [g^2/Hz], and of the shock response of an oscillator whose
-    natural frequency is the upper edge [g].
-    """
-    tables = []
-    for place in range(report.sizes["place"]):
-        at = _of_place(report, place)
-        columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
-        columns |= {"low [Hz]": at["low"].values, "high [Hz]": at["high"].values}
-        # edges are one more than bands: the lowest has no row
-        shock = at["shock_envelope"][..., 1:]
-        for direction in at["direction"].values:
-            for kind, values, unit in (("density", at["density_envelope"], "g^2/Hz"), ("shock response", shock, "g")):
-                for name in at["summary"].values:
-                    one = values.sel(direction=direction, summary=name)
-                    columns[f"{kind} {direction} {name} [{unit}]"] = one.values
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
-
-
-def environment_summary(report: xr.Dataset) -> list[str]:
-    """Return a report in words, two lines for each place: the greatest values of all rails."""
-    lines = []
-    low, high = (float(report[name][end]) for name, end in (("low", 0), ("high", -1)))
-    for place in range(report.sizes["place"]):
-        at = _of_place(report, place)
-        greatest = _greatest(at)
-        level, in_bands, loudest = (
-            " ".join(f"{direction} {_three(value)}" for direction, value in greatest[name].items()) for name in RMS
-        )
-        lines.append(
-            f"environment at {named_place(at)}: g-RMS of the whole record {level}; of {low:g} to {high:g} Hz "
-            f"{in_bands}, in the loudest window {loudest}"
-        )
-        worst = greatest["shock_response"].idxmax()
-        shock = at["shock_response"].sel(direction=worst).max("rail")
-        frequency = float(shock.idxmax("natural_frequency"))
-        strongest = greatest["rms"].idxmax()
-        lines.append(
-            f"highest shock response {_three(shock.max())} g along {worst} at {_three(frequency)} Hz; "
-            f"level within 6 dB of its highest for {greatest['duration'][strongest]:.3g} s along {strongest}"
-        )
-    return lines
-
-
-def _three(value: float) -> str:
+def three_digits(value: float) -> str:
     """Return a number with three digits that count, large ones without a power of ten."""
     return f"{float(f'{value:.3g}'):g}"
 
 
-def _of_place(report: xr.Dataset, place: int) -> xr.Dataset:
+def of_place(report: xr.Dataset, place: int) -> xr.Dataset:
     """Return a report of one place, its accelerations in g and its densities in g^2/Hz."""
     ds = check_dataset(report, SOURCE, "density_envelope", "shock_response", argument="report")
     count = ds.sizes["place"]
@@ -134,7 +86,7 @@ def _of_place(report: xr.Dataset, place: int) -> xr.Dataset:
     return at
 
 
-def _greatest(at: xr.Dataset) -> pd.DataFrame:
+def greatest_of_rails(at: xr.Dataset) -> pd.DataFrame:
     """Return RMS, RMS in the bands and shock response [g] and the duration [s], greatest of rails, by direction."""
     names = [*RMS, "shock_response", "duration"]
     return at[names].max(["rail", "natural_frequency"]).to_dataframe().loc[:, names]
@@ -197,10 +149,10 @@ def _draw_level(ax: Axes, at: xr.Dataset) -> None:
 def _draw_table(ax: Axes, at: xr.Dataset) -> None:
     ax.axis("off")
     low, high = float(at["low"][0]), float(at["high"][-1])
-    greatest = _greatest(at)
+    greatest = greatest_of_rails(at)
     bands = f"g-RMS, {low:g}\nto {high:g} Hz"
     heads = ["g-RMS", bands, f"{bands},\nloudest", "highest shock\nresponse [g]", "within\n6 dB [s]"]
-    cells = greatest.T.map(_three).values
+    cells = greatest.T.map(three_digits).values
     table = ax.table(
         cells, rowLabels=heads, colLabels=list(greatest.index), cellLoc="center", bbox=(0.35, 0.2, 0.65, 0.7)
     )

@@ -7,8 +7,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from ..model.parameters import PARAMETERS
+from ..model.quantities import Quantity
 from ..tools.checks import one_of
-from .style import COLORS, as_dataset, check_dataset, entitle, legend_above, line_color, page, typeset, with_unit
+from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, typeset, with_unit
 
 SOURCE = "slipperjax.fit"
 SHOWN = 150
@@ -31,7 +32,7 @@ def fit_overview(result: object, sensor: str | None = None) -> np.ndarray:
 
     **Raises:** `ValueError` for another dataset, or a sensor that it does not have.
     """
-    ds = check_dataset(as_dataset(result), SOURCE, "estimate", "prior_low", argument="result")
+    ds = check_dataset(result, SOURCE, "estimate", "prior_low", argument="result")
     sensors = [str(name) for name in ds["sensor"].values]
     at = ds.sel(sensor=sensors[0] if sensor is None else one_of("sensor", sensor, sensors))
     with page(2, 2, 5.2, ds, full=False) as axes:
@@ -137,11 +138,14 @@ def _draw_parameters(ax: Axes, ds: xr.Dataset) -> None:
 
 def _stated(name: str, one: xr.Dataset) -> str:
     """Return an estimate with its interval in words."""
-    unit = str(one["unit"].item())
-    values = [float(one[key]) for key in ("estimate", "low", "high")]
+    q = fit_quantity(one, name)
+    value, low, high = (float(q.shown(float(one[key]))) for key in ("estimate", "low", "high"))
+    return with_unit(f"{value:.5g} ({low:.5g} to {high:.5g})", q.display_unit)
+
+
+def fit_quantity(ds: xr.Dataset, name: str) -> Quantity:
+    """Return the quantity of a parameter that was fitted; that of a sensor has the unit of the file."""
     if name in PARAMETERS:
-        q = PARAMETERS[name]
-        unit = q.display_unit
-        values = [float(q.shown(value)) for value in values]
-    value, low, high = values
-    return with_unit(f"{value:.5g} ({low:.5g} to {high:.5g})", unit)
+        return PARAMETERS[name]
+    unit = ds["unit"] if ds["unit"].ndim == 0 else ds["unit"].sel(parameter=name)
+    return Quantity(name, str(unit.item()), name)

@@ -1,7 +1,6 @@
 """Pictures of rails: their displacement and spectrum, and a run's forces below them."""
 
 import numpy as np
-import xarray as xr
 
 from ..analysis.spectra import power_spectral_density
 from ..model.quantities import ShownUnits
@@ -11,7 +10,7 @@ from .style import COLORS, axis_label, check_dataset, legend_above, name_label, 
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
-def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
+def rail(scene: Scene, ds: object = None) -> np.ndarray:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
 
     Both rails are drawn of a track that has two. Distances are in the unit of the survey, if it is one.
@@ -19,7 +18,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
     those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
 
-    **Arguments:** `ds`: from `Trajectory.to_xarray`, whose rail is drawn; default none, without forces, and 25
+    **Arguments:** `ds`: a `Trajectory` or its dataset, whose rail is drawn; default none, without forces, and 25
     reference lengths from where the rail begins.
 
     **Returns:** the Axes, an array.
@@ -30,7 +29,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None) -> np.ndarray:
     first = scene.track.origin
     extent = 25 * unit
     if ds is not None:
-        check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+        ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
         first, last = unit * ds["period"].values[[0, -1]]
         extent = float(last - first)
     places = 4096

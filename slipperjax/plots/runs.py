@@ -10,7 +10,7 @@ import xarray as xr
 from jaxtyping import Int
 from matplotlib.axes import Axes
 
-from ..flow.datasets import load_scene
+from ..flow.datasets import scene_of
 from ..flow.status import Status, is_lost
 from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
@@ -70,7 +70,7 @@ class RunView(NamedTuple):
         over = f"over {', '.join(map(str, dims))}"
         require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=over)
         if scene is None and "scene" in ds.attrs:
-            scene = load_scene(ds)
+            scene = scene_of(ds)
         chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
         codes = _codes(ds)
         ds = _stretches_of(ds.drop_vars("window_status", errors="ignore"))

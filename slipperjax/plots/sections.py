@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.quiver import Quiver
 
-from ..flow.datasets import load_scene
-from ..flow.simulate import Trajectory
+from ..flow.datasets import scene_of
+from ..model.dynamics import State
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.parameters import quantity
 from ..model.quantities import POINT_DIMS, point_dims
@@ -24,7 +24,7 @@ from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, require, whole
 from .style import COLORS, case_title, check_dataset, drawing, entitle, lost, page_width, point_colors, styled
-from .trajectories import TRAJECTORY_SOURCE, Along, Result, contact_forces
+from .trajectories import TRAJECTORY_SOURCE, Along, Run, contact_forces
 
 if TYPE_CHECKING:
     import matplotlib.animation
@@ -197,7 +197,7 @@ def frame(ax: Axes, points: Float[np.ndarray, "n points 2"], margin: float) -> N
 
 
 def animate(
-    run: Result,
+    run: Run,
     scene: Scene | None = None,
     *,
     magnify: float | None = None,
@@ -221,7 +221,7 @@ def animate(
 
     **Arguments:**
 
-    - `run`: a `Trajectory`, or one case as a dataset over time, from `Trajectory.to_xarray` or
+    - `run`: a `Trajectory`, or one case as a dataset over time, its `ds`, or
         `sweep(..., record="history")`. A dataset does not tell how elastic modes move, which are left out then.
     - `scene`: that of a dataset; its values that the dataset has as coordinates are replaced.
     - `magnify`: default as for `section`, and such that no gap is drawn above a quarter of the section's height.
@@ -243,7 +243,7 @@ def animate(
 
 
 def instant(
-    run: Result,
+    run: Run,
     scene: Scene | None = None,
     *,
     at: float | None = None,
@@ -283,7 +283,7 @@ class Frames(NamedTuple):
 
 
 def frames_of(
-    run: Result,
+    run: Run,
     scene: Scene | None = None,
     *,
     magnify: float | None = None,
@@ -295,7 +295,7 @@ def frames_of(
     one = set(over) - set(POINT_DIMS) == {"time"}
     require(one, "run", "be one case over time", shown=f"over {', '.join(map(str, over))}")
     if scene is None:
-        scene = load_scene(ds) if isinstance(run, xr.Dataset) else run.scene
+        scene = scene_of(ds)
     scene = check_scene(scene)
     force = ds["contact_force"].transpose("time", *point_dims(ds))
     need = "have the contact points of its scene"
@@ -330,10 +330,11 @@ def frames_of(
     return frames
 
 
-def _motion_of(run: Result, ds: xr.Dataset) -> Motion:
+def _motion_of(run: Run, ds: xr.Dataset) -> Motion:
     """Return the motion at the instants of a dataset, with elastic modes where the run has them."""
-    if isinstance(run, Trajectory):
-        return run.state.motion
+    state = getattr(run, "state", None)
+    if isinstance(state, State):
+        return state.motion
     y, z, *angles = (np.asarray(ds[name].values, float) for name in ("y", "z", "roll", "pitch", "yaw"))
     return Motion(y, z, *quaternion_from_euler(*angles), *[np.zeros_like(y)] * 5)
 

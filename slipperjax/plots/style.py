@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -24,7 +25,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from ..flow.datasets import has_one_scene
 from ..flow.status import Status, is_lost
 from ..model.parameters import PARAMETERS, check_units, quantity
-from ..model.quantities import NET_DIMS, REACTIONS, Quantity, point_dims
+from ..model.quantities import NET_DIMS, REACTIONS, Quantity, ShownUnits, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
 
@@ -261,19 +262,32 @@ def highest(ds: xr.Dataset, name: str, *dims: str, unit: Quantity | None = None)
     return (unit or quantity_of(name, ds)).shown(values.values)
 
 
-def as_dataset(result: object) -> object:
-    """Return the dataset of a trajectory, a design or a branch, and anything else as it is."""
-    return result.to_xarray() if hasattr(result, "to_xarray") else getattr(result, "points", result)
+def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = None) -> pd.DataFrame:
+    """Return the coordinates and variables over some dimensions as columns, in display units, which their heads name.
+
+    **Arguments:** `along`: names of the dimensions; none for one case, whose table has one row; `units`: such as
+    ("ft", "lbf").
+    """
+    chosen = ShownUnits(units or ())
+    columns = {}
+    for name, values in ds.variables.items():
+        if set(values.dims) == set(along) or (set(values.dims) <= set(along) and name in ds.coords):
+            q = chosen.of(quantity_of(str(name), ds))
+            number = values.dtype.kind in "fiu"
+            head = f"{name} [{q.display_unit}]" if number and q.display_unit not in ("1", "") else str(name)
+            whole = values.set_dims({dim: ds.sizes[dim] for dim in along}).transpose(*along)
+            columns[head] = np.ravel(q.shown(whole.values) if number and q.per_shown != 1 else whole.values)
+    return pd.DataFrame(columns)
 
 
 def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
-    """Return `ds`, or the dataset of a result that has one.
+    """Return `ds`, or the dataset of a result.
 
     **Arguments:** `source`: what makes such datasets, for the error; `names`: variables that it must have.
 
     **Raises:** `ValueError` for anything else, and for variables that are not in SI units.
     """
-    ds = as_dataset(ds)
+    ds = getattr(ds, "ds", ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
     check_units(ds, argument)

@@ -1,12 +1,11 @@
 """Pictures of one trajectory: histories, contact forces, phase portraits and spectra."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ..flow.simulate import Trajectory
 from ..flow.status import Status
 from ..tools.checks import number, numbers, positive, require, whole
 from ..tools.types import Numbers
@@ -25,9 +24,9 @@ from .style import (
     typeset,
 )
 
-Result = Trajectory | xr.Dataset
-"""One case over time."""
-TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
+Run = Any
+"""One case over time: a trajectory, or a dataset."""
+TRAJECTORY_SOURCE = "one case over time, such as of sj.simulate"
 """Kind of the datasets drawn here, for errors."""
 
 
@@ -52,7 +51,7 @@ class Along(NamedTuple):
         return cls(np.ravel(wave)[0], "distance [m]", "{:.2f} m", "{:.2f} m")
 
 
-def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
+def history(ds: Run, name: str, ax: Axes | None = None) -> Axes:
     """Draw one output over time.
 
     **Arguments:**
@@ -73,7 +72,7 @@ def history(ds: Result, name: str, ax: Axes | None = None) -> Axes:
 
 
 def contact_forces(
-    ds: Result,
+    ds: Run,
     ax: Axes | None = None,
     *,
     most: int = 4,
@@ -162,7 +161,7 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
     return lines
 
 
-def overview(ds: Result) -> np.ndarray:
+def overview(ds: Run) -> np.ndarray:
     """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
@@ -188,7 +187,7 @@ def overview(ds: Result) -> np.ndarray:
     return panels
 
 
-def phase_portrait(ds: Result, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
+def phase_portrait(ds: Run, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
     """Draw the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.

@@ -44,7 +44,7 @@ def field_of(terms: diffrax.AbstractTerm) -> VectorField:
     require(
         isinstance(field, VectorField),
         "terms",
-        "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver",
+        "be a diffrax.ODETerm of slipperjax.model.vector_field(scene) for this solver",
         terms,
     )
     return field

@@ -59,7 +59,7 @@ class _Stage(NamedTuple):
         if not isinstance(inner, Args) or not isinstance(y, Motion | State):
             raise ValueError(
                 "Argument `root_finder` must be another one than SimplifiedNewton for equations other than "
-                "slipperjax.vector_field(scene)."
+                "slipperjax.model.vector_field(scene)."
             )
         return cls(t, y, inner, memory, share, factor, sign)
 

@@ -5,14 +5,18 @@ from .compare import over_rails as over_rails
 from .explain import Estimate as Estimate
 from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump, find_jump as find_jump
+from .grid import sample_box as sample_box
 from .orbits import NearestOrbit as NearestOrbit
 from .plan import AbstractStage as AbstractStage
 from .records import LargestExponent as LargestExponent, MotionKind as MotionKind
 from .store import (
+    Store as Store,
     StoreInUse as StoreInUse,
     StoreStatus as StoreStatus,
     WorkerLost as WorkerLost,
     check_store as check_store,
+    open_store as open_store,
+    processes as processes,
     store_status as store_status,
 )
 from .windows import AccelerationHistory as AccelerationHistory, whole_run as whole_run

@@ -1,5 +1,6 @@
 """Designs compared on common rails and starts: quantiles, their errors, and the errors of differences."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -18,7 +19,6 @@ from ..analysis.quantiles import (
     whole_rails,
 )
 from ..flow.records import ONE_PERIOD, AbstractNumber
-from ..flow.simulate import first_of
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -27,6 +27,8 @@ from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
 from ..model.tracks import AbstractTwoRails
+from ..orbits.simulate import first_of
+from ..results.result import Result
 from ..tools.checks import brief, finite, instance, number, one_of, require, warn, whole
 from ..tools.columns import column
 from ..tools.files import first_ones
@@ -53,7 +55,7 @@ def compare(
     seed: int = 0,
     product: bool = True,
     **options: object,
-) -> xr.Dataset:
+) -> Result:
     """Compare designs by runs over the same rails from the same starts, and say which one is better, and how sure.
 
     ```python
@@ -77,7 +79,7 @@ def compare(
     - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
     - `seed`: of the starts and of the bootstrap.
 
-    **Returns:** an `xarray.Dataset` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
+    **Returns:** a `Result` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
     NaN where one was lost, also with twice the steps; `counted`, whether a rail has all its runs with all designs, as
     those must that quantiles are of; and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference`,
     `difference_stderr`, `difference_low` and `difference_high` as of `over_rails`, but from the `best` design, of the
@@ -114,7 +116,7 @@ def compare(
             require(name not in cases, "designs", "be no starts where these are drawn", name)
             cases[name] = np.tile(shift, count * rails)
     of_runs = dict(length=length, record=record, start=first, product=False)
-    ds = run(scene, cases, **of_runs, **options)
+    ds = run(scene, cases, **of_runs, **options).ds
     numbers = _numbers(of_windows, ds, mean_over)
     status = ds["status"].values.copy()
     lost = np.flatnonzero(is_lost(status))
@@ -125,12 +127,15 @@ def compare(
         factor = "refine" if options.get("steps_per_period") is None else "steps_per_period"
         more = {name: value for name, value in options.items() if name not in ("store", "executor")}
         more[factor] = 2 * whole(factor, more.get(factor, 1), 1)
-        finer = run(scene, again, **of_runs, **more)
+        finer = run(scene, again, **of_runs, **more).ds
         numbers[lost] = _numbers(of_windows, finer, mean_over)
         status[lost] = finer["status"].values
     ensembles = (count, rails, starts)
     made = _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
-    return made.assign_attrs(mean_over=mean_over if of_windows.join.weighted else "")
+    # how the runs were made stands in the call, too
+    asked = json.loads(ds.attrs["call"]) | dict(function="compare", rails=rails, starts=starts, quantiles=shares)
+    over = mean_over if of_windows.join.weighted else ""
+    return Result(made.assign_attrs(mean_over=over, call=json.dumps(asked)))
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance") -> Float[np.ndarray, " cases"]:

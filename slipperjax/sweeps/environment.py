@@ -1,5 +1,6 @@
 """The vibration environment of places on a sled, from its runs: what a report on a test states of a payload."""
 
+import json
 import math
 from collections.abc import Sequence
 
@@ -11,8 +12,10 @@ from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, c
 from ..flow.datasets import load_base, varied_names
 from ..flow.status import is_lost
 from ..model.scene import Scene
+from ..results.result import Result
 from ..tools.checks import finite, number, positive, require, tuple_of, warn
 from ..tools.columns import column
+from ..tools.description import describe
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
 from .windows import AccelerationHistory, begins
@@ -25,14 +28,14 @@ RELIABLE = 0.25
 
 
 def environment(
-    runs: xr.Dataset | Sequence[xr.Dataset],
+    runs: Result | xr.Dataset | Sequence[Result | xr.Dataset],
     places: Numbers,
     *,
     low: Real = 20.0,
     high: Real = 2000.0,
     quality: Real = 10.0,
     window: Real | None = None,
-) -> xr.Dataset:
+) -> Result:
     """Return the vibration environment of places on a slipper or a sled, over the rails of some runs.
 
     ```python
@@ -49,7 +52,7 @@ def environment(
         response [1]; `window`: length of the windows of time over which a density is taken [s], by default the least
         by which the lowest band is resolved.
 
-    **Returns:** an `xarray.Dataset` over `rail`, `place` and `direction` (x, y, z of the body) with
+    **Returns:** a `Result` over `rail`, `place` and `direction` (x, y, z of the body) with
 
     - over `frequency`, the middles of bands: `density`, the power spectral density by Welch's method, and
       `maximax_density`, the greatest of all windows [(m/s^2)^2/Hz];
@@ -68,8 +71,9 @@ def environment(
     speeds, and runs that are all lost.
     """
     name = AccelerationHistory.quantity.name
-    need = f'datasets of slipperjax.run with the record "{name}"'
-    given = (runs,) if isinstance(runs, xr.Dataset) else tuple_of("runs", runs, xr.Dataset, need)
+    need = f'results of slipperjax.run with the record "{name}"'
+    several = (runs,) if isinstance(runs, Result | xr.Dataset) else tuple_of("runs", runs, (Result, xr.Dataset), need)
+    given = tuple(getattr(one, "ds", one) for one in several)
     require(given, "runs", "be one run or more", runs)
     for one in given:
         require(name in one, "runs", f"be {need}", shown="others")
@@ -98,7 +102,8 @@ def environment(
         warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
     # the status of a run is not that of its environment
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
-    return _dataset(found, at).assign_attrs(known)
+    call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window)
+    return Result(_dataset(found, at).assign_attrs(known, call=json.dumps(describe(call))))
 
 
 def check_environment(

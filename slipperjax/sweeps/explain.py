@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..flow.simulate import first_of
 from ..model.scene import Scene, at_speed
 from ..model.step_size import LEAST_STEPS
+from ..orbits.simulate import first_of
 from ..tools.checks import require, whole
 from ..tools.limits import cores, shown_time
 from .call import refined

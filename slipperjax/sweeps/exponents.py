@@ -27,11 +27,11 @@ from ..analysis.lyapunov import (
 )
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import Labelled
-from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..orbits.exponents import check_count
+from ..orbits.simulate import dynamic_steps
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, classify_motions

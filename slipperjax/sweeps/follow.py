@@ -6,18 +6,18 @@ from typing import NamedTuple
 
 import diffrax
 import numpy as np
-import xarray as xr
 
 from ..analysis.attractor import recurrence
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet, Strobe
-from ..flow.simulate import Trajectory, beginning_of, check_rail, first_of
 from ..flow.status import Status, heed_interrupts
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_steady
 from ..model.step_size import given_steps
+from ..orbits.simulate import Trajectory, beginning_of, check_rail, first_of
+from ..results.result import Result, answered
 from ..tools.checks import number, one_of, positive, require, whole
 from .call import Call
 from .exponents import LyapunovExponents
@@ -44,7 +44,7 @@ def follow(
     start: Motion | State | Trajectory | str | None = None,
     begin: float | None = None,
     progress: bool | None = None,
-) -> xr.Dataset:
+) -> Result:
     """Sweep a parameter with memory: each case starts from the state in which its neighbour ended.
 
     So a motion is followed along its branch until the branch ends, while a fixed start may lead to another attractor.
@@ -59,7 +59,7 @@ def follow(
         which one value follows another along the rail.
     - others: as for `sweep`. Up and down advance together, both with the larger of their step counts.
 
-    **Returns:** as `sweep`, with the dimension `direction` before the others.
+    **Returns:** a `Result` as of `sweep`, with the dimension `direction` before the others.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
@@ -106,7 +106,7 @@ def follow(
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
     first = {"direction": list(DIRECTIONS)}
     more = dict(values=count, steps_per_period=call.steps_per_period)
-    return run.checked(lambda: sweep_dataset(plan, run.results, call, first, **more))
+    return answered(run.checked, lambda: sweep_dataset(plan, run.results, call, first, **more))
 
 
 class Jump(NamedTuple):

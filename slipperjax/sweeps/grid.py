@@ -229,7 +229,7 @@ class Cases(Grid):
         return self.of_each(_facts)[1]
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
-        """Return the steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
+        """Return the steps per period that each case needs, see `slipperjax.model.default_steps_per_period`."""
         _, wavelengths, needed = self.of_each(_facts)
         return rounded_steps(needed, wavelengths)
 
@@ -296,8 +296,8 @@ def sample_box(
     """Return Sobol points of parameters, spread over a box or by distributions, as a grid for `product=False`.
 
     ```python
-    grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
-    grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": scipy.stats.norm(1e-3, 5e-5)}, 4096)
+    grid = sj.sweeps.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
+    grid = sj.sweeps.sample_box({"speed": (500.0, 2000.0), "clearance": scipy.stats.norm(1e-3, 5e-5)}, 4096)
     ds = sj.sweep(scene, grid, product=False)
     ```
 

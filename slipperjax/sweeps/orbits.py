@@ -21,7 +21,6 @@ from ..analysis.newton import LEAST_FALL
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import Labelled, RecordSet
 from ..flow.records import ContactChecks, judged_by_contacts
-from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem, judge_states, most_stability_number
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
@@ -30,6 +29,7 @@ from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import check_forcing, consistent_memory
 from ..orbits.periodic import MOST_PERIOD, TOLERANCE
+from ..orbits.simulate import dynamic_steps
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
 from ..tools.columns import column

@@ -16,12 +16,12 @@ from jaxtyping import Bool, Int, PyTree
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
 from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
-from ..flow.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..flow.status import Status
 from ..flow.stepping import ROOM, ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
+from ..orbits.simulate import beginning_of, check_rail, dynamic_steps, step_plan
 from ..solvers.latching import calls_lapack, solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched

@@ -17,7 +17,6 @@ from jaxtyping import Float, Int, PyTree
 
 from ..flow.period_map import Passage, advance, initial_states
 from ..flow.record import RecordedSpan, RecordSet, Samples
-from ..flow.simulate import dynamic_steps
 from ..flow.status import (
     Interrupted,
     Status,
@@ -32,6 +31,7 @@ from ..flow.stepping import ConstantSteps, calls_of
 from ..model.dynamics import State
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.scene import Scene
+from ..orbits.simulate import dynamic_steps
 from ..solvers.latching import calls_lapack
 from ..tools.batching import Batched
 from ..tools.checks import TOLD, warn

@@ -14,7 +14,6 @@ from jaxtyping import Int
 
 from ..flow.record import AbstractRecord, RecordSet
 from ..flow.records import RECORDS, AbstractNumber, ContactChecks
-from ..flow.simulate import Trajectory, beginning, longer_rails, warn_beyond
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -23,6 +22,8 @@ from ..model.scene import Scene, at_speed
 from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_needed
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
+from ..orbits.simulate import Trajectory, beginning, longer_rails, warn_beyond
+from ..results.result import Result, answered
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, number, positive, require, whole
@@ -81,7 +82,7 @@ def run(
     begin: float | None = None,
     window: float = 1.0,
     record: str | AbstractNumber | Sequence[str | AbstractNumber] | None = None,
-    start: Motion | State | Trajectory | xr.Dataset | str | None = None,
+    start: Motion | State | Trajectory | Result | xr.Dataset | str | None = None,
     steps_per_period: int | None = None,
     refine: int = 1,
     solver: diffrax.AbstractSolver | str | None = None,
@@ -92,7 +93,7 @@ def run(
     progress: bool | None = None,
     store: Store | str | Path | None = None,
     executor: object = None,
-) -> xr.Dataset:
+) -> Result:
     """Simulate runs over a length of rail, at a speed that may change along it, and record each window of distance.
 
     ```python
@@ -122,7 +123,7 @@ def run(
         a tenth the status says so.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
-    **Returns:** an `xarray.Dataset` over the grid with `status`, 0 where nothing is wrong, and
+    **Returns:** a `Result` over the grid with `status`, 0 where nothing is wrong, and
 
     - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
       `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
@@ -160,8 +161,9 @@ def run(
         for name, value in (("store", store), ("executor", executor)):
             require(value is None, name, "come with a grid", value)
         # a grid of one case, whose dimension the dataset drops
-        return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
-    return run_or_store(
+        return answered(_computed, call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
+    return answered(
+        run_or_store,
         _computed,
         lambda cases: _planned(call, cases.sample(first)).estimate(cases.count),
         call,
@@ -301,7 +303,7 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     works = scene.friction is not None or not scene.wear.by_friction
     require(works, "scene", "have friction, by whose work slippers wear", shown="none")
     nothing = np.zeros_like(np.asarray(scene.play))
-    if not (isinstance(earlier, xr.Dataset) and "play" in earlier):
+    if not (hasattr(earlier, "data_vars") and "play" in earlier):
         return nothing
     # wear by distance follows from where the run is, so that only the rest is carried over
     by_distance = play_added(scene, jnp.asarray(nothing), begin)

@@ -73,7 +73,7 @@ class Store:
     All processes that compute it must see the same disk.
 
     ```python
-    sj.sweep(scene, grid, store=sj.Store("map.zarr", fresh=True))
+    sj.sweep(scene, grid, store=sj.sweeps.Store("map.zarr", fresh=True))
     ```
     """
 
@@ -118,7 +118,7 @@ class Store:
         require(
             isinstance(store, str | Path | Store),
             "store",
-            "be a path or a slipperjax.Store",
+            "be a path or a slipperjax.sweeps.Store",
             store,
         )
         return store if isinstance(store, Store) else Store(Path(store))
@@ -395,7 +395,7 @@ def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archi
         shown = "\n  ".join(lines[:10])
         raise ValueError(
             f"Argument `store` must be of the same call, but {path} was made by another one:\n  {shown}\n"
-            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
+            "Take another path, or start over with slipperjax.sweeps.Store(path, fresh=True), on the command line --fresh."
         )
     return archive
 
@@ -553,7 +553,7 @@ def run_or_store(
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
     # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
     start_method = getattr(getattr(executor, "_mp_context", None), "get_start_method", lambda: "")()
-    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
+    need = "start new processes, as slipperjax.sweeps.processes() or mp_context=multiprocessing.get_context('spawn') does"
     require(start_method != "fork", "executor", need, shown="one that forks this one, in whose copies JAX hangs")
     cases = Grid(scene, grid, product=call.product)
     context = copy_context()
@@ -699,7 +699,7 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     belongs under `if __name__ == "__main__":`, because new processes import it.
 
     ```python
-    with sj.processes(2) as pool:
+    with sj.sweeps.processes(2) as pool:
         ds = sj.sweep(scene, grid, store="map.zarr", executor=pool)
     ```
 

@@ -9,13 +9,14 @@ import numpy as np
 import xarray as xr
 
 from ..flow.record import AbstractOutput, RecordSet
-from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
+from ..orbits.simulate import Trajectory, first_of
+from ..results.result import Result, answered
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .call import Call
@@ -49,7 +50,7 @@ def sweep(
     progress: bool | None = None,
     store: Store | str | Path | None = None,
     executor: object = None,
-) -> xr.Dataset:
+) -> Result:
     """Simulate a scene for every combination of parameter values, as one batch.
 
     **Arguments:**
@@ -86,7 +87,7 @@ def sweep(
     - `store`: path of a zarr store, or a `Store`, which is written while the sweep runs; the same call goes on where
         the last one ended. `executor`: a `dask.distributed.Client` or `concurrent.futures.Executor` that computes it.
 
-    **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
+    **Returns:** a `Result` with the grid's names as first dimensions, then `crossing`, `period` or
     `time`. `status` of each case is 0 where nothing is wrong, or says what is; `steps_per_period` is the number of
     its integration steps. A case that diverges does not affect the others. A start coordinate x that is varied makes
     the dimension `start_x`. With `store`, values are read from disk when they are asked for.
@@ -108,7 +109,8 @@ def sweep(
         product=product,
     )
     first = first_of(start)
-    return run_or_store(
+    return answered(
+        run_or_store,
         _computed,
         lambda cases: planned(cases.sample(first), *_asked(call)).estimate(cases.count),
         call,
@@ -164,7 +166,7 @@ def lyapunov_sweep(
     certify: bool = True,
     orbits: bool = True,
     **options: object,
-) -> xr.Dataset:
+) -> Result:
     """Measure Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
     A case that has reached a stable periodic orbit after the transient takes its exponents from the orbit's Floquet
@@ -182,7 +184,7 @@ def lyapunov_sweep(
     - `orbits`: whether exponents are taken from orbits; False measures all cases.
     - others: as for `sweep`, whose record "exponents" this is.
 
-    **Returns:** an `xarray.Dataset` over the grid with
+    **Returns:** a `Result` over the grid with
 
     - `exponent` and its standard error `stderr` [1/period], with dimension `count`, the largest first;
     - `weighted_exponent` [1/period]: the same by a smoothly weighted mean, more precise for regular motions, see
@@ -232,14 +234,14 @@ def orbit_sweep(
     tolerance: float = TOLERANCE,
     max_iterations: int = 40,
     **options: object,
-) -> xr.Dataset:
+) -> Result:
     """Find a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
 
     **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
     before; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
     method for each case; others as for `sweep`, whose record "orbits" this is.
 
-    **Returns:** an `xarray.Dataset` over the grid with
+    **Returns:** a `Result` over the grid with
 
     - `orbit`: the state at the start of a period, in the order and units of `slipperjax.model.COORDINATES`;
       `orbit_state`: all its numbers;

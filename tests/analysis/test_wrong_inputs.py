@@ -10,10 +10,10 @@ import slipperjax as sj
 from slipperjax import analysis, design, flow, model, sweeps
 
 SCENE = sj.paper_scene()
-LATCHED = sj.paper_scene(memory=sj.EventLatch())
+LATCHED = sj.paper_scene(memory=sj.model.EventLatch())
 OF_PATHS = {
     "file": [sj.load_rail, SCENE.to_toml],
-    "path": [sj.open_store, sweeps.store_status, sweeps.check_store],
+    "path": [sj.sweeps.open_store, sweeps.store_status, sweeps.check_store],
     "folder": [sj.compile_cache],
 }
 
@@ -40,8 +40,8 @@ OTHERS = [
     # since Python 3.13 `repr` of a deep list is no error
     (lambda: SCENE.replace(speed=_deep(5000)), r"`speed` must be positive, but is (<list>|\[\[\[)"),
     (lambda: sj.simulate(SCENE, 10**5000), "`periods` must be at most"),
-    (lambda: sj.processes(10**30), "`count` must be at most 4096"),
-    (lambda: sj.sample_box({"speed": (1.0, 2.0)}, 10**400), "`count` must be at most"),
+    (lambda: sj.sweeps.processes(10**30), "`count` must be at most 4096"),
+    (lambda: sj.sweeps.sample_box({"speed": (1.0, 2.0)}, 10**400), "`count` must be at most"),
     (lambda: flow.PowerMean(flow.Strobe()), "`record` must be a record of one number"),
     (lambda: flow.OnePoint(flow.RECORDS["peak_force"], 3), "`point` must be a point's name"),
     (lambda: design.Descent(optimiser=3), "`optimiser` must be an optax"),

@@ -42,7 +42,7 @@ def question(what: str) -> tuple[Callable, object]:
     if what == "orbit":
         return lambda v: sj.periodic_orbit(SCENE.replace(speed=v), steps_per_period=100).state.motion.y, speed
     if what == "smooth switch":
-        scene = sj.paper_scene(speed=1250.0, memory=sj.SmoothSwitch())
+        scene = sj.paper_scene(speed=1250.0, memory=sj.model.SmoothSwitch())
         start = sj.initial_state(scene, sj.table_2_start())
         return lambda v: after_three(None, scene.replace(speed=v), start), speed
     raise ValueError(what)

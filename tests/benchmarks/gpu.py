@@ -44,7 +44,7 @@ def counted(lanes: int) -> dict[str, float]:
     scenes, starts = sj.sweeps.grid.Cases(SCENE, {"speed": SPEEDS[:lanes]}, sj.table_2_start()).take(np.arange(lanes))
     states = sj.flow.period_map.initial_states(scenes, starts)
     one = lambda scenes, states: (
-        advance.__wrapped__(scenes, states, 0.0, ConstantSteps(1), solver=sj.RK4(), periods=1).state
+        advance.__wrapped__(scenes, states, 0.0, ConstantSteps(1), solver=sj.solvers.RK4(), periods=1).state
     )
     cost = jax.jit(one).lower(scenes, states).compile().cost_analysis()
     cost = cost[0] if isinstance(cost, list) else cost

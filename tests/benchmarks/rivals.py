@@ -117,7 +117,7 @@ def henon_by_bifpy():
 
 def of_auto(run):
     names = {"FOLD": "LP", "PERIOD_DOUBLING": "PD"}
-    points = [point for branch in run.branches for point in branch.points if point.point_type.name in names]
+    points = [point for branch in run.branches for point in branch.ds if point.point_type.name in names]
     return {names[point.point_type.name]: point.parameters[0] for point in points}
 
 

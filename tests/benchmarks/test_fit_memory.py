@@ -19,7 +19,7 @@ import slipperjax as sj
 from slipperjax.fitting import Trajectories, synthetic_record
 windows, starts = map(int, sys.argv[1:])
 truth = sj.paper_scene(1250.0)
-sensors = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
+sensors = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
 run = sj.simulate(truth, 150 + windows, steps_per_period=160, saves_per_period=160, loads=False)
 record = synthetic_record(run, sensors, rate=20 / float(truth.period), periods=windows, noise=0.05)
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

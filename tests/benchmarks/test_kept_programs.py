@@ -19,7 +19,7 @@ from .timing import seconds
 PYTHON = "import numpy as np, slipperjax as sj\nscene = sj.paper_scene(speed=1250.0)\n"
 FIT = """
 from slipperjax.fitting import synthetic_record
-sensors = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
+sensors = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
 run = sj.simulate(scene, 120, steps_per_period=160, saves_per_period=160)
 record = synthetic_record(run, sensors, rate=50 / float(scene.period), periods=20, noise=0.05)
 guess = scene.replace(stiffness=6e7, restitution=0.7, clearance=1.5e-3)

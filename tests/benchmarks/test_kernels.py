@@ -54,7 +54,7 @@ def test_one_kernel(engine, batches, monkeypatch):
 @pytest.mark.parametrize(("engine", "batches"), [("ImpulseRK4", (1, 8, 128)), ("Lyapunov", (1, 32))])
 def test_plain_form(engine, batches, monkeypatch):
     """All tricks against their plain form, as with SLIPPERJAX_PLAIN=1."""
-    monkeypatch.setitem(rates.ENGINES, "ImpulseRK4", sj.ImpulseRK4())
+    monkeypatch.setitem(rates.ENGINES, "ImpulseRK4", sj.solvers.ImpulseRK4())
     print(f"\n{engine}, JAX {jax.__version__}: one core's time of a step and case [us]; compiling [s of a core]")
     for lanes in batches:
         calls, compiling = {}, {}

@@ -26,7 +26,7 @@ def test_cost_against_the_trajectory(count):
     scenes, starts = cases.take(np.arange(121))
     states = initial_states(scenes, starts)
     tangents = initial_tangents(scenes, states, count)
-    options, steps = dict(solver=sj.RK4(), periods=1), ConstantSteps(steps=jnp.asarray(50.0))
+    options, steps = dict(solver=sj.solvers.RK4(), periods=1), ConstantSteps(steps=jnp.asarray(50.0))
     runs = {
         "plain": lambda: advance(scenes, states, 0.0, steps, **options).state,
         "full": lambda: advance_tangents(scenes, states, tangents, 0.0, steps, **options).history,

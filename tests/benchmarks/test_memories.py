@@ -21,7 +21,7 @@ from slipperjax.tools.compile import jit
 from ..sweeps import independent_run
 
 pytestmark = pytest.mark.benchmark
-MEMORIES = {"at touchdown": sj.EventLatch(), "fastest": sj.PeakRateLatch()}
+MEMORIES = {"at touchdown": sj.model.EventLatch(), "fastest": sj.model.PeakRateLatch()}
 RAIL = sj.RandomTrack.sled(length=900.0)
 SEEDS = np.arange(100.0, 164.0)
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -52,7 +52,7 @@ def test_forces_on_sled_rails():
         for memory in MEMORIES:
             scene = on_rail(memory, restitution)
             for times in (1, 4):
-                steps = times * sj.default_steps_per_period(scene)
+                steps = times * sj.model.default_steps_per_period(scene)
                 ds = swept(scene, steps_per_period=steps)
                 peaks = ds["peak_force"].max(("end", "point")).values
                 ratio = float(ds["damping_ratio"].max())
@@ -71,16 +71,16 @@ JOINT = 0.030 * 0.0254  # [m]
 @pytest.mark.parametrize("example", ["one_slipper", "four_slippers"])
 def test_a_joint(example):
     """Loads where a slipper of 9 kg, or a sled of 400 kg, at rest on surveyed rails meets a joint of 0.030 in."""
-    scene = sj.load_scene(EXAMPLES / f"{example}.toml")
+    scene = sj.load(EXAMPLES / f"{example}.toml").scene
     scene = dataclasses.replace(scene.replace(restitution=0.5), speed=300.0)
-    joint = sj.LocalTrack([10.0], [-JOINT], 0.6, shape="joint")
-    track = sj.SumTrack(scene.track, joint)
+    joint = sj.model.LocalTrack([10.0], [-JOINT], 0.6, shape="joint")
+    track = sj.model.SumTrack(scene.track, joint)
     print()
     ratios = {}
     for memory in MEMORIES:
         own = dataclasses.replace(scene, track=track, memory=MEMORIES[memory])
         for times in (1, 4):
-            steps = times * sj.default_steps_per_period(own)
+            steps = times * sj.model.default_steps_per_period(own)
             records = ["peak_force", "slipper_peak", "damping_ratio"]
             ds = sj.run(own, length=14.0, record=records, steps_per_period=steps, progress=False)
             after = ds.sel(distance=slice(8.0, 14.0))
@@ -124,7 +124,7 @@ def test_rails_by_an_independent_code():
             found = []
             for times in (1, 4):
                 options = dict(length=windows, window=1.0, record="peak_force", progress=False)
-                options["steps_per_period"] = times * sj.default_steps_per_period(scene)
+                options["steps_per_period"] = times * sj.model.default_steps_per_period(scene)
                 ds = sj.run(scene, start=sj.table_2_start(), begin=0.0, **options)
                 found.append(ds["peak_force"].max(("end", "point")).values.ravel())
             far = [np.max(np.abs(one / want.max() - want / want.max())) for one in found]
@@ -140,7 +140,7 @@ def test_cost_of_a_step():
     def program(memory):
         def motion(speed):
             scene = sj.paper_scene(restitution=0.7, memory=memory).replace(speed=speed)
-            run = PeriodMap(scene, steps, sj.ImpulseRK4(), periods)
+            run = PeriodMap(scene, steps, sj.solvers.ImpulseRK4(), periods)
             return run(sj.initial_state(scene, sj.table_2_start())).motion
 
         return jit(jax.vmap(motion))

@@ -11,7 +11,7 @@ from .timing import in_turns
 
 SCENE = sj.paper_scene(1000.0)
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=800.0))
-SAMPLED = sj.SampledTrack(np.linspace(0, 8, 65), *[1e-3 * np.sin(np.linspace(0, 2 * np.pi, 65))] * 2, ends="repeat")
+SAMPLED = sj.model.SampledTrack(np.linspace(0, 8, 65), *[1e-3 * np.sin(np.linspace(0, 2 * np.pi, 65))] * 2, ends="repeat")
 OPTIONS = dict(transient=0, periods=90, steps_per_period=80, record="peak_force")
 
 
@@ -38,7 +38,7 @@ def test_accelerations_on_a_sled_rail_beside_a_straight_one():
     scene, speeds = dataclasses.replace(sj.paper_scene(), gravity=9.81), [100.0 + 200.0 * k for k in range(8)]
     rails = {
         "rough": (sj.RandomTrack.sled(length=2000.0), {"speed": speeds, "track.seed": np.arange(16.0)}),
-        "straight": (sj.StraightTrack(), {"speed": speeds}),
+        "straight": (sj.model.StraightTrack(), {"speed": speeds}),
     }
     found = {}
     for name, (track, grid) in rails.items():

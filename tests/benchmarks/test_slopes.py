@@ -32,11 +32,11 @@ from .timing import in_turns
 pytestmark = pytest.mark.benchmark
 DEFAULT = "ImpulseRK4"
 METHODS = {
-    DEFAULT: (sj.ImpulseRK4(), sj.EventLatch()),
-    "RK4": (sj.RK4(), sj.EventLatch()),
-    "Tsit5": (sj.Tsit5(), sj.EventLatch()),
-    "Rodas4": (sj.Rodas4(), sj.EventLatch()),
-    "smooth: RK4": (sj.RK4(), sj.SmoothSwitch()),
+    DEFAULT: (sj.solvers.ImpulseRK4(), sj.model.EventLatch()),
+    "RK4": (sj.solvers.RK4(), sj.model.EventLatch()),
+    "Tsit5": (sj.solvers.Tsit5(), sj.model.EventLatch()),
+    "Rodas4": (sj.solvers.Rodas4(), sj.model.EventLatch()),
+    "smooth: RK4": (sj.solvers.RK4(), sj.model.SmoothSwitch()),
 }
 RK4_DIFFERENCES, CPP_DIFFERENCES = "differences of RK4", "differences of C++"
 SHOWN = {

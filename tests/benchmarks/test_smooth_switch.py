@@ -23,7 +23,7 @@ from slipperjax.bench.methods import Case, Method
 from slipperjax.bench.work_precision import Point, cost_at
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.simulate import TrajectoryRecord
+from slipperjax.orbits.simulate import TrajectoryRecord
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.step_size import settle_memory
@@ -33,7 +33,7 @@ from ..common import SCALES
 
 pytestmark = pytest.mark.benchmark
 RESTITUTION = 0.9
-LAWS = {law.__name__: law(1e8, RESTITUTION) for law in (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh)}
+LAWS = {law.__name__: law(1e8, RESTITUTION) for law in (sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh)}
 # speed, clearance, stiffness, and the periods after which to compare: few where neighbouring motions diverge quickly
 SCENES = {
     "nominal": (1250.0, 1e-3, 1e8, 10),
@@ -75,12 +75,12 @@ def _run(scene, lanes, switch, steps):
 
 
 _jitted = sj.jit(_run)
-SMOOTH = sj.paper_scene(memory=sj.SmoothSwitch(1e-4, 1e-4))
+SMOOTH = sj.paper_scene(memory=sj.model.SmoothSwitch(1e-4, 1e-4))
 
 
 def default_switch(lanes):
     """Width and relaxation that the library chooses, by lane."""
-    auto = sj.paper_scene(memory=sj.SmoothSwitch())
+    auto = sj.paper_scene(memory=sj.model.SmoothSwitch())
     settled = jax.vmap(lambda v: settle_memory(auto.replace(**v)).memory)(lanes)
     return settled.width, settled.relaxation
 
@@ -140,8 +140,8 @@ def test_defaults_over_scenes_laws_and_steps(truth):
 
 
 IMPLICIT = {
-    "ROS34PW2": sj.ROS34PW2(),
-    "Rodas4": sj.Rodas4(),
+    "ROS34PW2": sj.solvers.ROS34PW2(),
+    "Rodas4": sj.solvers.Rodas4(),
     "diffrax Kvaerno3": with_root_finder(diffrax.Kvaerno3()),
     "diffrax Kvaerno5": with_root_finder(diffrax.Kvaerno5()),
 }
@@ -152,9 +152,9 @@ def test_implicit_solvers_where_the_switch_relaxes_fast(monkeypatch, speed, widt
     """Error against cost on one core, where RK4 needs 1600 steps per period and more to be stable."""
     monkeypatch.setattr(measure, "time", types.SimpleNamespace(perf_counter=time.process_time))
     case = Case("fast relaxation", sj.paper_scene(speed=speed), 6, sj.table_2_start())
-    method = lambda solver: Method("", solver, sj.SmoothSwitch(width, relaxation), (1.0,))
+    method = lambda solver: Method("", solver, sj.model.SmoothSwitch(width, relaxation), (1.0,))
     speeds = np.linspace(0.98, 1.02, 16) * speed
-    truth, _ = measure.run(case, method(sj.RK4()), 12_800.0, speeds, 1)
+    truth, _ = measure.run(case, method(sj.solvers.RK4()), 12_800.0, speeds, 1)
     points = []
     for name, solver in IMPLICIT.items():
         for steps in (100, 200, 400, 800, 1600):
@@ -171,7 +171,7 @@ def test_implicit_solvers_where_the_switch_relaxes_fast(monkeypatch, speed, widt
         assert cost["ROS34PW2"] < 0.8 * cost["Rodas4"]  # for which it is there; measured: 0.32 to 0.60
 
 
-class Unaware(sj.AdaptiveSteps):
+class Unaware(sj.solvers.AdaptiveSteps):
     """Adaptive steps that neither end at touchdowns nor ask what contacts feel of an error in the memory."""
 
     def _memory_size(self, scene, error, now):
@@ -185,17 +185,17 @@ def test_adaptive_steps_that_end_at_touchdowns(monkeypatch):
     """Error against cost of a batch, in turns, without and with what `AdaptiveSteps` knows of touchdowns."""
     lanes, case = 64, Case("nominal", sj.paper_scene().replace(gravity=0.0), 3, sj.table_2_start())
     speeds = measure.batch_speeds(case, lanes)
-    truth, _ = measure.run(case, Method("", sj.ImpulseRK4(), sj.EventLatch(), (1.0,)), 6400.0, speeds, 1)
+    truth, _ = measure.run(case, Method("", sj.solvers.ImpulseRK4(), sj.model.EventLatch(), (1.0,)), 6400.0, speeds, 1)
     exact = diffrax.Kvaerno5(root_finder=SimplifiedNewton(NEWTON_TOLERANCE))
     rows = {"before, Kvaerno5": (Unaware, exact)}
     for kind in (diffrax.Kvaerno5, diffrax.Kvaerno4, diffrax.Kvaerno3):
-        rows[f"now, {kind.__name__}"] = sj.AdaptiveSteps, with_root_finder(kind())
+        rows[f"now, {kind.__name__}"] = sj.solvers.AdaptiveSteps, with_root_finder(kind())
     points, seconds = {}, {}
 
     def run(name, tolerance):
         controller, solver = rows[name]
         monkeypatch.setattr(measure, "AdaptiveSteps", controller)
-        return measure.run(case, Method(name, solver, sj.SmoothSwitch(), (1.0,), adaptive=True), tolerance, speeds, 1)
+        return measure.run(case, Method(name, solver, sj.model.SmoothSwitch(), (1.0,), adaptive=True), tolerance, speeds, 1)
 
     for _ in range(4):  # the first compiles
         for name in rows:

@@ -22,7 +22,7 @@ from slipperjax.tools.compile import jit
 from .timing import in_turns
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
-SOLVERS = {"RK4": sj.RK4(), "ImpulseRK4": sj.ImpulseRK4(), "Tsit5": sj.Tsit5()}
+SOLVERS = {"RK4": sj.solvers.RK4(), "ImpulseRK4": sj.solvers.ImpulseRK4(), "Tsit5": sj.solvers.Tsit5()}
 BOTH = ("RK4", "ImpulseRK4")
 SIZES = np.array(jax.tree.leaves(MOTION_SCALES))
 RANDOM = 200
@@ -83,7 +83,7 @@ def scenes():
 
 
 def by_rule(scene, per_contact, least):
-    """Steps per period as in `slipperjax.default_steps_per_period` with other constants."""
+    """Steps per period as in `slipperjax.model.default_steps_per_period` with other constants."""
     steps = max(per_contact * float(steps_needed(scene)) / PER_CONTACT, least)
     unit = least * 2 ** max(np.ceil(np.log2(steps / (6 * least))), 0)
     return unit * np.ceil(steps / unit)
@@ -114,7 +114,7 @@ def test_random_scenes(scenes):
         taken = np.array([by_rule(s, *rule) for s in found])
         ends = np.array([end("ImpulseRK4", s, n) for s, n in zip(found, taken, strict=True)])
         row(f"{rule}, {np.exp(np.mean(np.log(taken))):.0f} steps", error(ends, exact[:, 1]))
-    default = error(np.array([end("ImpulseRK4", s, sj.default_steps_per_period(s)) for s in found]), exact[:, 1])
+    default = error(np.array([end("ImpulseRK4", s, sj.model.default_steps_per_period(s)) for s in found]), exact[:, 1])
     assert mean(default) < mean(errors["RK4", 1.0])  # measured 6.0e-4 and 1.1e-3
     assert mean(errors["ImpulseRK4", 1.0]) < 0.3 * mean(errors["RK4", 1.0])  # measured 0.17
 

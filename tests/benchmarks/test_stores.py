@@ -27,7 +27,7 @@ def grid(across: int, up: int) -> dict:
 
 def seconds(path, cases: dict, **how) -> float:
     def run():
-        made = sj.Store(path, tile=256, fresh=True)
+        made = sj.sweeps.Store(path, tile=256, fresh=True)
         return sj.sweep(sj.paper_scene(), cases, store=made, **(HOW | how))
 
     return timing.seconds(run)[1]
@@ -37,7 +37,7 @@ def seconds(path, cases: dict, **how) -> float:
 def test_two_cores_beside_one(tmp_path):
     sj.compile_cache(tmp_path / "cache")
     cases = grid(32, 128)
-    for name, engines in (("threads", None), ("processes", sj.processes)):
+    for name, engines in (("threads", None), ("processes", sj.sweeps.processes)):
         times: dict[int, list[float]] = {1: [], 2: []}
         for _ in range(4):  # the first of each compiles
             for count in (1, 2):
@@ -59,7 +59,7 @@ def test_memory_does_not_grow_with_the_cases(tmp_path):
         "import sys, resource, numpy as np, slipperjax as sj\n"
         "sj.compile_cache(sys.argv[1])\n"
         "grid = {'speed': np.linspace(1000, 1600, int(sys.argv[3])), 'clearance': np.linspace(0.5e-3, 2e-3, 128)}\n"
-        "store = sj.Store(sys.argv[2], tile=1024, fresh=True)\n"
+        "store = sj.sweeps.Store(sys.argv[2], tile=1024, fresh=True)\n"
         "sj.sweep(sj.paper_scene(), grid, transient=10, periods=5, steps_per_period=50, store=store)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
     )
@@ -76,7 +76,7 @@ def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
     monkeypatch.setenv("PAUSE", "1.0")
     distributed = pytest.importorskip("distributed")
     run = lambda pool, name: made_up(
-        sj.paper_scene(), a_grid(), store=sj.Store(tmp_path / name, tile=10), executor=pool
+        sj.paper_scene(), a_grid(), store=sj.sweeps.Store(tmp_path / name, tile=10), executor=pool
     )
 
     def timed(pool, name):
@@ -85,7 +85,7 @@ def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
         # a second of it is the look at one case that tells what there is to store
         print(f"\n{name}: {(lasts - 1.0) / 6.0 - 1:.1%} above six seconds")
 
-    with sj.processes(2) as pool:
+    with sj.sweeps.processes(2) as pool:
         timed(pool, "processes.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -39,7 +39,7 @@ def survey():
     distance = np.arange(0.0, 600.0, 0.5)
     rail = jax.vmap(track.irregularity)(distance)
     rounded = lambda displacement: np.round(np.asarray(displacement), 5)
-    return sj.SampledTrack(distance, rounded(rail.lateral), rounded(rail.vertical))
+    return sj.model.SampledTrack(distance, rounded(rail.lateral), rounded(rail.vertical))
 
 
 RAILS = {
@@ -51,7 +51,7 @@ RAILS = {
 
 def scene_of(rail, speed, restitution):
     # the rate at touchdown needs more steps than the fastest one
-    scene = sj.paper_scene(speed, restitution=restitution, memory=sj.EventLatch())
+    scene = sj.paper_scene(speed, restitution=restitution, memory=sj.model.EventLatch())
     return dataclasses.replace(scene, track=RAILS[rail]())
 
 
@@ -60,7 +60,7 @@ def ensemble(rail, speed, restitution, steps, seeds):
     scene = scene_of(rail, speed, restitution)
     options = dict(transient=5, periods=PERIODS, steps_per_period=steps, record=["peak_force", *COUNTS])
     on_random = isinstance(scene.track, sj.RandomTrack)
-    grid = {"track.seed": np.arange(seeds)} if on_random else sj.sample_box(MOTION, seeds)
+    grid = {"track.seed": np.arange(seeds)} if on_random else sj.sweeps.sample_box(MOTION, seeds)
     ds = sj.sweep(scene, grid, product=False, **options)
     force = ds["peak_force"].max(("end", "point")).values / 1e3
     lost = ds["status"].isin([1, 2]).values
@@ -83,7 +83,7 @@ def row(rail, speed, restitution, steps, seeds):
 def test_beside_an_independent_code():
     """At half the default steps, at these, and at twice and four times as many."""
     for (rail, speed, restitution), by_events in BY_EVENTS.items():
-        default = sj.default_steps_per_period(scene_of(rail, speed, restitution))
+        default = sj.model.default_steps_per_period(scene_of(rail, speed, restitution))
         seeds = 384 if restitution == 0.9 and (rail, speed) == ("sled", 1000.0) else 192
         print(f"\n{rail}, {speed:g} m/s, restitution {restitution}, {seeds} rails; by events {', '.join(by_events)}")
         for times in (0.5, 1, 2, 4):
@@ -95,7 +95,7 @@ def test_default_steps():
     distances = []
     for rail in RAILS:
         for speed, restitution in itertools.product((100.0, 300.0, 1000.0, 2000.0), (0.9, 0.7, 0.5, 0.3)):
-            default = sj.default_steps_per_period(scene_of(rail, speed, restitution))
+            default = sj.model.default_steps_per_period(scene_of(rail, speed, restitution))
             print(f"\n{rail}, {speed:g} m/s, restitution {restitution}, 192 members")
             found, right = (quantiles(row(rail, speed, restitution, times * default, 192)) for times in (1, 4))
             distances.append((found[0] - right[0]) / np.hypot(found[1], right[1]))

@@ -79,7 +79,7 @@ def test_options_take_any_unit():
 def test_options_in_display_units_make_the_scene():
     given = dict(speed=1000.0, clearance=2.0, length=0.3, stiffness=1e9, restitution=0.5)
     more = dict(wavelength=(8.0, 3.0), amplitude=1.5, roll_amplitude=0.1, memory="smooth")
-    si = dict(wavelengths=(8.0, 3.0), amplitude=1.5e-3, roll_amplitude=math.radians(0.1), memory=sj.SmoothSwitch())
+    si = dict(wavelengths=(8.0, 3.0), amplitude=1.5e-3, roll_amplitude=math.radians(0.1), memory=sj.model.SmoothSwitch())
     wanted = sj.paper_scene(1000.0, 2e-3, 0.3, stiffness=1e9, restitution=0.5, **si)
     assert equal(make_case(**given, **more).scene, wanted)
 
@@ -92,18 +92,18 @@ def test_options_override_the_scene_s_file(tmp_path):
     wanted = sj.paper_scene(900.0).replace(mass=20.0, gravity=9.81, inertia_y=0.07, **{"section.play.2": 4e-4})
     assert equal(case.scene, wanted)
     assert case.start.v_y == 1.0
-    assert isinstance(case.solver, sj.Rodas4)
+    assert isinstance(case.solver, sj.solvers.Rodas4)
     assert case.options == dict(start=case.start, solver=case.solver, steps_per_period=70)
 
 
 def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
-    simulate = replaced("flow.simulate.simulate", side_effect=ValueError("seen"))
+    simulate = replaced("orbits.simulate.simulate", side_effect=ValueError("seen"))
     out, error = call(["simulate", "--out", tmp_path / "run"], capsys, 2)
     assert (out, error) == ("", "error: seen\n")
     (scene, periods), options = simulate.call_args
     assert equal(scene, SCENE)
     assert periods == 60
-    assert isinstance(options.pop("solver"), sj.ImpulseRK4)
+    assert isinstance(options.pop("solver"), sj.solvers.ImpulseRK4)
     assert options == dict(start=None, steps_per_period=None, saves_per_period=None, probe=4, begin=None)
 
 
@@ -135,8 +135,8 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     ds = dataset(out)
     assert ds.sizes["time"] == 151
     assert 0 < ds.attrs["probe_error [scales]"] < 0.1
-    assert equal(sj.load_scene(f"{out}.nc"), sj.paper_scene(1000.0).replace(mass=21.0))
-    assert sj.load_start(f"{out}.nc").motion.v_y == 0.3
+    assert equal(sj.load(f"{out}.nc").scene, sj.paper_scene(1000.0).replace(mass=21.0))
+    assert sj.load(f"{out}.nc").start.motion.v_y == 0.3
     peak = ds["peak_force"].values
     end, point = np.argwhere(peak == peak.max())[0]
     name, when = f"{'ABCDEFGHIJ'[point]}{end + 1}", float(ds["peak_period"].values[end, point])
@@ -166,7 +166,7 @@ def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     assert f"\n{case}; 2 cases, 10 + 10 periods, 100 steps per period: " in text
     assert re.search(r"; 0 cases flagged; half the step changes the motion by \S+ scales at most\n$", text)
     assert dataset(out)["speed"].values.tolist() == [900, 1000]
-    assert equal(sj.load_scene(f"{out}.nc", speed=900.0), sj.paper_scene(900.0).replace(mass=21.0))
+    assert equal(sj.load(f"{out}.nc", speed=900.0).scene, sj.paper_scene(900.0).replace(mass=21.0))
     assert share(picture(out, 7.2, 4.6), COLORS["blue"]) > 0
 
 
@@ -295,7 +295,7 @@ def test_bench_writes_after_each_scene(replaced, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "function"),
     [
-        (["simulate"], "flow.simulate.simulate"),
+        (["simulate"], "orbits.simulate.simulate"),
         (["bifurcation", "--over", "speed", 900, 1000, 2], "sweeps.sweep.sweep"),
         (["lyapunov", "--over", "speed", 900, 1000, 2], "sweeps.sweep.lyapunov_sweep"),
         (["sweep", "--over", "speed", 900, 1000, 2], "sweeps.sweep.sweep"),
@@ -315,7 +315,7 @@ def test_commands_that_travel_begin_where_they_are_told(words, function, replace
 
 @pytest.mark.full
 def test_laws_of_ones_own_are_imported(tmp_path, monkeypatch, capsys):
-    law = "class Doubled(sj.HertzSpring):\n    def force(self, *given):\n        return 2 * super().force(*given)\n"
+    law = "class Doubled(sj.model.HertzSpring):\n    def force(self, *given):\n        return 2 * super().force(*given)\n"
     (tmp_path / "own_laws.py").write_text(f"import slipperjax as sj\n{law}")
     scene = tmp_path / "scene.toml"
     scene.write_text('base = "paper"\n[contact]\ntype = "Doubled"\nstiffness = "1e8 N/m^1.5"\n')
@@ -323,5 +323,5 @@ def test_laws_of_ones_own_are_imported(tmp_path, monkeypatch, capsys):
     command = ["simulate", "--scene", scene, "--periods", 1, "--probe", 0, "--out", tmp_path / "own"]
     assert "imported before, on the command line by --import" in error_of(command, capsys)
     call(["--import", "own_laws", *command], capsys)
-    assert type(sj.load_scene(dataset(tmp_path / "own")).contact).__name__ == "Doubled"
+    assert type(sj.load(dataset(tmp_path / "own")).scene.contact).__name__ == "Doubled"
     assert "--import must be a Python module" in error_of(["--import", "no_such_module", *command], capsys)

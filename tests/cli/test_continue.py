@@ -26,7 +26,7 @@ SWITCH = "orbits.branches.OrbitBranch.switched"
 
 @pytest.fixture(scope="module")
 def branch():
-    return sj.load_branch(BRANCH)
+    return sj.load(BRANCH)
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def room(branch, replaced):
 
 
 def interruption(branch):
-    return sj.Interrupted(branch, branch.points.sizes["point"], unit="points")
+    return sj.Interrupted(branch, branch.ds.sizes["point"], unit="points")
 
 
 # bounds
@@ -72,17 +72,17 @@ def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     text, error = call([*FROM, "--over", "speed", 1090, 1110.1, "--out", out], capsys)
     assert "\r" not in error  # a bar on terminals only, lines elsewhere
     assert error.splitlines()[-1].startswith("branch over speed: 1 points")
-    found = sj.load_branch(f"{out}.nc")
+    found = sj.load(f"{out}.nc")
     case = f"clearance 1 mm, length 0.2 m, from {BRANCH}"
     assert text == f"{found.summary()}\n{case}\nwrote {out}.nc and {out}.png\n"
-    assert float(found.points["speed"].max()) == pytest.approx(1110.1)
+    assert float(found.ds["speed"].max()) == pytest.approx(1110.1)
     assert [event.label for event in found.events] == ["EP", "PD", "EP"]
-    np.testing.assert_allclose(found.points["v_z"][:15], branch.points["v_z"][:15], rtol=1e-13)  # measured 2e-16
+    np.testing.assert_allclose(found.ds["v_z"][:15], branch.ds["v_z"][:15], rtol=1e-13)  # measured 2e-16
     picture(out, 3.5, 2.9)
 
 
 def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, replaced, tmp_path, capsys):
-    switched = replaced(SWITCH, return_value=OrbitBranch(branch.points.assign_attrs(orbit_period=2)))
+    switched = replaced(SWITCH, return_value=OrbitBranch(branch.ds.assign_attrs(orbit_period=2)))
     drawn = []
     draw = importlib.import_module("slipperjax.plots.branches").branches  # whose name in plots is the function's
     replaced("plots.branches.branches", lambda ds, *more: drawn.append((len(ds), *more)) or draw(ds, *more))
@@ -98,7 +98,7 @@ def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, re
     assert f"wrote {out}.nc and {out}.png\nPD1 at 1095.9" in text
     assert text.endswith(f"wrote {out}_PD1.nc and {out}.png\n")
     assert names(tmp_path) == ["brute.nc", "run.nc", "run.png", "run_PD1.nc"]
-    assert sj.load_branch(f"{out}_PD1.nc").period == 2
+    assert sj.load(f"{out}_PD1.nc").period == 2
     assert [one[:2] for one in drawn] == [(1, "v_y"), (2, "v_y")]
     xr.testing.assert_identical(drawn[0][2].load(), brute)
 
@@ -113,7 +113,7 @@ def test_options_reach_the_branch(room, tmp_path, capsys):
     assert (float(scene.speed), name, more["points"], more["progress"]) == (1240.0, "clearance", 9, True)
     assert bounds == pytest.approx((0.5e-3, 2e-3))
     # the more demanding bound's, for both
-    most = max(sj.default_steps_per_period(sj.paper_scene(1240.0, c)) for c in (0.5e-3, 1e-3, 2e-3))
+    most = max(sj.model.default_steps_per_period(sj.paper_scene(1240.0, c)) for c in (0.5e-3, 1e-3, 2e-3))
     assert how["steps_per_period"] == more["steps_per_period"] == FINER * most
     assert names(tmp_path) == ["run.nc", "run.png"]
 
@@ -161,11 +161,11 @@ def test_a_signal_while_points_are_computed_is_heard_at_the_next(branch, room, t
     (tmp_path / "run.nc").write_bytes(b"old")
     _, error = call([*OVER, out], capsys, 130)
     waited = "waiting at most 10 s for what is being computed"
-    kept = f"{branch.points.sizes['point']} points were finished: wrote {out}_partial.nc and {out}_partial.png"
+    kept = f"{branch.ds.sizes['point']} points were finished: wrote {out}_partial.nc and {out}_partial.png"
     assert error == f"{out}.nc will be replaced\n{waited}\n{kept}\ninterrupted\n"
     assert (tmp_path / "run.nc").read_bytes() == b"old"
-    kept = sj.load_branch(f"{out}_partial.nc").points
-    xr.testing.assert_identical(kept.load().drop_attrs(), branch.points.load().drop_attrs())
+    kept = sj.load(f"{out}_partial.nc").points
+    xr.testing.assert_identical(kept.load().drop_attrs(), branch.ds.load().drop_attrs())
 
 
 @pytest.mark.usefixtures("python_s_own_interrupts")

@@ -24,7 +24,7 @@ def written(tmp_path, capsys, *options):
     assert not error
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return sj.load_scene(file)
+        return sj.load(file).scene
 
 
 def test_what_is_not_given_is_the_paper_s(tmp_path, capsys):
@@ -36,7 +36,7 @@ def test_what_is_not_given_is_the_paper_s(tmp_path, capsys):
     for name in "ABCDEFGHIJ":
         here, there = (s.section.points[s.section.names.index(name)] for s in (scene, paper))
         np.testing.assert_allclose(here, there, rtol=1e-12)
-    assert sj.load_run(tmp_path / "sled.toml") == dict(length=500.0, window=1.0)
+    assert sj.load(tmp_path / "sled.toml").run == dict(length=500.0, window=1.0)
     # a box of 14 kg, 0.2 m long, 96 mm wide and 42 mm high
     box = 14.0 / 12 * np.array([0.096**2 + 0.042**2, 0.2**2 + 0.042**2, 0.2**2 + 0.096**2])
     np.testing.assert_allclose(scene.slipper.inertia, box, rtol=1e-5)
@@ -70,7 +70,7 @@ def test_a_sled_on_two_rails(tmp_path, capsys):
     assert places == [[1.2, 0.9, -0.2], [-1.2, 0.9, -0.2], [1.2, -0.9, -0.2], [-1.2, -0.9, -0.2]]
     assert float(scene.track.gauge) == 1.8
     # of one spectrum, so coherent that the play takes what their gauge varies by
-    assert isinstance(scene.track, sj.RandomRails)
+    assert isinstance(scene.track, sj.model.RandomRails)
     assert float(scene.track.coherence) == 0.95
     # a box 2.6 m long, 1.896 m wide and 0.242 m high
     mass = 900 * 0.45359237
@@ -85,7 +85,7 @@ def test_a_sled_on_two_rails(tmp_path, capsys):
     assert scene.track.rails == {}
     mounts = ["--mount", 1, 0.9, 0, "--mount", -1, -0.8, 0]
     call(["new", tmp_path / "sled.toml", "--force", *mounts, "--right-rail", "german-low"], capsys)
-    assert sj.load_scene(tmp_path / "sled.toml").track.gauge is None
+    assert sj.load(tmp_path / "sled.toml").scene.track.gauge is None
 
 
 @pytest.mark.full
@@ -93,16 +93,16 @@ def test_a_sled_on_two_rails(tmp_path, capsys):
 def test_surveys_of_two_rails(tables, tmp_path, capsys):
     file = tmp_path / "sled.toml"
     call(["new", file, "--sled", "--rail", tables / "rail.csv", "--right-rail", tables / "rail.csv"], capsys)
-    rails = sj.load_scene(file).track.rails.values()
+    rails = sj.load(file).scene.track.rails.values()
     assert [type(rail) for rail in rails] == [SurveyedTrack] * 2
-    assert sj.load_run(file)["length"] == 61.0
+    assert sj.load(file).run["length"] == 61.0
     rows = "\n".join(f"{k}, 0, {np.sin(k):.4f}, 0, {np.cos(k):.4f}" for k in range(40))
     head = "distance [m], left lateral [mm], left vertical [mm], right lateral [mm], right vertical [mm]"
     (tables / "both.csv").write_text(f"{head}\n{rows}\n")
     call(["new", file, "--sled", "--rail", tables / "both.csv", "--force"], capsys)
-    track = sj.load_scene(file).track
+    track = sj.load(file).scene.track
     assert (type(track), float(track.gauge)) == (SurveyedRails, 1.8)
-    assert sj.load_run(file)["length"] == 39.0
+    assert sj.load(file).run["length"] == 39.0
     words = "rail.csv has no line of names with units, such as distance [m], left_lateral [m]"
     assert words in error_of(["new", file, "--sled", "--rail", tables / "rail.csv", "--force"], capsys)
 
@@ -131,7 +131,7 @@ def test_random_rails(rail, tmp_path, capsys):
     kind, _, which = rail.partition("-")
     of = [int(which) if which.isdecimal() else which] if which else []
     expected = getattr(sj.RandomTrack, kind)(*of, length=5000.0)
-    np.testing.assert_array_equal(sj.load_scene(file).track.rms().vertical, expected.rms().vertical)
+    np.testing.assert_array_equal(sj.load(file).scene.track.rms().vertical, expected.rms().vertical)
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ def test_points_keep_their_names(tables, tmp_path, capsys):
     name = lambda letters: "\n".join(["point," + rows[0], *map(",".join, zip(letters, rows[1:], strict=True))])
     section.write_text(name("QABCDEFG"))
     call(["new", tmp_path / "sled.toml", f"--section={section}", "--centre", 0, 100], capsys)
-    assert sj.load_scene(tmp_path / "sled.toml").section.names == tuple("QABCDEFG")
+    assert sj.load(tmp_path / "sled.toml").scene.section.names == tuple("QABCDEFG")
     section.write_text(name("QABCDEFF"))
     error = error_of(["new", tmp_path / "other.toml", f"--section={section}"], capsys)
     assert "must have another name for each point, but has Q, A, B" in error
@@ -169,16 +169,16 @@ def test_her_own_files_run(tables, tmp_path, capsys):
     file = tmp_path / "sled.toml"
     call(["new", file, *options], capsys)
     assert names(tmp_path) == ["data", "sled.toml"]
-    scene = sj.load_scene(file)
+    scene = sj.load(file).scene
     assert isinstance(scene.track, SurveyedTrack)
     # the history begins where the rail does
     np.testing.assert_allclose(scene.speed.distance[0], 1000 * 0.3048)
     np.testing.assert_allclose(scene.speed.speed[0], 1000 * 0.3048)
     # 200.5 feet of rail, and 210 of history
-    assert sj.load_run(file) == dict(length=61.0, window=1.0)
+    assert sj.load(file).run == dict(length=61.0, window=1.0)
     assert scene.section.names == tuple("ABCDEFGH")
     np.testing.assert_allclose(scene.section.points[2], [0.05, 0.0], atol=1e-15)
-    assert isinstance(scene.load, sj.SumLoad)
+    assert isinstance(scene.load, sj.model.SumLoad)
     text, _ = call(["run", file, "--out", tmp_path / "run"], capsys)
     assert "status: finite" in text
     ds = dataset(tmp_path / "run")
@@ -191,7 +191,7 @@ def test_paths_are_written_as_seen_from_the_file(tables, tmp_path, capsys, monke
     (tmp_path / "runs").mkdir()
     call(["new", "../runs/sled.toml", "--rail", "rail.csv"], capsys)
     assert 'file = "../data/rail.csv"' in (tmp_path / "runs" / "sled.toml").read_text()
-    assert isinstance(sj.load_scene(tmp_path / "runs" / "sled.toml").track, SurveyedTrack)
+    assert isinstance(sj.load(tmp_path / "runs" / "sled.toml").scene.track, SurveyedTrack)
 
 
 def test_corners_of_a_drawing(tmp_path, capsys):

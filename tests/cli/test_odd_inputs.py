@@ -42,7 +42,7 @@ def section(**values):
 
 def scene(**parts):
     track = sj.HarmonicTrack((8.0,), 1e-3, 3e-3)
-    default = dict(speed=1250.0, slipper=slipper(), section=section(), track=track, contact=sj.Flores(1e8, 0.9))
+    default = dict(speed=1250.0, slipper=slipper(), section=section(), track=track, contact=sj.model.Flores(1e8, 0.9))
     return sj.Scene(**(default | parts))
 
 
@@ -62,7 +62,7 @@ def jump(path=AT, **options):
     return find_jump(PAPER, path, **(SHORT | options))
 
 
-FINE = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps())
+FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSteps())
 
 
 @by_words(
@@ -78,8 +78,8 @@ FINE = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps())
     (r"`speed` must be of shape \(\), but has shape \(2,\)", lambda: sj.paper_scene(speed=[1.0, 2.0])),
     ("`wavelengths` must be a sequence of one or more", lambda: sj.paper_scene(wavelengths=8.0)),
     ("`clamp` must be True or False, but is 'no'", lambda: sj.paper_scene(clamp="no")),
-    ("`memory` must be .*, but is <class", lambda: sj.paper_scene(memory=sj.SmoothSwitch)),
-    ("`contact` must be .*, but is <class", lambda: scene(contact=sj.Flores)),
+    ("`memory` must be .*, but is <class", lambda: sj.paper_scene(memory=sj.model.SmoothSwitch)),
+    ("`contact` must be .*, but is <class", lambda: scene(contact=sj.model.Flores)),
     (r"`inertia` must be of shape \(3\), but has shape \(4,\)", lambda: slipper(inertia=(1.0, 1.0, 1.0, 1.0))),
     ("`gravity` must be zero or positive, but is -9.81", lambda: scene(gravity=-9.81)),
     ("`points` must be in an order in which the faces' normals", lambda: section(points=POINTS[::-1])),
@@ -99,12 +99,12 @@ FINE = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps())
     ("`start` must be .* its q_x is 'x'", lambda: sweep(start=sj.Motion(q_x="x"))),
     ("`state` must be .*, but is", lambda: sj.period_map(PAPER, sj.Motion())),
     # solvers, controllers, other options
-    ("`solver` must be a solver, as in RK4.*, but is the class", lambda: simulate(solver=sj.RK4)),
+    ("`solver` must be a solver, as in RK4.*, but is the class", lambda: simulate(solver=sj.solvers.RK4)),
     ("`solver` must be one of RK4, .* but is 'rk4'", lambda: sj.follow(PAPER, AT, **SHORT, solver="rk4")),
     ("`solver` must be a one-step method .* but is S", lambda: simulate(solver=diffrax.SemiImplicitEuler())),
-    ("`solver` must be one with an error estimate", lambda: simulate(stepsize_controller=sj.AdaptiveSteps())),
+    ("`solver` must be one with an error estimate", lambda: simulate(stepsize_controller=sj.solvers.AdaptiveSteps())),
     ("`adjoint` must be .*, but is 'forward'", lambda: simulate(**FINE, adjoint="forward")),
-    ("`rho_inf` must be from 0 to 1, but is nan", lambda: sj.TwoStep(rho_inf=NAN)),
+    ("`rho_inf` must be from 0 to 1, but is nan", lambda: sj.solvers.TwoStep(rho_inf=NAN)),
     ("`probe` must be 0 under jit", lambda: jax.jit(lambda v: simulate(PAPER.replace(speed=v), probe=1))(9.0)),
     ("`steps_per_period` must be", lambda: jax.jit(lambda n: simulate(steps_per_period=n))(50)),
     # grids and paths
@@ -155,8 +155,8 @@ GRAMS = (51, 60, 86)
     ("`mass` is 14000 kg; plausible are 0.1", lambda: scene(slipper=slipper(mass=14e3, inertia=GRAMS))),
     ("radius of gyration of .* slipper lengths", lambda: scene(slipper=slipper(inertia=GRAMS))),
     ("`inertia` has a moment greater than the sum", lambda: slipper(inertia=(0.05, 0.06, 0.2))),
-    ("`relaxation` is 1 s", lambda: sj.SmoothSwitch(relaxation=1.0)),
-    ("`slowest` is 1000 m/s", lambda: sj.EventLatch(slowest=1e3)),
+    ("`relaxation` is 1 s", lambda: sj.model.SmoothSwitch(relaxation=1.0)),
+    ("`slowest` is 1000 m/s", lambda: sj.model.EventLatch(slowest=1e3)),
     ("`speed` is 0.001 m/s", lambda: PAPER.replace(speed=[1250.0, 1e-3])),
     ("`clearance` is 2 m", lambda: counted_wrong(sj.sweep, {"clearance": [1.0, 2.0]})),
     ("`start_v_y` is 500 m/s", lambda: counted_wrong(sj.sweep, {"start_v_y": [500.0]})),

@@ -65,7 +65,7 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert "1 of 1 cases" in error
     assert ds["distance"].values.tolist() == [8.0 * k for k in range(1, 11)]
     assert set(ds["steps_per_window"].values.tolist()) == {60}
-    scene = sj.load_scene(ds)
+    scene = sj.load(ds).scene
     assert float(scene.slipper.mass) == 15.0
     # the status comes before all numbers of the run
     assert "from rest on the rail\nstatus: finite\n0 to 80 m in" in text
@@ -97,9 +97,9 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
         assert numbers(text, pattern) == pytest.approx([float(value) for value in wanted], rel=rel), pattern
     assert [name for name in ds.variables if not re.search(rf"\b{name}\b", DOCS)] == []
     # in Python the same, and other commands read such a file
-    again = sj.run(sj.load_scene(file).replace(mass=15.0), start=sj.load_start(file), **sj.load_run(file))
+    again = sj.run(sj.load(file).scene.replace(mass=15.0), start=sj.load(file).start, **sj.load(file).run)
     np.testing.assert_array_equal(again["peak_force"].values, ds["peak_force"].values)
-    assert sj.load_run(file) == dict(length=80.0, window=8.0, steps_per_period=60)
+    assert sj.load(file).run == dict(length=80.0, window=8.0, steps_per_period=60)
 
 
 @pytest.mark.full
@@ -145,7 +145,7 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
     options = over_rail.call_args[1]
     wanted = dict(length=80.0, window=8.0, steps_per_period=60, start=None)
     assert {name: options[name] for name in wanted} == wanted
-    assert isinstance(options["solver"], sj.ImpulseRK4)
+    assert isinstance(options["solver"], sj.solvers.ImpulseRK4)
     file.write_text(f'{FILE}solver = "Rodas4"\nbegin = "10 m"\n[start]\nv_y = "1 m/s"\n')
     error_of([*words, "--steps-per-period", 70], capsys)
     options = over_rail.call_args[1]
@@ -155,7 +155,7 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
     rail.write_text("\n".join(["chainage [m],vertical [mm]", *(f"{k / 4},0" for k in range(400))]))
     error_of([*words, "--solver", "RK4", "--rail", rail], capsys)
     (scene,), options = over_rail.call_args
-    assert isinstance(options["solver"], sj.RK4)
+    assert isinstance(options["solver"], sj.solvers.RK4)
     assert isinstance(scene.track, SurveyedTrack)
 
 
@@ -189,11 +189,11 @@ def test_the_documented_file_is_read(tmp_path):
     file.write_text(DOCS.split("```toml\n")[1].split("```")[0])
     shutil.copy(EXAMPLES / "survey.csv", tmp_path)
     with pytest.warns(sj.ImplausibleWarning, match="Remark"):
-        scene, table = sj.load_scene(file), sj.load_run(file)
+        scene, table = sj.load(file).scene, sj.load(file).run
     assert table == dict(length=100.0, window=1.0)
     place = float(scene.speed.distance[1])  # where the speed is 900 m/s
     assert static_load(scene, "", place) == pytest.approx(14 * 9.81 + 800 - 324)
-    with_payload = dataclasses.replace(sj.paper_scene().replace(gravity=10.0), sled=sj.SledMass(50.0, [1e6, 1e6]))
+    with_payload = dataclasses.replace(sj.paper_scene().replace(gravity=10.0), sled=sj.model.SledMass(50.0, [1e6, 1e6]))
     assert static_load(with_payload, "", 300.0) == pytest.approx(640.0)
 
 
@@ -287,7 +287,7 @@ def test_a_table_of_places_is_an_environment_beside_the_run(file, tmp_path, caps
     ds = dataset(tmp_path / "a")
     assert ds["body_acceleration"].sizes["sample"] == 8 * 64  # of windows of 8 m
     report = dataset(tmp_path / "a-environment")
-    again = sj.environment(ds, **sj.load_environment(file))
+    again = sj.environment(ds, **sj.load(file).environment)
     np.testing.assert_array_equal(report["density"], again["density"])
     assert len(pd.read_csv(tmp_path / "a-environment.csv")) == report.sizes["frequency"]
     rms = report["rms"].sel(direction="z").item() / STANDARD_GRAVITY

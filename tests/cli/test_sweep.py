@@ -47,7 +47,7 @@ def stored(folder):
 
 
 def test_a_map_is_stored_and_drawn(stored, capsys):
-    ds = sj.open_store(stored)
+    ds = sj.sweeps.open_store(stored)
     assert dict(ds["status"].sizes) == {"speed": 5, "start_v_y": 4}
     assert ds["start_v_y"].values == pytest.approx(np.linspace(0.4, 0.5, 4))
     assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
@@ -126,7 +126,7 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder, monkeypatch, capsys):
     _, error = call(["sweep", *words], capsys, 130)
     assert " of 64 cases were finished: kept in" in error
     assert "the same command goes on" in error
-    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 64
+    assert 0 < int((sj.sweeps.open_store(folder / "c.zarr")["status"] == 0).sum()) < 64
 
 
 def test_chaos_stands_with_its_least_mean_life_in_a_line():

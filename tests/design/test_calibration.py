@@ -14,7 +14,7 @@ from slipperjax.design.ensembles import EnsembleSettings
 from slipperjax.design.judge import ensemble_averages
 from slipperjax.design.objectives import OBJECTIVES, Evaluation, EvaluationPlan
 from slipperjax.flow.period_map import advance, initial_states
-from slipperjax.flow.simulate import dynamic_steps
+from slipperjax.orbits.simulate import dynamic_steps
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.orbits import rows_of
 
@@ -70,7 +70,7 @@ def settled(cases, periods=200):
     """States of cases after some forcing periods."""
     runs = Cases(sj.paper_scene(), grid_of(cases), sj.table_2_start(), product=False)
     scenes, starts = runs.take(np.arange(len(cases)))
-    options = dict(solver=sj.RK4(), periods=periods)
+    options = dict(solver=sj.solvers.RK4(), periods=periods)
     return advance(scenes, initial_states(scenes, starts), 0.0, dynamic_steps(STEPS), **options).state
 
 
@@ -80,7 +80,7 @@ def calibration(cases, objectives=OBJECTIVES_IN_CHAOS, seeds=SEEDS, settings=Ens
     reach = {"length": EnsembleSettings.relative_reach * float(np.median(cases[:, 0]))}
     rows, evaluations = rows_of(settled(cases)), []
     options = dict(scene=sj.paper_scene(), names=("length",), objectives=objectives, start=sj.table_2_start())
-    options |= dict(solver=sj.RK4(), steps=STEPS, most_steps=STEPS, reach=reach, transient=200)
+    options |= dict(solver=sj.solvers.RK4(), steps=STEPS, most_steps=STEPS, reach=reach, transient=200)
     for seed in range(seeds):
         plan = EvaluationPlan(ensemble=dataclasses.replace(settings, seed=seed), **options)
         evaluations.append(ensemble_averages(plan, grid_of(cases), Evaluation.of_states(plan, rows)))

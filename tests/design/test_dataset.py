@@ -48,7 +48,7 @@ def test_an_interrupted_search_keeps_its_best_design(monkeypatch, calls):
 
 
 def test_tables_have_prefixes_and_units(best):
-    ds = best.to_xarray()
+    ds = best.ds
     assert best.status == "infeasible"  # the bowl is above the limit of 5 N everywhere
     # the bowl's states are 20 numbers
     sizes = {"variable": 2, "case": 2, "number": 20, "start": 2, "trial": best.history.sizes["trial"]}
@@ -70,8 +70,8 @@ def test_tables_have_prefixes_and_units(best):
 def test_a_file_has_the_best_design_as_its_scene(best, tmp_path):
     best.to_netcdf(tmp_path / "design.nc")
     with xr.open_dataset(tmp_path / "design.nc", engine="h5netcdf") as ds:
-        xr.testing.assert_equal(ds.load(), best.to_xarray())
-    scene = sj.load_scene(tmp_path / "design.nc", speed=1600.0)
+        xr.testing.assert_equal(ds.load(), best.ds)
+    scene = sj.load(tmp_path / "design.nc", speed=1600.0).scene
     for name, value in best.design.items():
         assert float(scene.value(name)) == pytest.approx(value)
     assert ds.attrs["objective"] == pytest.approx(best.objective)

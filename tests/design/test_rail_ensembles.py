@@ -29,7 +29,7 @@ def problem(scene=SCENE, ensemble=FEW, box=BOX, **change):
     )
 
 
-SURVEYS = [sj.SampledTrack([0.0, 16.0], np.zeros(65), 0.0)] * 20
+SURVEYS = [sj.model.SampledTrack([0.0, 16.0], np.zeros(65), 0.0)] * 20
 
 
 def chosen(track, seed=0, rails=80):
@@ -39,16 +39,16 @@ def chosen(track, seed=0, rails=80):
 def test_each_run_of_a_case_has_its_rail_and_corners_have_the_same():
     assert list(chosen(SCENE.track)) == ["track.seed"]
     np.testing.assert_array_equal(chosen(SCENE.track, seed=2)["track.seed"], np.arange(160, 240))
-    joints = sj.LocalTrack([6.0], [-3e-4], 0.5, "joint", every=12.0)
-    both = chosen(sj.SumTrack(sj.SumTrack(SCENE.track, joints), sj.TrackSet(SURVEYS[:3])))
+    joints = sj.model.LocalTrack([6.0], [-3e-4], 0.5, "joint", every=12.0)
+    both = chosen(sj.model.SumTrack(sj.model.SumTrack(SCENE.track, joints), sj.model.TrackSet(SURVEYS[:3])))
     np.testing.assert_array_equal(both["track.one.one.seed"], np.arange(80))
     np.testing.assert_array_equal(both["track.other.number"][:4], [0, 2, 0, 2])
     # one number chooses both rails
-    assert list(chosen(sj.RandomRails(SCENE.track, 0.5))) == ["track.seed"]
+    assert list(chosen(sj.model.RandomRails(SCENE.track, 0.5))) == ["track.seed"]
 
 
 def test_a_search_does_not_see_every_other_rail_of_a_set():
-    track = sj.TrackSet(SURVEYS)
+    track = sj.model.TrackSet(SURVEYS)
     seen, unseen = (set(chosen(track, seed)["track.number"]) for seed in (0, 1))
     assert seen == set(range(0, 20, 2))
     assert unseen == set(range(1, 20, 2))
@@ -60,7 +60,7 @@ def test_a_search_does_not_see_every_other_rail_of_a_set():
     assert ensemble.unseen(track) == "along 10 rails that the search has not seen"
     assert ensemble.unseen(SURVEYS[0]) == "from 80 other starts along the one rail of the search"
     assert ensemble.unseen(SCENE.track) == "along 80 rails that the search has not seen"
-    scene = dataclasses.replace(SCENE, track=sj.TrackSet([sj.SampledTrack([0.0, 1e4], np.zeros(65), 0.0)] * 20))
+    scene = dataclasses.replace(SCENE, track=sj.model.TrackSet([sj.model.SampledTrack([0.0, 1e4], np.zeros(65), 0.0)] * 20))
     assert ensemble_for(scene, ensemble) == ensemble
     with pytest.raises(ValueError, match="must come with 80 or more rails, 4 of them beyond it"):
         ensemble_for(scene, RailEnsemble())
@@ -119,7 +119,7 @@ def test_a_search_on_common_rails_is_judged_on_others():
     assert best.judged == "along 16 rails that the search has not seen"
     assert f"judged {best.judged}," in repr(best)
     assert 0 < abs(float(best.cases["step_change"][0])) < 0.5  # by half the step, on the same rails
-    assert RailEnsemble(*load_call(best.to_xarray())["ensemble"]) == FEW
+    assert RailEnsemble(*load_call(best.ds)["ensemble"]) == FEW
 
 
 @pytest.mark.full

@@ -190,7 +190,7 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
             window.press("Save scene")
         download.value.save_as(tmp_path / "scene.toml")
         assert "speed" in (tmp_path / "scene.toml").read_text()
-        assert sj.load_scene(tmp_path / "scene.toml").value("clearance") == pytest.approx(1e-3, rel=0.2)
+        assert sj.load(tmp_path / "scene.toml").scene.value("clearance") == pytest.approx(1e-3, rel=0.2)
         # another window does not disturb this one
         before = window.model("case", "text")
         other = Window(browser, url)
@@ -212,7 +212,7 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         grid,
         record=["motion", "peak_force"],
         periods=200,
-        store=sj.Store(path, tile=6, share=share),
+        store=sj.sweeps.Store(path, tile=6, share=share),
     )
     path = tmp_path / "map.zarr"
     fill((1, 2))

@@ -120,7 +120,7 @@ def test_a_window_of_a_run_is_a_case_with_the_same_forces(along):
     (shown,) = session.look(session.case)
     distance = shown.unit * shown.ds["period"].values
     assert distance[[0, -1]] == pytest.approx([112.0, 120.0])
-    found = shown.run.to_xarray()["peak_force"].max("point")
+    found = shown.run.ds["peak_force"].max("point")
     there = along["peak_force"].sel(distance=slice(112.5, 120.0)).max(("distance", "point"))
     np.testing.assert_allclose(found, there, rtol=1e-4)  # the steps differ: measured 5e-6
 

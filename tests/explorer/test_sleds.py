@@ -47,7 +47,7 @@ def test_a_run_of_a_sled_is_drawn_of_all_slippers_or_of_one():
 
 def test_a_window_of_a_worn_sled_has_the_play_of_each_slipper():
     play = 1e-4 * np.arange(1.0, 41.0).reshape(2, 4, 5)
-    worn = dataclasses.replace(SCENE, friction=sj.Coulomb(0.1), wear=sj.Wear(1e-12))
+    worn = dataclasses.replace(SCENE, friction=sj.model.Coulomb(0.1), wear=sj.model.Wear(1e-12))
     session = Session.of(run(worn, play=(("stretch", "slipper", "face"), play)))
     scene, _, _ = session.passage(session.case_at({"distance": 18}))
     np.testing.assert_array_equal(scene.play, play[0])
@@ -85,7 +85,7 @@ def test_panels_show_the_slipper_that_is_chosen():
 
 
 def test_a_start_with_modes_in_a_script_is_the_same_to_the_last_bit():
-    modes = sj.ModalMotion(jnp.array([0.1 + 0.2, 0.0]), jnp.array([1e-3, -3e-7]))
+    modes = sj.model.ModalMotion(jnp.array([0.1 + 0.2, 0.0]), jnp.array([1e-3, -3e-7]))
     start = sj.Motion(y=1 / 3, modes=modes)
     again = eval(start_text(start), {"sj": sj, "jnp": jnp})
     assert (again.y, again.z) == (1 / 3, 0.0)

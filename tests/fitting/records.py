@@ -13,7 +13,7 @@ SETTLED = 150
 
 def record(
     scene: sj.Scene,
-    sensors: Sequence[sj.Sensor],
+    sensors: Sequence[sj.model.Sensor],
     periods: int,
     *,
     noise: float = 0.0,

@@ -15,7 +15,7 @@ from slipperjax.model.sensors import Rig
 from .records import record
 
 SCENE = sj.paper_scene(1250.0)
-SENSORS = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0), delay=2e-5)]
+SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0), delay=2e-5)]
 PRIORS = {"stiffness": (3e7, 3e8), "restitution": (0.5, 0.99), "sensors.ay.gain": (0.5, 1.5)}
 
 
@@ -34,7 +34,7 @@ def problem_of(measured, *, solver=None, steps=None) -> Problem:
         origin=0.0,
         lead=1,
         steps=steps,
-        solver=sj.RK4() if solver is None else solver,
+        solver=sj.solvers.RK4() if solver is None else solver,
         start=sj.table_2_start(),
         seed=0,
     )

@@ -12,7 +12,7 @@ from slipperjax.fitting import synthetic_record
 REPEATS = int(os.environ.get("REPEATS", "20"))
 TRUTH = sj.paper_scene(1250.0)
 FAR = TRUTH.replace(stiffness=6e7, restitution=0.7, clearance=1.5e-3)
-SENSORS = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
+SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
 BOUNDS = {"stiffness": (3e7, 3e8), "restitution": (0.5, 0.99), "clearance": (5e-4, 2e-3)}
 
 

@@ -93,13 +93,13 @@ def test_settings_are_checked():
 @pytest.mark.full
 def test_features_need_the_noise_and_equal_times():
     scene = sj.paper_scene(2300.0)
-    sensors = [sj.Sensor("az")]
+    sensors = [sj.model.Sensor("az")]
     measured = record(scene, sensors, 4, settled=0)
     unknowns = {"stiffness": (3e7, 3e8)}
     method = Features(members=4, proposals=16, rounds=1, transient=0)
     with pytest.raises(ValueError, match="`noise` must be given of the sensor az for features"):
         sj.fit(scene, measured, unknowns, sensors, method=method)
-    known = [sj.Sensor("az", noise=1.0)]
+    known = [sj.model.Sensor("az", noise=1.0)]
     with pytest.raises(ValueError, match="of which at most 5 % are missing"):
         sj.fit(scene, measured.isel(time=np.flatnonzero(RNG.random(120) > 0.2)), unknowns, known, method=method)
 
@@ -107,9 +107,9 @@ def test_features_need_the_noise_and_equal_times():
 @pytest.mark.slow
 def test_a_chaotic_record_tells_of_its_parameters():
     scene = sj.paper_scene(2300.0)
-    clean = [sj.Sensor("az"), sj.Sensor("z", "displacement")]
+    clean = [sj.model.Sensor("az"), sj.model.Sensor("z", "displacement")]
     measured = record(scene, clean, 200, settled=300, noise=0.05)
-    sensors = [sj.Sensor(one.name, one.measures, noise=0.05 * float(measured[one.name].std())) for one in clean]
+    sensors = [sj.model.Sensor(one.name, one.measures, noise=0.05 * float(measured[one.name].std())) for one in clean]
     far = scene.replace(stiffness=6e7, clearance=1.5e-3)
     bounds = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
     found = sj.fit(far, measured, bounds, sensors, method=Features(members=8, proposals=32))
@@ -118,9 +118,9 @@ def test_a_chaotic_record_tells_of_its_parameters():
         assert abs(level - one.level(float(scene.value(name)))) < 3 * error
         assert error < 0.5
     assert not found.misfit
-    ds = found.to_xarray()
+    ds = found.ds
     assert np.isfinite(ds["density"]).any()
-    assert sj.plots.plot(ds).shape == (2, 2)
+    assert ds.plot().shape == (2, 2)
     # no trajectory stays near this record
     lost = sj.fit(far, measured.isel(time=slice(0, 40 * 30)), bounds, sensors)
     assert lost.misfit

@@ -9,7 +9,7 @@ from slipperjax.fitting.measured import measured_runs
 from slipperjax.model.sensors import Rig
 from slipperjax.tools.units import STANDARD_GRAVITY
 
-RIG = Rig.of([sj.Sensor("front"), sj.Sensor("lift", "displacement")])
+RIG = Rig.of([sj.model.Sensor("front"), sj.model.Sensor("lift", "displacement")])
 TIME = np.arange(12) * 1e-3
 
 
@@ -70,7 +70,7 @@ def test_marks_of_overload_are_missing_with_a_word(tmp_path):
 
 
 def test_samples_before_the_run_are_left_out():
-    rig = Rig.of([sj.Sensor("front")])
+    rig = Rig.of([sj.model.Sensor("front")])
     early = dataset().drop_vars("lift").assign_coords(time=("time", TIME - 0.002, {"units": "s"}))
     with pytest.warns(sj.ImplausibleWarning, match="has samples of front before zero seconds, which are left out"):
         (run,) = measured_runs(early, rig)

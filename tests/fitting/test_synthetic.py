@@ -9,7 +9,7 @@ from slipperjax.fitting.chain import Chain
 from slipperjax.fitting.search import search
 
 SCENE = sj.paper_scene()
-SENSORS = [sj.Sensor("az"), sj.Sensor("z", "displacement", noise=1e-5)]
+SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("z", "displacement", noise=1e-5)]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from slipperjax.tools import limits
 from .records import record
 
 TRUTH = sj.paper_scene(1250.0)
-SENSORS = [sj.Sensor("az"), sj.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
+SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
 BOUNDS = {"stiffness": (3e7, 3e8), "restitution": (0.5, 0.99), "clearance": (5e-4, 2e-3)}
 FAR = TRUTH.replace(stiffness=6e7, restitution=0.7, clearance=1.5e-3)
 METHOD = Trajectories(starts=4)
@@ -59,9 +59,9 @@ def test_what_was_put_in_comes_out(found, noisy):
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
     found.to_netcdf(path)
-    scene = sj.load_scene(path)
+    scene = sj.load(path).scene
     assert float(scene.contact.stiffness) == found.estimate["stiffness"]
-    assert float(sj.load_start(path).v_z) == float(found.start.v_z)
+    assert float(sj.load(path).start.v_z) == float(found.start.v_z)
     call = load_call(path)
     assert (call["function"], [sensor.name for sensor in call["sensors"]]) == ("fit", ["az", "ay"])
     with xr.open_dataset(path) as ds:
@@ -69,7 +69,7 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
         np.testing.assert_array_equal(ds["estimate"], list(found.estimate.values()))
         left = (ds["measured"] - ds["fitted"]).std(["window", "sample"])
         np.testing.assert_allclose(left, found.posterior.noise, rtol=0.1)
-        axes = sj.plots.plot(ds)
+        axes = ds.plot()
     assert axes.shape == (2, 2)
     assert "fit: converged" in axes[0, 0].figure.get_suptitle()
     assert axes[0, 0].get_ylabel() == "az [m/s$^{2}$]"
@@ -79,7 +79,7 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
 @pytest.mark.slow
 def test_laws_of_one_form_differ_by_their_restitution_alone():
     # both are K d^1.5 (1 + c d'/d'_0), with c of Flores 8 (1 - e) / 5 e, and of Hunt and Crossley 3 (1 - e) / 2
-    other = dataclasses.replace(FAR, contact=sj.HuntCrossley(stiffness=6e7, restitution=0.7))
+    other = dataclasses.replace(FAR, contact=sj.model.HuntCrossley(stiffness=6e7, restitution=0.7))
     found = sj.fit(other, record(TRUTH, SENSORS, PERIODS, noise=0.05), BOUNDS, SENSORS, method=METHOD)
     assert not found.misfit
     expected = 1 - 8 * (1 - 0.9) / (5 * 0.9) * 2 / 3
@@ -91,7 +91,7 @@ def test_laws_of_one_form_differ_by_their_restitution_alone():
 def test_a_law_of_another_form_is_said_not_to_explain_the_record():
     scene = TRUTH.replace(restitution=0.6)
     measured = record(scene, SENSORS, 6, noise=0.02, steps=320)
-    other = dataclasses.replace(scene, contact=sj.HertzSpring(stiffness=1e8))
+    other = dataclasses.replace(scene, contact=sj.model.HertzSpring(stiffness=1e8))
     few = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
     same = sj.fit(scene, measured, BOUNDS, SENSORS, method=METHOD)
     wrong = sj.fit(other, measured, few, SENSORS, method=METHOD)
@@ -164,7 +164,7 @@ def test_windows_of_a_record_are_one_motion(noisy):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (dict(sensors=[sj.Sensor("ax")]), "must have signals of the sensors ax alone, but has az, ay, too"),
+        (dict(sensors=[sj.model.Sensor("ax")]), "must have signals of the sensors ax alone, but has az, ay, too"),
         (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
         (dict(measured="later"), "forcing periods of 40 steps"),
     ],

@@ -9,7 +9,7 @@ from slipperjax.fitting.unknowns import spread, unknowns_of
 from slipperjax.model.sensors import Rig
 
 SCENE = sj.paper_scene()
-RIG = Rig.of([sj.Sensor("az"), sj.Sensor("fz", "force")])
+RIG = Rig.of([sj.model.Sensor("az"), sj.model.Sensor("fz", "force")])
 PRIORS = {
     "stiffness": (1e7, 1e9),
     "restitution": (0.5, 0.95),

@@ -25,7 +25,7 @@ class MadeUp(Course):
 
 def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any) -> Course:
     """A course of the paper's scene with curves of values and slopes by name, or `crossings`."""
-    course = MadeUp(None, None, sj.Args(sj.paper_scene(), 0.0), steps)  # pyright: ignore[reportArgumentType]
+    course = MadeUp(None, None, sj.model.Args(sj.paper_scene(), 0.0), steps)  # pyright: ignore[reportArgumentType]
     course.capacity = steps if capacity is None else capacity
     for name, parts in given.items():
         if name == "crossings":

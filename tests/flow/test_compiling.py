@@ -14,7 +14,7 @@ START = sj.table_2_start()
 def scene_of(speed):
     """A scene that compiles soon."""
     plain = sj.paper_scene()
-    return sj.Scene(speed, plain.slipper, plain.section, sj.StraightTrack(), sj.HertzSpring(1e8))
+    return sj.Scene(speed, plain.slipper, plain.section, sj.model.StraightTrack(), sj.model.HertzSpring(1e8))
 
 
 def state_of(speed):
@@ -22,7 +22,7 @@ def state_of(speed):
 
 
 def forces(speed):
-    return sj.reactions(0.1, state_of(speed), sj.Args(scene_of(speed))).contact_force
+    return sj.model.reactions(0.1, state_of(speed), sj.model.Args(scene_of(speed))).contact_force
 
 
 def mapped(speed):

@@ -14,9 +14,9 @@ import slipperjax as sj
 
 SPEEDS = jnp.array([1100.0, 1250.0])
 NUMBERS = {"clearance": jnp.asarray(1e-3), "v_z": jnp.asarray(0.4), "sample": jnp.asarray(0.5e-3)}
-STEPS = dict(steps_per_period=20, solver=sj.RK4())
+STEPS = dict(steps_per_period=20, solver=sj.solvers.RK4())
 DISTANCE = np.linspace(0.0, 16.0, 17)
-RAIL = sj.SampledTrack(DISTANCE, 1e-3 * np.sin(DISTANCE), 1e-3 * np.cos(DISTANCE))
+RAIL = sj.model.SampledTrack(DISTANCE, 1e-3 * np.sin(DISTANCE), 1e-3 * np.cos(DISTANCE))
 SURVEYED, RANDOM = (
     dataclasses.replace(sj.paper_scene(), track=track) for track in (RAIL, sj.RandomTrack.sled(length=200.0))
 )

@@ -10,7 +10,7 @@ from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import AbstractNumber
-from slipperjax.flow.simulate import TrajectoryRecord, default_steps
+from slipperjax.orbits.simulate import TrajectoryRecord, default_steps
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.parameters import parameter
@@ -159,7 +159,7 @@ def test_default_steps_are_known_where_scenes_are_merely_differentiated():
         seen.append(default_steps(sj.paper_scene(stiffness=1e11).replace(speed=speed), None))
         return speed
 
-    expected = sj.default_steps_per_period(sj.paper_scene(stiffness=1e11))
+    expected = sj.model.default_steps_per_period(sj.paper_scene(stiffness=1e11))
     jax.jvp(steps, (1250.0,), (1.0,))
     jax.grad(steps)(1250.0)
     assert seen == [expected] * 2

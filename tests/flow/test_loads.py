@@ -12,7 +12,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.course import contact_loads, over_periods
-from slipperjax.flow.simulate import Probe, _difference
+from slipperjax.orbits.simulate import Probe, _difference
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
 
@@ -28,7 +28,7 @@ def probed(scene, steps):
 
 def adaptive(tolerance):
     # an array, so that one program serves all tolerances
-    options = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps(jnp.asarray(tolerance)))
+    options = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSteps(jnp.asarray(tolerance)))
     return sj.simulate(sj.paper_scene(), PERIODS, saves_per_period=50, probe=1, **options)
 
 
@@ -41,7 +41,7 @@ def first(loads, periods):
 def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffness):
     """The highest of 50 saves is 6.9 % too low at the stiffest."""
     scene = sj.paper_scene(stiffness=stiffness)
-    assert sj.default_steps_per_period(scene) <= STEPS
+    assert sj.model.default_steps_per_period(scene) <= STEPS
     few, many, exact = (
         over_periods(first(run(scene).loads, 2)) for run in (lambda s: probed(s, STEPS), fine, finest)
     )
@@ -107,7 +107,7 @@ def test_an_error_probe_tells_good_steps_from_bad():
     assert np.asarray(good.probe.period).tolist() == [0, PERIODS - 1]
     assert float(good.probe.error.max()) < 1e-3  # measured: 5.5e-5
     assert float(good.probe.peak_error.max()) < 1e-3
-    attrs = good.to_xarray().attrs
+    attrs = good.ds.attrs
     assert attrs["probe_error [scales]"] == float(good.probe.error.max())
     bad = probed(sj.paper_scene(stiffness=1e11), 104)  # three and a half steps in a contact; the error is 1.0
     assert int(bad.status) == Status.INACCURATE
@@ -119,7 +119,7 @@ def test_an_error_probe_tells_good_steps_from_bad():
 def test_a_wrong_force_is_inaccurate_though_the_motion_is_not(monkeypatch):
     errors = lambda peak: lambda *_: Probe(*map(jnp.asarray, ([0.0, 1.0], [1e-3, 1e-3], [peak, np.nan])))
     for peak, status in ((0.35, Status.INACCURATE), (0.035, Status.FINITE), (np.nan, Status.FINITE)):
-        monkeypatch.setattr("slipperjax.flow.simulate._probed", errors(peak))
+        monkeypatch.setattr("slipperjax.orbits.simulate._probed", errors(peak))
         assert int(probed(sj.paper_scene(), 104).status) == status
 
 
@@ -163,7 +163,7 @@ def test_damping_that_the_steps_cannot_follow_is_flagged():
     coarse = probed(scene, 104)
     assert int(coarse.status) == Status.TOO_FEW_STEPS
     assert float(coarse.loads.stability_number.max()) > 5
-    chosen = probed(scene, sj.default_steps_per_period(scene))
+    chosen = probed(scene, sj.model.default_steps_per_period(scene))
     assert int(chosen.status) == Status.FINITE
     assert float(chosen.peak.force) == pytest.approx(float(finest(scene).peak.force), rel=0.01)
 
@@ -186,7 +186,7 @@ def test_shares_in_contact_are_of_the_time(period, capacity):
     t = np.minimum(np.arange(capacity + 1), 64) / 64
     gap = np.broadcast_to((np.sin(2 * np.pi * t) + 0.3)[:, None, None], (capacity + 1, 2, 10))
     edges = np.array([np.pi + np.arcsin(0.3), 2 * np.pi - np.arcsin(0.3)]) / (2 * np.pi)
-    share = lambda scene: np.asarray(closed_share(gap, sj.Args(scene, float(period))))
+    share = lambda scene: np.asarray(closed_share(gap, sj.model.Args(scene, float(period))))
     assert share(scene) == pytest.approx(np.diff(edges)[0], rel=1e-6)
     seconds = lambda places: np.diff(turned.seconds(period + np.asarray(places)))[0]
     exact = seconds(edges) / seconds([0.0, 1.0])
@@ -207,5 +207,5 @@ def test_shares_of_several_periods_are_of_their_time():
     seconds = np.diff(scene.seconds(np.arange(5.0)))
     assert seconds[0] > 1.5 * seconds[2]
     share = np.average(run.loads.contact_fraction, axis=0, weights=seconds)
-    np.testing.assert_allclose(run.to_xarray()["contact_fraction"], share, rtol=1e-9)
+    np.testing.assert_allclose(run.ds["contact_fraction"], share, rtol=1e-9)
     assert np.max(np.abs(share - np.mean(run.loads.contact_fraction, axis=0))) > 1e-3

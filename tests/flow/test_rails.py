@@ -26,12 +26,12 @@ WAVE = np.sin(2 * np.pi * PLACES / 8)
 
 
 def sampled(lateral, vertical):
-    return sj.SampledTrack(PLACES, lateral, vertical, np.radians(0.2) * WAVE, ends="repeat")
+    return sj.model.SampledTrack(PLACES, lateral, vertical, np.radians(0.2) * WAVE, ends="repeat")
 
 
 @pytest.mark.full
 def test_a_sampled_sine_moves_slippers_as_the_harmonic_rail_does():
-    latch = dataclasses.replace(SCENE, memory=sj.EventLatch())
+    latch = dataclasses.replace(SCENE, memory=sj.model.EventLatch())
     ends = [
         coordinates(sj.simulate(dataclasses.replace(latch, track=track), 6, steps_per_period=STEPS).end)
         for track in (SCENE.track, sampled(1e-3 * WAVE, 1e-3 * WAVE))
@@ -62,7 +62,7 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     survey = sj.load_rail(tmp_path / "survey.csv")
     like = sj.RandomTrack.like(survey)
     rails = [survey, *(dataclasses.replace(like, seed=seed) for seed in (1, 2))]
-    scene = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
+    scene = dataclasses.replace(SCENE, track=sj.model.TrackSet(rails))
     options = dict(transient=0, periods=3, steps_per_period=STEPS, record="strobe")
     ds = sj.sweep(scene, {"track.number": range(3)}, **options)
     np.testing.assert_array_equal(ds["status"], 0)
@@ -70,7 +70,7 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     assert len(ds.attrs["scene"]) < 5000  # no samples: measured 3844
     ds.to_netcdf(tmp_path / "rails.nc", engine="h5netcdf")
     for number, rail in enumerate(rails):
-        again = sj.load_scene(tmp_path / "rails.nc", **{"track.number": number})
+        again = sj.load(tmp_path / "rails.nc", **{"track.number": number}).scene
         places = jnp.asarray(1000.0 + np.linspace(-1.0, 65.0, 50))
         for one, other in zip(again.track.irregularity(places)[:2], rail.irregularity(places)[:2], strict=True):
             np.testing.assert_allclose(one, other, atol=1e-18)
@@ -79,9 +79,9 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
 @pytest.mark.full
 def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
-    rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    rails = sj.model.TrackSet([sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
     seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
-    for track, values in ((RAIL, seeds), (sj.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
+    for track, values in ((RAIL, seeds), (sj.model.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
         body, name = sled_on() if track.rails else SCENE.slipper, f"track.{track.chosen_by}"
         scene = dataclasses.replace(SCENE, slipper=body, track=track)
         checked = lambda value, scene=scene, name=name: scene.replace(**{name: value})
@@ -99,11 +99,11 @@ def test_a_traced_number_of_no_rail_marks_its_case():
 @pytest.mark.parametrize("chosen_by", ["seed", "number"])
 def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
     """Before anything is compiled, in each place where one is given; of two rails there is no 7."""
-    rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    rails = sj.model.TrackSet([sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
     track, most = (RAIL, "2^53 - 1") if chosen_by == "seed" else (rails, "1")
     if chosen_by == "seed" and value == 7:
         value = -7
-    alone, both = (dataclasses.replace(SCENE, track=t) for t in (track, sj.SumTrack(SCENE.track, track)))
+    alone, both = (dataclasses.replace(SCENE, track=t) for t in (track, sj.model.SumTrack(SCENE.track, track)))
     own, other = f"track.{chosen_by}", f"track.other.{chosen_by}"
     grid = {own: [value] if isinstance(value, bool | str) else [0.0, value]}
     for make, name in (
@@ -131,8 +131,8 @@ def test_whole_numbers_are_not_varied_by_little():
     longer = dataclasses.replace(SCENE, track=sj.RandomTrack.sled())
     whole, little = "must be a whole number of 0 to", "cannot be varied by little: it is a whole number"
     for call, words in (
-        (lambda: sj.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL), whole),
-        (lambda: sj.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL), whole),
+        (lambda: sj.sweeps.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL), whole),
+        (lambda: sj.sweeps.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL), whole),
         (lambda: sensitivities(longer, "peak_force", ["track.seed"]), little),
         (lambda: sj.optimise_design(longer, "peak_force", {"track.seed": (0, 5)}), little),
     ):
@@ -146,7 +146,7 @@ FIRST = 129_773.0
 
 def section(first=0.0, last=64.0, **options):
     places = np.linspace(0.0, last, 257)
-    return sj.SampledTrack(first + places, 1e-3 * np.sin(places), 1e-3 * np.cos(1.7 * places), **options)
+    return sj.model.SampledTrack(first + places, 1e-3 * np.sin(places), 1e-3 * np.cos(1.7 * places), **options)
 
 
 NEAR, FAR = (dataclasses.replace(SCENE, track=section(first)) for first in (0.0, FIRST))
@@ -215,8 +215,8 @@ def test_tables_by_distance_must_reach_the_rail():
     fast = lambda **more: sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=800.0, **more)
     with pytest.raises(ValueError, match="`speed` must be by distances along the rail, which begins at 129773 m"):
         sj.simulate(dataclasses.replace(FAR, speed=fast()), 2)
-    lift = sj.TabulatedLoad([[0.0, 0.0, 10.0]], distance=[500.0])
-    for load in (lift, sj.SumLoad([sj.AppliedLoad(), lift])):
+    lift = sj.model.TabulatedLoad([[0.0, 0.0, 10.0]], distance=[500.0])
+    for load in (lift, sj.model.SumLoad([sj.model.AppliedLoad(), lift])):
         with pytest.raises(ValueError, match=r"`load` must be by distances along the rail, .* a table up to 500 m"):
             sj.simulate(dataclasses.replace(FAR, load=load), 2)
     there = sj.run(dataclasses.replace(FAR, speed=fast(begin=FIRST)), length=16.0, steps_per_period=STEPS)
@@ -225,12 +225,12 @@ def test_tables_by_distance_must_reach_the_rail():
 
 
 def test_sums_and_sets_begin_where_all_of_their_rails_are_known():
-    joints = sj.LocalTrack(place=[6.0], height=[-3e-4], length=0.5, shape="joint", every=12.0)
-    assert sj.SumTrack(joints, FAR.track).origin == FIRST
-    assert sj.SumTrack(section(-20.0), joints).origin == -20.0
-    assert sj.TrackSet([section(3.0), section(5.0)]).origin == 5.0
+    joints = sj.model.LocalTrack(place=[6.0], height=[-3e-4], length=0.5, shape="joint", every=12.0)
+    assert sj.model.SumTrack(joints, FAR.track).origin == FIRST
+    assert sj.model.SumTrack(section(-20.0), joints).origin == -20.0
+    assert sj.model.TrackSet([section(3.0), section(5.0)]).origin == 5.0
     assert section(5.0, ends="error").origin == 5.0
-    closed = sj.SampledTrack(5.0 + PLACES, 1e-3 * WAVE, 0.0, ends="repeat")
+    closed = sj.model.SampledTrack(5.0 + PLACES, 1e-3 * WAVE, 0.0, ends="repeat")
     assert closed.origin == RAIL.origin == SCENE.track.origin == 0.0
 
 
@@ -266,7 +266,7 @@ def test_a_window_is_the_period_of_a_scene():
 def test_where_a_run_begins_may_be_traced():
     scene = sj.paper_scene()
     start = sj.initial_state(scene, sj.table_2_start())
-    options = dict(steps_per_period=20, solver=sj.RK4())
+    options = dict(steps_per_period=20, solver=sj.solvers.RK4())
     velocities = lambda state: jnp.stack([state.motion.v_y, state.motion.v_z])
 
     def after(begin):

@@ -63,7 +63,7 @@ def coordinates_and_slopes(scene, periods, states):
     """Of saved states: the ten coordinates, and their derivatives by the vector field [per forcing period]."""
 
     def one(period, state):
-        rates = sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene, period)).motion
+        rates = sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene, period)).motion
         return jax.jvp(lambda m: coordinate_rows(sj.State(m, None)), (state.motion,), (rates,))
 
     return jax.vmap(one)(periods, states)

@@ -31,7 +31,7 @@ def test_two_wavelengths_without_loads():
     assert scaled_errors(run, DOUBLE, 1).max() < 1e-4
     assert columns(run).shape == (PERIODS + 1, 10)
     assert run.loads is None
-    assert "peak_force" not in run.to_xarray()
+    assert "peak_force" not in run.ds
     with pytest.raises(ValueError, match="`loads` must be True"):
         _ = run.peak
 

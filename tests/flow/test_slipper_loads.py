@@ -20,8 +20,8 @@ from ..common import QUICK, sled_on
 from .made_up import made_up_course, wave
 
 NET = {name: RECORDS[name] for name in ALIASES["slipper_peak"]}
-LEVEL = sj.FourierTrack([8.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0])
-TWO_LEVEL = sj.TwoRails(LEVEL, LEVEL)
+LEVEL = sj.model.FourierTrack([8.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0])
+TWO_LEVEL = sj.model.TwoRails(LEVEL, LEVEL)
 THREE = [(1.5, 0.1, "left"), (-0.7, 0.9, "left"), (-0.9, -0.8, "right")]
 
 
@@ -86,7 +86,7 @@ def at_rest(scene):
     """Net forces along y and z, and moments about x and y, of the slippers of a scene at rest."""
 
     def loads():
-        args = sj.Args(scene)
+        args = sj.model.Args(scene)
         state = sj.initial_state(scene, sj.AtRest())
         frame = args.frame(0.0)
         at = forces_at(scene, frame, contacts(frame, state.motion), state)
@@ -98,7 +98,7 @@ def at_rest(scene):
 
 @pytest.mark.full
 def test_the_net_load_at_rest_is_the_static_load():
-    scene = heavy(track=LEVEL, friction=sj.Coulomb(0.2))
+    scene = heavy(track=LEVEL, friction=sj.model.Coulomb(0.2))
     ds = sj.run(scene, length=2.0, steps_per_period=200, record="slipper_peak")
     assert int(ds["status"]) == 0
     # measured 9e-7, of the spring that centres a slipper at rest
@@ -120,7 +120,7 @@ def test_three_slippers_at_rest_are_in_balance():
 
 def test_an_applied_load_is_part_of_the_static_load():
     loads = eqx.filter_jit(lambda scene: static_loads(scene, scene.travel(0.0)))
-    one = heavy(track=LEVEL, load=sj.AppliedLoad(force=(0.0, 0.0, -100.0)))
+    one = heavy(track=LEVEL, load=sj.model.AppliedLoad(force=(0.0, 0.0, -100.0)))
     assert float(loads(one)) == pytest.approx(14 * 9.81 + 100)
     np.testing.assert_allclose(loads(heavy(track=TWO_LEVEL, slipper=sled_on())), 100 * 9.81, rtol=1e-12)
 
@@ -128,7 +128,7 @@ def test_an_applied_load_is_part_of_the_static_load():
 @pytest.mark.full
 def test_net_forces_are_mass_times_acceleration():
     """Friction included, of a single slipper without weight."""
-    scene = dataclasses.replace(sj.paper_scene(), friction=sj.Coulomb(0.3))
+    scene = dataclasses.replace(sj.paper_scene(), friction=sj.model.Coulomb(0.3))
     record = ["slipper_peak", "peak_a_y", "peak_a_z"]
     ds = sj.run(scene, length=16.0, window=8.0, steps_per_period=100, record=record, start=sj.table_2_start())
     force = np.abs(ds["peak_slipper_force"].values)

@@ -58,13 +58,13 @@ def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("memory", [sj.EventLatch(), sj.PeakRateLatch()])
+@pytest.mark.parametrize("memory", [sj.model.EventLatch(), sj.model.PeakRateLatch()])
 def test_damping_that_dwarfs_the_elastic_force_is_doubted_on_rough_rails(memory):
     scene = dataclasses.replace(sj.paper_scene(1000.0, restitution=0.5, memory=memory), track=RAIL)
     options = dict(transient=1, periods=4, record="damping_ratio", product=False, progress=False)
     ds = sj.sweep(scene, {"track.seed": np.arange(8.0)}, **options)
     highest = ds["damping_ratio"].max(("end", "point")).values
-    if isinstance(memory, sj.PeakRateLatch):
+    if isinstance(memory, sj.model.PeakRateLatch):
         # as at a touchdown, c of Eq. (12)
         np.testing.assert_allclose(highest, float(scene.contact.factor), rtol=1e-9)
     else:
@@ -84,10 +84,10 @@ def test_damping_on_the_papers_rail_is_not_doubted():
     assert int(run.status) == Status.FINITE
     of = lambda scene, ratio: int(code(scene, np.float64(ratio)))
     rough = dataclasses.replace(sj.paper_scene(), track=RAIL)
-    law = sj.Flores(1e8, 0.3)  # c is 3.73
+    law = sj.model.Flores(1e8, 0.3)  # c is 3.73
     assert [of(rough, ratio) for ratio in (2.9, 3.1)] == [Status.FINITE, Status.DAMPED]
     assert [of(dataclasses.replace(rough, contact=law), ratio) for ratio in (3.7, 3.8)] == [0, Status.DAMPED]
-    constant = dataclasses.replace(rough, contact=sj.ConstantDamping(1e8, 0.5))
+    constant = dataclasses.replace(rough, contact=sj.model.ConstantDamping(1e8, 0.5))
     assert of(constant, 3.1) == Status.DAMPED
 
 
@@ -146,11 +146,11 @@ def test_runs_are_judged_over_their_stretch_alone(begin, periods, code):
     assert int(run.status) == code
     by_default = sj.simulate(BRAKED, periods, begin=begin, loads=False)
     slowest = DIP.at(np.linspace(begin, begin + 8.0 * periods, 1001)).min()
-    assert by_default.steps_per_period == sj.default_steps_per_period(sj.paper_scene(speed=slowest))
+    assert by_default.steps_per_period == sj.model.default_steps_per_period(sj.paper_scene(speed=slowest))
     assert int(by_default.status) == Status.FINITE
 
 
-class GivesUp(sj.Latching):
+class GivesUp(sj.solvers.Latching):
     """Euler's method, whose step fails from some time on."""
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
@@ -163,7 +163,7 @@ class GivesUp(sj.Latching):
 @pytest.mark.parametrize("saves", [1, 50])
 def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
     plain = sj.paper_scene()
-    scene = sj.Scene(plain.speed, plain.slipper, plain.section, sj.StraightTrack(), sj.HertzSpring(1e8))
+    scene = sj.Scene(plain.speed, plain.slipper, plain.section, sj.model.StraightTrack(), sj.model.HertzSpring(1e8))
     options = dict(steps_per_period=50, saves_per_period=saves, loads=False)
     found = sj.simulate(scene, 1, solver=GivesUp(diffrax.Euler()), **options)
     assert int(found.status) == Status.NOT_FINITE

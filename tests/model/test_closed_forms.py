@@ -39,7 +39,7 @@ def test_work_of_the_drive_is_stored_or_dissipated():
         now = contacts(frame, m)
         force = contact_forces(scene, now, state.memory)
         elastic = contact_forces(scene, now, jnp.full(20, -1e-300))  # a ratio of zero: no damping
-        rates = sj.vector_field(scene).evaluate(0.0, state, args).motion
+        rates = sj.model.vector_field(scene).evaluate(0.0, state, args).motion
         _, turning = jax.jvp(lambda p, m: contacts(rail_frame(scene, p), m).gap, (phase, m), (1.0, rates))
         inertia = scene.slipper.inertia
         kinetic = 0.5 * (14.0 * (m.v_y**2 + m.v_z**2) + inertia @ jnp.stack([m.w_x, m.w_y, m.w_z]) ** 2)
@@ -73,6 +73,6 @@ def test_impact_on_one_face_follows_the_laws_theory(restitution):
 
 def test_factors_of_the_laws():
     c = 0.7
-    assert sj.Flores(1e8, c).factor == pytest.approx(8 * (1 - c) / (5 * c))
-    assert sj.HuntCrossley(1e8, c).factor == pytest.approx(1.5 * (1 - c))
-    assert sj.LankaraniNikravesh(1e8, c).factor == pytest.approx(0.75 * (1 - c**2))
+    assert sj.model.Flores(1e8, c).factor == pytest.approx(8 * (1 - c) / (5 * c))
+    assert sj.model.HuntCrossley(1e8, c).factor == pytest.approx(1.5 * (1 - c))
+    assert sj.model.LankaraniNikravesh(1e8, c).factor == pytest.approx(0.75 * (1 - c**2))

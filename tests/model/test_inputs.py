@@ -56,7 +56,7 @@ def test_starts_in_32_bits_run_as_64_bits():
 
 STATE = sj.initial_state(SCENE, sj.table_2_start())
 GRID = {"speed": [1000.0, 1200.0]}
-FIELD, ARGS = sj.vector_field(SCENE), sj.Args(SCENE)
+FIELD, ARGS = sj.model.vector_field(SCENE), sj.model.Args(SCENE)
 CALLS = {
     "initial_state": lambda: sj.initial_state(SCENE, sj.table_2_start()),
     "period_map": lambda: sj.period_map(SCENE, STATE),
@@ -65,7 +65,7 @@ CALLS = {
     "sweep": lambda: sj.sweep(SCENE, GRID, steps_per_period=50),
     "lyapunov_sweep": lambda: sj.lyapunov_sweep(SCENE, GRID, steps_per_period=50),
     "vector_field": lambda: FIELD.evaluate(0.0, STATE, ARGS),
-    "diffeqsolve": lambda: diffrax.diffeqsolve(diffrax.ODETerm(FIELD), sj.RK4(), 0.0, 1.0, 0.01, STATE, args=ARGS),
+    "diffeqsolve": lambda: diffrax.diffeqsolve(diffrax.ODETerm(FIELD), sj.solvers.RK4(), 0.0, 1.0, 0.01, STATE, args=ARGS),
     "an ODE of one's own": lambda: sj.analysis.ode_spectrum(lambda t, y, args: -y, np.ones(2), 3, dt=0.1, steps=2),
     "a function of one's own": lambda: sj.jit(lambda x: 2 * x)(1.0),
 }
@@ -95,12 +95,12 @@ STAGES = [sj.Stage(Q(20.0, "standard_gravity"), length=Q(0.1, "km")), sj.Stage(0
         (lambda: sj.paper_scene(clearance=Q(1.0, "mm"), length=Q(2.0, "dm")).section.play, [0.5e-3] * 5),
         (lambda: SCENE.replace(**{"section.play.2": Q(0.4, "mm")}).section.play[2], 0.4e-3),
         (lambda: sj.HarmonicTrack([Q(8.0, "m"), Q(100.0, "cm")], Q(1.0, "mm")).wavelengths, [8.0, 1.0]),
-        (lambda: sj.SampledTrack(Q([0.0, 10.0], "ft"), WAVE, WAVE).distance, [0.0, 3.048]),
+        (lambda: sj.model.SampledTrack(Q([0.0, 10.0], "ft"), WAVE, WAVE).distance, [0.0, 3.048]),
         (lambda: sj.RandomTrack.sled(band=(Q(50, "cm"), Q(100, "m"))).band, [0.5, 100.0]),
         (lambda: sj.SpeedProgramme.over_distance(Q([0.0, 1.0], "km"), Q([36.0, 72.0], "km/h")).speed, [10.0, 20.0]),
         (lambda: sj.SpeedProgramme.stages(STAGES, start=Q(36.0, "km/h")).distance[:2], [0.0, 100.0]),
-        (lambda: sj.AppliedLoad(force=Q([0.0, 0.0, -1.0], "kN")).force, [0.0, 0.0, -1000.0]),
-        (lambda: sj.EventLatch(slowest=Q(1.0, "mm/s")).slowest, 1e-3),
+        (lambda: sj.model.AppliedLoad(force=Q([0.0, 0.0, -1.0], "kN")).force, [0.0, 0.0, -1000.0]),
+        (lambda: sj.model.EventLatch(slowest=Q(1.0, "mm/s")).slowest, 1e-3),
         (lambda: sj.Motion.from_euler(roll=Q(1.0, "degree")).q_x, np.sin(np.pi / 360)),
         (lambda: Grid(SCENE, {"speed": Q([900.0, 1800.0], "km/h")}).axes["speed"], [250.0, 500.0]),
         (lambda: Grid(SCENE, {"start_y": [Q(1.0, "mm"), 2e-3]}).axes["start_y"], [1e-3, 2e-3]),

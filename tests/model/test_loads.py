@@ -22,8 +22,8 @@ from ..common import among
 
 SCENE = dataclasses.replace(sj.paper_scene(), gravity=9.81)
 FAST = sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0])
-LOAD = sj.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0], [-0.02, 0.0, 1e-4], [0.0, 1e-5, 0.0])
-LOADED = dataclasses.replace(SCENE, load=LOAD, friction=sj.FadingFriction(0.3, 1e6, 0.5), speed=FAST)
+LOAD = sj.model.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0], [-0.02, 0.0, 1e-4], [0.0, 1e-5, 0.0])
+LOADED = dataclasses.replace(SCENE, load=LOAD, friction=sj.model.FadingFriction(0.3, 1e6, 0.5), speed=FAST)
 POINTS = 20
 
 
@@ -67,12 +67,12 @@ def test_what_is_off_adds_no_operation(solver):
     of = lambda scene: jax.make_jaxpr(PeriodMap(scene, 4, resolve_solver(scene, solver)))(state)
     plain, off = str(of(scene)), str(of(dataclasses.replace(scene, load=None, friction=None)))
     assert plain == off
-    assert len(str(of(dataclasses.replace(scene, friction=sj.Coulomb(0.1))))) > len(plain)
+    assert len(str(of(dataclasses.replace(scene, friction=sj.model.Coulomb(0.1))))) > len(plain)
 
 
 def test_loads_push_a_free_slipper():
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), load=LOAD, speed=1000.0)
-    rates = sj.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.Args(scene)).motion
+    rates = sj.model.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.model.Args(scene)).motion
     per_second = [float(v) / float(scene.period) for v in (rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z)]
     j = np.asarray(scene.slipper.inertia)
     np.testing.assert_allclose(
@@ -85,7 +85,7 @@ def at_speed(speed):
 
 
 def test_tables_are_linear_between_their_rows():
-    table = sj.TabulatedLoad([[0, 0, 10.0], [-4.0, 0, 30.0]], speed=[100.0, 300.0])
+    table = sj.model.TabulatedLoad([[0, 0, 10.0], [-4.0, 0, 30.0]], speed=[100.0, 300.0])
     force, moment = table.wrench(at_speed(150.0))
     np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
     np.testing.assert_allclose(moment, 0.0)
@@ -96,13 +96,13 @@ ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
 
 
 BAD = {
-    "`force` must have one value per speed": lambda: sj.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]),
-    "`moment` must have one value per time": lambda: sj.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]),
-    "`force` must go by one of distance, time, speed, but is by none": lambda: sj.TabulatedLoad(ROWS),
-    "time, speed, but is by time, speed": lambda: sj.TabulatedLoad(ROWS, speed=[1, 2], time=[1, 2]),
-    "`drag_coefficient` must be one number, or have `mach`": lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2]),
-    "must have one value per mach": lambda: sj.AerodynamicLoad(1.0, [0.1, 0.2], mach=[1.0]),
-    "`loads` must be loads such as": lambda: sj.SumLoad([sj.Coulomb(0.1)]),
+    "`force` must have one value per speed": lambda: sj.model.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]),
+    "`moment` must have one value per time": lambda: sj.model.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]),
+    "`force` must go by one of distance, time, speed, but is by none": lambda: sj.model.TabulatedLoad(ROWS),
+    "time, speed, but is by time, speed": lambda: sj.model.TabulatedLoad(ROWS, speed=[1, 2], time=[1, 2]),
+    "`drag_coefficient` must be one number, or have `mach`": lambda: sj.model.AerodynamicLoad(1.0, [0.1, 0.2]),
+    "must have one value per mach": lambda: sj.model.AerodynamicLoad(1.0, [0.1, 0.2], mach=[1.0]),
+    "`loads` must be loads such as": lambda: sj.model.SumLoad([sj.model.Coulomb(0.1)]),
 }
 
 
@@ -113,7 +113,7 @@ def test_bad_tables_name_what_is_wrong(words):
 
 
 def test_drag_and_lift_of_the_air():
-    load = sj.AerodynamicLoad(0.5, [0.4, 0.8], 0.1, 0.2, mach=[0.5, 1.5], arm=[0.1, 0.0, 0.3], density=1.2)
+    load = sj.model.AerodynamicLoad(0.5, [0.4, 0.8], 0.1, 0.2, mach=[0.5, 1.5], arm=[0.1, 0.0, 0.3], density=1.2)
     pressure = 0.5 * 1.2 * 340.3**2  # at Mach 1, where the drag coefficient is 0.6
     force, moment = load.wrench(at_speed(340.3))
     drag, side, lift = 0.3 * pressure, 0.1 * pressure, 0.05 * pressure
@@ -124,8 +124,8 @@ def test_drag_and_lift_of_the_air():
 
 @pytest.mark.full
 def test_loads_are_added_and_named():
-    drag = sj.AerodynamicLoad(0.5, 0.4)
-    scene = dataclasses.replace(SCENE, load=sj.SumLoad([LOAD, drag]))
+    drag = sj.model.AerodynamicLoad(0.5, 0.4)
+    scene = dataclasses.replace(SCENE, load=sj.model.SumLoad([LOAD, drag]))
     here = at_speed(500.0)
     for both, one, other in zip(*(load.wrench(here) for load in (scene.load, LOAD, drag)), strict=True):
         np.testing.assert_array_equal(both, one + other)
@@ -149,9 +149,9 @@ def test_loads_are_added_and_named():
 def test_loads_by_place_and_time_meet_the_run(axis):
     """The drive along a straight rail balances the load there, at the programme's own times and distances."""
     speed = sj.SpeedProgramme.over_time([0.0, 1.0, 3.0], [100.0, 300.0, 300.0], begin=50.0)
-    thrust = sj.TabulatedLoad([[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]})
+    thrust = sj.model.TabulatedLoad([[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]})
     scene = dataclasses.replace(
-        sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), speed=speed, load=thrust, window=1.0
+        sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), speed=speed, load=thrust, window=1.0
     )
     state = sj.initial_state(scene, sj.Motion())
     # a second after the first place it has gone 200 m, and 300 m a second later
@@ -159,7 +159,7 @@ def test_loads_by_place_and_time_meet_the_run(axis):
         if time is None:
             time = (-100.0 + np.sqrt(100.0**2 + 2 * 200.0 * 100.0)) / 200.0
         expected = mass_times_acceleration - (250.0 * time if axis == "time" else place)
-        drive = sj.reactions(0.0, state, sj.Args(scene, place)).drive_force
+        drive = sj.model.reactions(0.0, state, sj.model.Args(scene, place)).drive_force
         assert float(drive) == pytest.approx(expected, rel=1e-12)
     for ask in (sj.periodic_orbit, lambda scene: sj.lyapunov_spectrum(scene, 1)):
         with pytest.raises(ValueError, match="`scene` must have a load by the speed alone here"):
@@ -212,7 +212,7 @@ def test_the_energy_of_a_run_balances():
 @pytest.mark.full
 def test_derivatives_agree_in_both_modes_and_with_differences():
     """By friction, a load, a programme of speeds, and the mass of a sled on springs."""
-    sled = sj.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])
+    sled = sj.model.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])
     scene = dataclasses.replace(LOADED, sled=sled)
     names = ("friction.coefficient", "load.force.2", "speed.scale", "speed.speed.1", "sled.mass")
     there = jnp.array([scene.value(name) for name in names])
@@ -221,7 +221,7 @@ def test_derivatives_agree_in_both_modes_and_with_differences():
     @jax.jit
     def end(relative):
         changed = scene.replace(**dict(zip(names, there * (1 + relative), strict=True)))
-        return PeriodMap(changed, 100, sj.RK4())(state).motion.w_y
+        return PeriodMap(changed, 100, sj.solvers.RK4())(state).motion.w_y
 
     none, steps = jnp.zeros(5), 1e-5 * jnp.eye(5)
     difference = [(end(step) - end(-step)) / 2e-5 for step in steps]
@@ -241,7 +241,7 @@ t [ms], thrust [lbf], force_z [N], remark
 def test_a_load_is_read_from_a_file_with_its_units(tmp_path):
     (tmp_path / "thrust.csv").write_text(FILE)
     with pytest.warns(sj.ImplausibleWarning, match="remark"):
-        load = sj.TabulatedLoad.from_file(tmp_path / "thrust.csv", arm=[0.0, 0.0, 0.5])
+        load = sj.model.TabulatedLoad.from_file(tmp_path / "thrust.csv", arm=[0.0, 0.0, 0.5])
     np.testing.assert_allclose(load.time, [0.0, 0.1, 2.0])
     pound = 0.45359237 * 9.80665
     np.testing.assert_allclose(load.force, [[0, 0, 10], [2000 * pound, 0, 20], [1500 * pound, 0, 30]], rtol=1e-12)
@@ -249,8 +249,8 @@ def test_a_load_is_read_from_a_file_with_its_units(tmp_path):
     text = 'base = "paper"\n[[load]]\ntype = "TabulatedLoad"\nfile = "thrust.csv"\narm = ["0 m", "0 m", "50 cm"]\n'
     (tmp_path / "sled.toml").write_text(text)
     with pytest.warns(sj.ImplausibleWarning, match="remark"):
-        scene = sj.load_scene(tmp_path / "sled.toml")
-    assert eqx.tree_equal(scene.load, sj.SumLoad([load]))
+        scene = sj.load(tmp_path / "sled.toml").scene
+    assert eqx.tree_equal(scene.load, sj.model.SumLoad([load]))
     # scenes hold the numbers, and need no file
     assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
 
@@ -267,4 +267,4 @@ def test_a_load_is_read_from_a_file_with_its_units(tmp_path):
 def test_faults_of_a_file_of_loads_name_the_line(text, words, tmp_path):
     (tmp_path / "thrust.csv").write_text(text)
     with pytest.raises(ValueError, match=re.escape(words)):
-        sj.TabulatedLoad.from_file(tmp_path / "thrust.csv")
+        sj.model.TabulatedLoad.from_file(tmp_path / "thrust.csv")

@@ -17,7 +17,7 @@ from ..common import SCALES
 SCENE = sj.paper_scene()
 MOUNTS = [sj.Mount(x=0.5, rail="left", play=np.full(5, 5e-4)), sj.Mount(x=-0.5, rail="left"), sj.Mount(rail="right")]
 SLED = dataclasses.replace(
-    SCENE, slipper=sj.Sled(30.0, (0.2, 3.0, 3.0), MOUNTS, modes=sj.Modes([90.0], [0.01], np.ones((1, 3, 3)) / 10))
+    SCENE, slipper=sj.Sled(30.0, (0.2, 3.0, 3.0), MOUNTS, modes=sj.model.Modes([90.0], [0.01], np.ones((1, 3, 3)) / 10))
 )
 
 
@@ -143,7 +143,7 @@ def test_a_part_that_was_none_is_added():
     rolling = with_track(sj.HarmonicTrack((8.0,), 1e-3)).replace(roll_amplitude=1e-3)
     assert float(rolling.track.roll_amplitude) == 1e-3
     with pytest.raises(ValueError, match="`roll_amplitude` cannot be set: the scene has no"):
-        with_track(sj.StraightTrack()).replace(roll_amplitude=1e-3)
+        with_track(sj.model.StraightTrack()).replace(roll_amplitude=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import slipperjax as sj
-from slipperjax.flow.simulate import check_rail
+from slipperjax.orbits.simulate import check_rail
 from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.model.step_size import rounded_steps
@@ -31,7 +31,7 @@ def sampled(count, length=8.0, **options):
     """The harmonic rail, sampled."""
     distance = np.linspace(0.0, length, count + 1)
     wave = np.sin(2 * np.pi * distance / 8)
-    return sj.SampledTrack(distance, 1e-3 * wave, 1e-3 * wave, 2e-3 * wave, **options)
+    return sj.model.SampledTrack(distance, 1e-3 * wave, 1e-3 * wave, 2e-3 * wave, **options)
 
 
 def at(track, places=PLACES):
@@ -46,12 +46,12 @@ def test_default_steps_of_a_whole_survey_are_judged_by_its_length():
     """A period of a rail that repeats is all of it. Each metre takes hundreds of steps, which are no sign of wrong
     units, but a period takes more than one of 8 m may."""
     distance = np.linspace(0.0, 366.0, 9151)
-    track = sj.SampledTrack([0.0, 366.0], 1e-5 * np.sin(2 * np.pi * distance / 0.25), 0.0, ends="repeat")
-    rough = dataclasses.replace(on(track), contact=sj.Flores(1e9, 0.1))
-    steps = sj.default_steps_per_period(rough)
+    track = sj.model.SampledTrack([0.0, 366.0], 1e-5 * np.sin(2 * np.pi * distance / 0.25), 0.0, ends="repeat")
+    rough = dataclasses.replace(on(track), contact=sj.model.Flores(1e9, 0.1))
+    steps = sj.model.default_steps_per_period(rough)
     assert 100_000 < steps < 1000 * 366
     with pytest.raises(ValueError, match="`steps_per_period` must be given: the default would be"):
-        sj.default_steps_per_period(dataclasses.replace(rough, contact=sj.Flores(1e9, 1e-7)))
+        sj.model.default_steps_per_period(dataclasses.replace(rough, contact=sj.model.Flores(1e9, 1e-7)))
     # 8 m of them may take as many as any other period
     assert rounded_steps(np.array([4.5e6]), np.array([366.0])) > 4.5e6
     for needed, wavelength in ((4.6e6, 366.0), (1.1e5, 8.0), (1.1e5, 0.2)):
@@ -76,7 +76,7 @@ def test_a_sampled_sine_converges_at_the_orders_of_the_spline():
 def test_a_rail_with_ends_is_a_natural_spline():
     distance = np.linspace(3.0, 21.0, 91)
     lateral, vertical = np.random.default_rng(0).normal(0, 1e-3, (2, 91))
-    track = sj.SampledTrack(distance, lateral, vertical, ends="error")
+    track = sj.model.SampledTrack(distance, lateral, vertical, ends="error")
     inside = np.linspace(3.0, 21.0, 777)
     here, slope = motion_of(track, inside)
     bend = jax.jit(lambda x: jax.jvp(lambda x: track.motion(x)[1], (x,), (jnp.ones_like(x),))[1])(inside)
@@ -111,10 +111,10 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
         ValueError,
         match=r'`vertical` must end as it begins.* m at .*; ramp=8, or ramp = "8 m" in a file, closes it\.$',
     ):
-        sj.SampledTrack(**open_rail, ends="repeat")
+        sj.model.SampledTrack(**open_rail, ends="repeat")
     words = r"closing the last 10 m of the rail changes vertical by up to 0\.08 mm and roll by up to 0\.3 mrad\.$"
     with pytest.warns(sj.ImplausibleWarning, match=words):
-        track = sj.SampledTrack(**open_rail, ends="repeat", ramp=10.0)
+        track = sj.model.SampledTrack(**open_rail, ends="repeat", ramp=10.0)
     # what was added, in closed form; the lateral displacement was closed
     x = np.clip((distance - 30.0) / 10.0, 0.0, 1.0)
     added = x**3 * (10 - 15 * x + 6 * x**2)
@@ -125,7 +125,7 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
     assert largest(at(track, places), at(track, places + 40.0)) < 1e-15  # measured 4e-17
     # a closed rail is closed: files come back to the last bit, without a warning
     assert eqx.tree_equal(scene_from_json(scene_to_json(on(track))).track, track)
-    traced = jax.jit(lambda v: sj.SampledTrack(distance, wave, v, ends="repeat", ramp=10.0).vertical)
+    traced = jax.jit(lambda v: sj.model.SampledTrack(distance, wave, v, ends="repeat", ramp=10.0).vertical)
     np.testing.assert_allclose(traced(open_rail["vertical"]), track.vertical, atol=1e-17)
 
 
@@ -144,12 +144,12 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
     distance = distance[np.append(True, np.diff(distance) > 0.02)]
     wave = 1e-3 * np.sin(2 * np.pi * distance / 8)
     with pytest.warns(sj.ImplausibleWarning, match=r"not equally spaced: .* which changes it by \S+ m"):
-        track = sj.SampledTrack(distance, wave, 0.0, ends="error")
+        track = sj.model.SampledTrack(distance, wave, 0.0, ends="error")
     middle = np.linspace(2.0, 38.0, PLACES.size)
     here = at(track, middle).lateral
     assert np.max(np.abs(here - at(HARMONIC, middle).lateral)) < 3e-6  # measured 1.8e-6
     # in a program the same map of samples
-    traced = jax.jit(lambda w: sj.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(wave)
+    traced = jax.jit(lambda w: sj.model.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(wave)
     np.testing.assert_allclose(traced, here, atol=1e-15)
 
 
@@ -167,21 +167,21 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
 def test_wrong_samples_are_named(change, words):
     good = dict(distance=np.arange(5.0), lateral=np.zeros(5), vertical=np.zeros(5))
     with pytest.raises(ValueError, match=words):
-        sj.SampledTrack(**(good | change))
+        sj.model.SampledTrack(**(good | change))
 
 
 LOCAL = {
-    "dips": sj.LocalTrack(place=[4.0, 20.0], height=[-1e-3, -2e-3], length=0.5),
-    "step": sj.LocalTrack(place=[12.0], height=[5e-4], length=1.0, shape="step", direction="lateral"),
-    "joints": sj.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0),
+    "dips": sj.model.LocalTrack(place=[4.0, 20.0], height=[-1e-3, -2e-3], length=0.5),
+    "step": sj.model.LocalTrack(place=[12.0], height=[5e-4], length=1.0, shape="step", direction="lateral"),
+    "joints": sj.model.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0),
 }
-SUM = sj.SumTrack(HARMONIC, sj.SumTrack(LOCAL["dips"], LOCAL["joints"]))
-FOURIER = sj.FourierTrack((8.0, 2.0), (1e-3, 2e-4), (1e-3, 0.0), (2e-3, 0.0), vertical_phase=(np.pi / 2, 0.0))
+SUM = sj.model.SumTrack(HARMONIC, sj.model.SumTrack(LOCAL["dips"], LOCAL["joints"]))
+FOURIER = sj.model.FourierTrack((8.0, 2.0), (1e-3, 2e-4), (1e-3, 0.0), (2e-3, 0.0), vertical_phase=(np.pi / 2, 0.0))
 
 
 @pytest.mark.full
 def test_tracks_survive_files():
-    rails = sj.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
+    rails = sj.model.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
     tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER, rails)
     for scene in map(on, tracks):
         assert eqx.tree_equal(scene, scene_from_json(scene_to_json(scene)))
@@ -207,9 +207,9 @@ def test_sums_add_and_recur_with_all_their_parts():
     np.testing.assert_allclose(here.vertical, sum(part.vertical for part in parts), atol=1e-18)
     np.testing.assert_allclose(here.roll, parts[0].roll)
     assert float(SUM.recurrence) == np.inf
-    twice = sj.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
+    twice = sj.model.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
     assert float(twice.recurrence) == 24.0
-    assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 8.0
+    assert float(sj.model.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 8.0
 
 
 @pytest.mark.parametrize("track", [HARMONIC, sampled(160, 40.0, ends="error"), sj.RandomTrack.sled(length=300.0)])
@@ -229,14 +229,14 @@ def test_a_number_chooses_one_of_several_rails():
     again = (sampled(16, ends="repeat"), sampled(96, 24.0, ends="repeat"))
     for several in (rails[:2], again):
         for number, rail in enumerate(several):
-            assert largest(at(sj.TrackSet(several, number)), at(rail)) < 1e-18
+            assert largest(at(sj.model.TrackSet(several, number)), at(rail)) < 1e-18
     for tracks, number, words in (
         (rails[:2], 5, "`number` must be a whole number of 0 to 1, but is 5"),
         (rails, 0, "`tracks` must have the same ends, and all roll or none"),
         ((HARMONIC,), 0, "`tracks` must be rails such as"),
     ):
         with pytest.raises(ValueError, match=words):
-            sj.TrackSet(tracks, number)
+            sj.model.TrackSet(tracks, number)
 
 
 def test_fourier_tracks_have_their_own_amplitudes_and_phases():
@@ -247,7 +247,7 @@ def test_fourier_tracks_have_their_own_amplitudes_and_phases():
     np.testing.assert_allclose(here.vertical, 1e-3 * wave(8, np.pi / 2), atol=1e-15)
     np.testing.assert_allclose(here.roll, 2e-3 * wave(8), atol=1e-15)
     assert float(FOURIER.recurrence) == 8.0
-    equal = sj.FourierTrack((8.0,), (1e-3,), (1e-3,), (2e-3,))
+    equal = sj.model.FourierTrack((8.0,), (1e-3,), (1e-3,), (2e-3,))
     assert largest(at(equal), at(HARMONIC)) < 1e-17
 
 

@@ -24,7 +24,7 @@ from ..common import fine
 CORNERS = [(1.2, 0.9, "left"), (-1.2, 0.9, "left"), (1.2, -0.9, "right"), (-1.2, -0.9, "right")]
 
 
-class Bump(sj.AbstractTrack):
+class Bump(sj.model.AbstractTrack):
     """A user's own track."""
 
     pitch: jnp.ndarray = eqx.field(converter=positive("pitch", "m"))
@@ -36,26 +36,26 @@ class Bump(sj.AbstractTrack):
 
     def irregularity(self, distance):
         bump = self.heights[0] * jnp.sin(2 * jnp.pi * distance / self.pitch)
-        return sj.Irregularity(bump, self.heights[1] * bump, None)
+        return sj.model.Irregularity(bump, self.heights[1] * bump, None)
 
 
 def scenes():
     scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
-    laws = (sj.HuntCrossley(1e9, 1 / 3, clamp=False), sj.HertzSpring(1e7), sj.ConstantDamping(1e8, 0.1))
+    laws = (sj.model.HuntCrossley(1e9, 1 / 3, clamp=False), sj.model.HertzSpring(1e7), sj.model.ConstantDamping(1e8, 0.1))
     memories = (
-        sj.SmoothSwitch(),
-        sj.SmoothSwitch(1e-6, relaxation=1e-7),
-        sj.EventLatch(2e-3),
-        sj.PeakRateLatch(2e-3),
+        sj.model.SmoothSwitch(),
+        sj.model.SmoothSwitch(1e-6, relaxation=1e-7),
+        sj.model.EventLatch(2e-3),
+        sj.model.PeakRateLatch(2e-3),
     )
-    parts = {"track": (sj.StraightTrack(), Bump(5.0, (1e-3, 0.3))), "contact": laws, "memory": memories}
+    parts = {"track": (sj.model.StraightTrack(), Bump(5.0, (1e-3, 0.3))), "contact": laws, "memory": memories}
     others = [dataclasses.replace(scene, **{name: part}) for name in parts for part in parts[name]]
-    load, friction = sj.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]), sj.FadingFriction(0.3, 1e6, 0.5)
-    others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.SledMass(100.0, [2e6, 8e6]))]
+    load, friction = sj.model.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]), sj.model.FadingFriction(0.3, 1e6, 0.5)
+    others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.model.SledMass(100.0, [2e6, 8e6]))]
     others += [dataclasses.replace(scene, speed=sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0]))]
     others += [dataclasses.replace(scene, window=7.7)]
     others += [
-        dataclasses.replace(scene, slipper=sled(), track=sj.TwoRails(scene.track, sj.StraightTrack(), gauge=1.8))
+        dataclasses.replace(scene, slipper=sled(), track=sj.model.TwoRails(scene.track, sj.model.StraightTrack(), gauge=1.8))
     ]
     return [scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}), *others]
 
@@ -63,10 +63,10 @@ def scenes():
 def sled():
     """Four slippers, two of which have something of their own, and an elastic sled with a payload's place."""
     mounts = [sj.Mount(x, y, -0.2, rail=rail) for x, y, rail in CORNERS]
-    mounts[1] = dataclasses.replace(mounts[1], section=sj.paper_section(1e-3 / 3), length=0.3, name="rear")
+    mounts[1] = dataclasses.replace(mounts[1], section=sj.model.paper_section(1e-3 / 3), length=0.3, name="rear")
     mounts[2] = dataclasses.replace(mounts[2], x=None, play=np.arange(5) * 1e-4 / 3)
     places = [1.2, -1.2, 0.0, -1.2]
-    modes = sj.Modes.beam(places, mass=400.0, length=3.0, stiffness=[5e6, 2e6], count=4, places=[[0.5, 0.0, 0.1]])
+    modes = sj.model.Modes.beam(places, mass=400.0, length=3.0, stiffness=[5e6, 2e6], count=4, places=[[0.5, 0.0, 0.1]])
     return sj.Sled(400.0, (150.0, 300.0, 350.0), mounts, modes=modes)
 
 
@@ -86,7 +86,7 @@ def test_starts_come_back_too():
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
     run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
-    moving = sj.Motion(y=1e-4, sled=sj.SledMotion(z=1e-3))
+    moving = sj.Motion(y=1e-4, sled=sj.model.SledMotion(z=1e-3))
     with pytest.raises(ValueError, match="`start` must have no motion of the sled in TOML, but has SledMotion"):
         sj.paper_scene().to_toml(start=moving)
     for wrong in (run, run.end, {"y": 1e-4}):
@@ -126,9 +126,9 @@ def test_units_are_converted_and_the_rest_is_the_base_s():
     values |= {"clearance": 1.5e-3, "track.wavelengths.0": 8.0, "roll_amplitude": math.radians(0.2)}
     for name, value in values.items():
         np.testing.assert_allclose(scene.value(name), value, rtol=1e-15, err_msg=name)
-    assert type(scene.contact) is sj.HuntCrossley
+    assert type(scene.contact) is sj.model.HuntCrossley
     assert float(scene.contact.stiffness) == 1e8
-    assert eqx.tree_equal(scene.section.points, sj.paper_section(1e-3).points)
+    assert eqx.tree_equal(scene.section.points, sj.model.paper_section(1e-3).points)
     for text in ("0.2°", "0.2 °", "0.2 degrees", "0.2deg"):
         np.testing.assert_allclose(parsed("roll_amplitude", text, "rad"), math.radians(0.2), rtol=1e-15)
     np.testing.assert_allclose(found.start.v_y, 0.5, rtol=1e-15)
@@ -166,12 +166,12 @@ def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
     (tmp_path / "deep").mkdir()
     for file in ("scene.toml", "deep/scene.toml"):
         (tmp_path / file).write_text('base = "paper"\n[track]\nfile = "~/survey.csv"\n')
-        assert eqx.tree_equal(sj.load_scene(f"~/{file}").track.lateral, track.lateral)
+        assert eqx.tree_equal(sj.load(f"~/{file}").scene.track.lateral, track.lateral)
     scene.to_toml("~/again.toml")
     assert (tmp_path / "again.toml").is_file()
     with pytest.raises(ValueError, match=f"{tmp_path}/none.zarr: must be a store of slipperjax"):
-        sj.open_store("~/none.zarr")
-    assert sj.Store("~/none.zarr").path == tmp_path / "none.zarr"
+        sj.sweeps.open_store("~/none.zarr")
+    assert sj.sweeps.Store("~/none.zarr").path == tmp_path / "none.zarr"
     assert FILE_OPTION.convert("~/run", None, None) == tmp_path / "run"
 
 
@@ -254,11 +254,11 @@ def test_files_are_written_and_read(tmp_path):
     assert (tmp_path / "a.toml").read_text() == text
     (tmp_path / "bom.toml").write_text("\ufeff" + text, encoding="utf-8")
     for file in ("a.toml", "bom.toml"):
-        assert eqx.tree_equal(sj.load_scene(tmp_path / file), scene)
-    assert eqx.tree_equal(sj.load_start(str(tmp_path / "a.toml")), start)
+        assert eqx.tree_equal(sj.load(tmp_path / file).scene, scene)
+    assert eqx.tree_equal(sj.load(str(tmp_path / "a.toml")).start, start)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"bad\.toml is no TOML file in UTF-8"):
-        sj.load_scene(tmp_path / "bad.toml")
+        sj.load(tmp_path / "bad.toml").scene
 
 
 LOADS = (
@@ -280,8 +280,8 @@ mach = [0.8, 1.2]
 def test_several_loads_are_several_tables():
     scene = scene_from_toml(LOADS).scene
     weight, air = scene.load.loads
-    assert eqx.tree_equal(weight, sj.AppliedLoad([0.0, 0.0, -800.0]))
-    assert eqx.tree_equal(air, sj.AerodynamicLoad(0.05, [0.4, 0.8], mach=[0.8, 1.2]))
+    assert eqx.tree_equal(weight, sj.model.AppliedLoad([0.0, 0.0, -800.0]))
+    assert eqx.tree_equal(air, sj.model.AerodynamicLoad(0.05, [0.4, 0.8], mach=[0.8, 1.2]))
     assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
     assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
 
@@ -334,7 +334,7 @@ def test_a_part_that_is_absent_is_told():
         (lambda scene: sj.run(scene, length=8.0, record="peak_forces"), "peak_force"),
         (lambda scene: sj.simulate(scene, 1, solver="Rodas3"), "Rodas4"),
         (lambda scene: sj.simulate(scene, 1, solver="kvaerno5"), "Kvaerno5"),
-        (lambda scene: sj.LocalTrack([1.0], [1e-3], 1.0, shape="jont"), "joint"),
+        (lambda scene: sj.model.LocalTrack([1.0], [1e-3], 1.0, shape="jont"), "joint"),
     ],
 )
 def test_a_name_in_a_call_is_guessed(call, meant):
@@ -394,7 +394,7 @@ def test_a_sled_has_mounts_and_modes_in_tables_of_their_own():
     np.testing.assert_allclose(rear.section.play, 0.75e-3)
     assert eqx.tree_equal(rear.section.points, scene.section.points)
     assert eqx.tree_equal(
-        body.modes, sj.Modes.beam([1.2, -1.2], mass=400, length=3, stiffness=5e3, count=2, damping=0.02)
+        body.modes, sj.model.Modes.beam([1.2, -1.2], mass=400, length=3, stiffness=5e3, count=2, damping=0.02)
     )
     assert float(scene.track.gauge) == 1.8
     assert found.environment == {"places": [[0.5, 0.0, 0.4]], "high": 1e3, "quality": 25.0}
@@ -474,7 +474,7 @@ def test_units_of_reports_are_no_arguments_of_a_run(tmp_path):
     file = tmp_path / "sled.toml"
     file.write_text('base = "paper"\n[run]\nlength = "1 km"\nunits = ["ft", "g"]\n')
     assert load_units(file) == ("ft", "g")
-    assert sj.load_run(file) == {"length": 1000.0}
+    assert sj.load(file).run == {"length": 1000.0}
     file.write_text('base = "paper"\n[run]\nlength = "1 km"\n')
     assert load_units(file) == ()
 
@@ -496,7 +496,7 @@ def test_each_unit_is_for_its_kind_of_quantity():
     assert ShownUnits().of(distance) is distance
 
 
-class Learned(sj.AbstractContactLaw):
+class Learned(sj.model.AbstractContactLaw):
     """F = K d^1.5 (1 + a network of the approach speed)."""
 
     net: eqx.nn.MLP
@@ -506,7 +506,7 @@ class Learned(sj.AbstractContactLaw):
         return jnp.vectorize(lambda v: self.net(v[None])[0])(rate)
 
 
-class Drawn(sj.AbstractContactLaw):
+class Drawn(sj.model.AbstractContactLaw):
     """A law that draws its numbers when it is made."""
 
     seed: int = eqx.field(static=True)
@@ -525,7 +525,7 @@ class Drawn(sj.AbstractContactLaw):
 def test_laws_that_a_file_cannot_bring_back_are_refused(tmp_path):
     scene = sj.paper_scene()
     drawn = dataclasses.replace(scene, contact=Drawn(1e8, 3))
-    sj.load_scene(drawn.to_toml(tmp_path / "drawn.toml") and tmp_path / "drawn.toml")
+    sj.load(drawn.to_toml(tmp_path / "drawn.toml") and tmp_path / "drawn.toml").scene
     trained = eqx.tree_at(lambda s: s.contact.loss, drawn, jnp.ones(3))
     nets = [eqx.nn.MLP(1, 1, 2, 1, key=jax.random.key(k)) for k in (0, 1)]
     learned = [dataclasses.replace(scene, contact=Learned(1e8, net)) for net in nets]

@@ -55,7 +55,7 @@ def test_accelerations_of_a_place_are_those_of_a_rigid_body():
     spin, turning = np.array([0.1, -2.0, 3.0]), np.array([7.0, 8.0, 9.0])
     expected = np.array([0, 5.0, 6.0]) + np.cross(turning, place) + np.cross(spin, np.cross(spin, place))
     # the last along a vector of any length
-    sensors = [sj.Sensor("a", place=place, direction=along) for along in (*"xyz", (0.0, 3.0, 4.0))]
+    sensors = [sj.model.Sensor("a", place=place, direction=along) for along in (*"xyz", (0.0, 3.0, 4.0))]
     oblique = 0.6 * expected[1] + 0.8 * expected[2]
     np.testing.assert_allclose(signals(sensors, seen), [*expected, oblique], rtol=1e-14)
 
@@ -66,13 +66,13 @@ def test_displacements_turn_with_the_body():
     seen = first(seen_at(motion=[*numbers, 0, 0, 0, 0, 0]))
     place = np.array([0.1, 0.02, -0.03])
     expected = np.array(rotation(motion)) @ place - place + [0.0, 1e-3, -2e-3]
-    gauges = [sj.Sensor("d", "displacement", place, axis) for axis in "yz"]
+    gauges = [sj.model.Sensor("d", "displacement", place, axis) for axis in "yz"]
     np.testing.assert_allclose(signals(gauges, seen), expected[1:], rtol=1e-12)
 
 
 def test_gyroscopes_and_load_cells():
     seen = first(seen_at(motion=[0, 0, 0, 0, 0, 0, 0, 0.1, -2.0, 3.0]))
-    sensors = [sj.Sensor("w", "angular_velocity", direction="y"), sj.Sensor("f", "force", direction="z")]
+    sensors = [sj.model.Sensor("w", "angular_velocity", direction="y"), sj.model.Sensor("f", "force", direction="z")]
     assert signals(sensors, seen) == [-2.0, 4.0]
 
 
@@ -80,7 +80,7 @@ def test_gain_bias_and_delay():
     time = np.linspace(0.0, 1.0, 41)
     seen = seen_at(41)
     seen = seen._replace(force=np.stack([0 * time, time**2], axis=1))
-    cell = sj.Sensor("f", "force", gain=2.0, bias=0.5, delay=0.1)
+    cell = sj.model.Sensor("f", "force", gain=2.0, bias=0.5, delay=0.1)
     at = np.array([0.2, 0.55, 0.9])
     np.testing.assert_allclose(jax.jit(lambda *given: cell.read(*given))(seen, time, at), 2 * ((at - 0.1) ** 2 + 0.5))
 
@@ -89,7 +89,7 @@ def test_channels_are_those_of_the_equations_of_motion():
     scene = sj.paper_scene()
     state = sj.initial_state(scene, sj.table_2_start())
     args = Args(scene, 0.0)
-    seen, now = jax.jit(lambda state: (channels(args, 0.0, state), sj.reactions(0.0, state, args)))(state)
+    seen, now = jax.jit(lambda state: (channels(args, 0.0, state), sj.model.reactions(0.0, state, args)))(state)
     # the same sums in another order
     np.testing.assert_allclose(seen.acceleration, now.acceleration, rtol=1e-12)
     weight = scene.slipper.mass * (0.0 if scene.gravity is None else scene.gravity)
@@ -109,12 +109,12 @@ def test_channels_are_those_of_the_equations_of_motion():
 )
 def test_bad_sensors_are_refused_in_one_line(arguments, text):
     with pytest.raises(ValueError, match=text) as error:
-        sj.Sensor(**{"name": "a"} | arguments)
+        sj.model.Sensor(**{"name": "a"} | arguments)
     assert "\n" not in str(error.value)
 
 
 def test_sensors_have_different_names():
-    one = sj.Sensor("a")
+    one = sj.model.Sensor("a")
     assert Rig.of([one]).names == ("a",)
     with pytest.raises(ValueError, match="different names"):
         Rig.of([one, dataclasses.replace(one, gain=2.0)])

@@ -17,9 +17,9 @@ from ..common import CORNERS, sled_on
 PAPER = sj.paper_scene()
 BODY = dict(mass=14.0, inertia=(0.051, 0.060, 0.086))
 SLED = sled_on()
-LEVEL = sj.TwoRails(sj.StraightTrack(), sj.StraightTrack())
+LEVEL = sj.model.TwoRails(sj.model.StraightTrack(), sj.model.StraightTrack())
 SPRINGS = dataclasses.replace(
-    PAPER, slipper=SLED, track=LEVEL, contact=sj.HertzSpring(1e8), gravity=9.81, speed=100.0
+    PAPER, slipper=SLED, track=LEVEL, contact=sj.model.HertzSpring(1e8), gravity=9.81, speed=100.0
 )
 WEIGHT = 400.0 * 9.81
 
@@ -46,7 +46,7 @@ def operations(function, *args):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("more", [{}, {"gravity": 9.81, "friction": sj.Coulomb(0.2)}])
+@pytest.mark.parametrize("more", [{}, {"gravity": 9.81, "friction": sj.model.Coulomb(0.2)}])
 def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
     scene = dataclasses.replace(PAPER, **more)
     one = with_mounts(scene, sj.Mount())
@@ -56,7 +56,7 @@ def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
     ends = [PeriodMap(which, 100, periods=3)(state) for which in (scene, one)]
     for ours, theirs in zip(*map(jax.tree.leaves, ends), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    loads = [sj.simulate(which, 3, steps_per_period=100).to_xarray()["peak_force"] for which in (scene, one)]
+    loads = [sj.simulate(which, 3, steps_per_period=100).ds["peak_force"] for which in (scene, one)]
     assert loads[1].dims == ("slipper", "end", "point")
     np.testing.assert_array_equal(loads[0].values, loads[1].values[0])
 
@@ -75,7 +75,7 @@ def rail(sign, seed):
     lateral, vertical, roll, *phases = np.random.default_rng(seed).normal(size=(6, 3))
     phases = dict(zip(("lateral_phase", "vertical_phase", "roll_phase"), phases, strict=True))
     lateral, vertical, roll = 2e-4 * sign * lateral, 2e-4 * vertical, 1e-3 * sign * roll
-    return sj.FourierTrack([8.0, 3.1, 1.7], lateral, vertical, roll, **phases)
+    return sj.model.FourierTrack([8.0, 3.1, 1.7], lateral, vertical, roll, **phases)
 
 
 @pytest.mark.full
@@ -83,7 +83,7 @@ def test_mirrored_rails_mirror_the_motion():
     scene = dataclasses.replace(SPRINGS, contact=PAPER.contact, speed=300.0)
     start = sj.Motion(v_y=0.1, v_z=-0.2, w_x=0.1, w_z=0.05)
     mirrored = sj.Motion(v_y=-0.1, v_z=-0.2, w_x=-0.1, w_z=-0.05)
-    pair, image = sj.TwoRails(rail(1, 1), rail(1, 2)), sj.TwoRails(rail(-1, 2), rail(-1, 1))
+    pair, image = sj.model.TwoRails(rail(1, 1), rail(1, 2)), sj.model.TwoRails(rail(-1, 2), rail(-1, 1))
     run = lambda track, start: sj.simulate(
         dataclasses.replace(scene, track=track), 2, start=start, steps_per_period=400
     )
@@ -94,7 +94,7 @@ def test_mirrored_rails_mirror_the_motion():
         ours, theirs = (np.asarray(getattr(motion.state.motion, name)) for motion in (one, other))
         # measured 2e-14 of the greatest
         np.testing.assert_allclose(ours, sign * theirs, atol=1e-11 * np.abs(ours).max(), err_msg=name)
-    forces = [motion.to_xarray()["peak_force"] for motion in (one, other)]
+    forces = [motion.ds["peak_force"] for motion in (one, other)]
     # point A on the left is J on the right
     again = forces[1].values[[2, 3, 0, 1], :, ::-1]
     np.testing.assert_allclose(forces[0].values, again, rtol=1e-9)  # measured 2e-13
@@ -108,7 +108,7 @@ def rates_of(scene):
     """Natural frequencies [rad/s] of a sled at rest on level rails, of what its contacts hold."""
     state = sj.initial_state(scene, sj.AtRest())
     flat, unflatten = jax.flatten_util.ravel_pytree(state.motion)
-    field, args = sj.vector_field(scene), sj.Args(scene)
+    field, args = sj.model.vector_field(scene), sj.model.Args(scene)
     rates = lambda x: field.evaluate(0.0, sj.State(unflatten(x), state.memory), args).motion
     evaluate = lambda x: jax.flatten_util.ravel_pytree(rates(x))[0]
     eigenvalues = np.linalg.eigvals(np.asarray(jax.jit(jax.jacfwd(evaluate))(flat))) / float(scene.period)
@@ -140,7 +140,7 @@ def test_natural_frequencies_of_a_sled_on_its_contacts():
 def test_natural_frequencies_of_an_elastic_sled():
     k, _ = contact_stiffness()
     shape, own = 0.03, 2 * np.pi * 40.0
-    modes = sj.Modes([40.0], [0.0], np.broadcast_to([0.0, 0.0, shape], (1, 4, 3)))
+    modes = sj.model.Modes([40.0], [0.0], np.broadcast_to([0.0, 0.0, shape], (1, 4, 3)))
     scene = dataclasses.replace(SPRINGS, slipper=dataclasses.replace(SLED, modes=modes))
     # heave and bending together
     stiffness = 16 * k * np.array([[1 / 400.0, shape / np.sqrt(400.0)], [shape / np.sqrt(400.0), shape**2]])
@@ -156,7 +156,7 @@ def test_slippers_share_the_weight_by_their_levers():
     mounts = [sj.Mount(1.0, 0.9, rail="left"), sj.Mount(-0.5, 0.9, rail="left"), sj.Mount(0.2, -0.9, rail="right")]
     sled = dataclasses.replace(SLED, mounts=mounts)
     scene = dataclasses.replace(SPRINGS, slipper=sled)
-    force = sj.reactions(0.0, sj.initial_state(scene, sj.AtRest()), sj.Args(scene)).contact_force
+    force = sj.model.reactions(0.0, sj.initial_state(scene, sj.AtRest()), sj.model.Args(scene)).contact_force
     # of three slippers balance decides: half on the right, the left half by levers about the right one's place
     shares = np.array([0.1 / 1.5 + 0.1, 0.0, 0.5])
     shares[1] = 0.5 - shares[0]
@@ -173,7 +173,7 @@ def test_slippers_share_the_weight_by_their_levers():
 def test_a_beam_sags_between_its_slippers():
     """Beside Euler and Bernoulli's static deflection of a uniform beam on two supports."""
     a, length, stiffness = 1.2, 4.0, 1e5
-    modes = sj.Modes.beam(
+    modes = sj.model.Modes.beam(
         [x for x, *_ in CORNERS],
         mass=400.0,
         length=length,
@@ -198,12 +198,12 @@ def answer(length, coordinate):
     """Amplitude of heave [m] or pitch [rad] of a tandem sled on a vertical sine of 1 um, at 10 Hz."""
     mounts = [sj.Mount(WHEELBASE / 2, rail="left"), sj.Mount(-WHEELBASE / 2, rail="left")]
     body = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=mounts, length=0.02)
-    track = sj.FourierTrack([length], [0.0], [1e-6])
+    track = sj.model.FourierTrack([length], [0.0], [1e-6])
     # dampers let the start's oscillations die, and all is closed by gravity
-    contact = sj.ConstantDamping(1e9, hysteresis=5.0)
+    contact = sj.model.ConstantDamping(1e9, hysteresis=5.0)
     scene = dataclasses.replace(SPRINGS, slipper=body, track=track, contact=contact, speed=10.0 * length)
     run = sj.simulate(scene, 30, start="rest", steps_per_period=400, saves_per_period=40)
-    last = getattr(run.to_xarray(), coordinate).values[-40:]
+    last = getattr(run.ds, coordinate).values[-40:]
     return 2 * np.abs(np.fft.fft(last)[1]) / 40
 
 
@@ -227,7 +227,7 @@ def test_wheelbases_filter_waves():
 
 
 def test_beams_have_the_modes_of_textbooks():
-    modes = sj.Modes.beam([0.0, 1.0], mass=200.0, length=3.0, stiffness=(4e6, 1e6), count=3)
+    modes = sj.model.Modes.beam([0.0, 1.0], mass=200.0, length=3.0, stiffness=(4e6, 1e6), count=3)
     # roots of cos(x) cosh(x) = 1: 4.730041 and 7.853205, Blevins 1979, Table 8-1
     first, second = (x**2 / (2 * np.pi * 9.0) * np.sqrt(1e6 * 3.0 / 200.0) for x in (4.730041, 7.853205))
     np.testing.assert_allclose(modes.frequency, [first, 2 * first, second], rtol=1e-6)
@@ -236,10 +236,10 @@ def test_beams_have_the_modes_of_textbooks():
     np.testing.assert_allclose(modes.shapes[1, 0], [-1.21566 / np.sqrt(200.0), 0.0], rtol=1e-4)
     np.testing.assert_allclose(modes.shapes[2, 0], 0.0, atol=1e-15)
     with pytest.raises(ValueError, match=r"`places_of_mounts` must lie on the beam, within 1\.5 m of its middle"):
-        sj.Modes.beam([2.0], mass=200.0, length=3.0, stiffness=1e6)
+        sj.model.Modes.beam([2.0], mass=200.0, length=3.0, stiffness=1e6)
 
 
-BEAM = sj.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=4, damping=0.0)
+BEAM = sj.model.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=4, damping=0.0)
 ELASTIC = dataclasses.replace(SLED, modes=BEAM)
 
 
@@ -287,14 +287,14 @@ def test_derivatives_in_both_modes():
     """By places of mounts, a mode's damping and the play, against central differences."""
     names = ("slipper.mounts.0.x", "slipper.mounts.1.z", "slipper.modes.damping.0", "clearance")
     damped = dataclasses.replace(ELASTIC, modes=dataclasses.replace(BEAM, damping=[0.01] * 4))
-    track = sj.TwoRails(rail(1, 1), rail(1, 2))
+    track = sj.model.TwoRails(rail(1, 1), rail(1, 2))
     scene = dataclasses.replace(SPRINGS, slipper=damped, contact=PAPER.contact, track=track, speed=300.0)
     state = sj.initial_state(scene, sj.Motion(v_z=-0.2))
 
     @jax.jit
     def end(values):
         changed = scene.replace(**dict(zip(names, values, strict=True)))
-        return PeriodMap(changed, 400, sj.RK4())(state).motion.w_y
+        return PeriodMap(changed, 400, sj.solvers.RK4())(state).motion.w_y
 
     values = jnp.array([scene.value(name) for name in names])
     steps = np.diag([1e-6, 1e-6, 1e-6, 1e-9])
@@ -318,14 +318,14 @@ BAD = {
     FAR_FROM_RAILS: lambda: dataclasses.replace(SPRINGS, track=dataclasses.replace(LEVEL, gauge=1.5)),
     "`mounts` must be on the side of their rail": lambda: with_mounts(SPRINGS, sj.Mount(y=-1.0, rail="left")),
     "`modes` must have shapes at each of the 4 mounts, but has shapes at 3": lambda: sled_on(modes=modes_at(3)),
-    "`frequency` must rise from mode to mode": lambda: sj.Modes([40.0, 30.0], [0.01] * 2, np.zeros((2, 4, 3))),
+    "`frequency` must rise from mode to mode": lambda: sj.model.Modes([40.0, 30.0], [0.01] * 2, np.zeros((2, 4, 3))),
     "`inertia` must be positive": lambda: sled_on(inertia=(0.0, 1.0, 1.0)),
-    "`damping` must have one value per mode": lambda: sj.Modes([40.0], [0.01, 0.02], np.zeros((1, 4, 3))),
+    "`damping` must have one value per mode": lambda: sj.model.Modes([40.0], [0.01, 0.02], np.zeros((1, 4, 3))),
 }
 
 
 def modes_at(places):
-    return sj.Modes([40.0], [0.01], np.zeros((1, places, 3)))
+    return sj.model.Modes([40.0], [0.01], np.zeros((1, places, 3)))
 
 
 @pytest.mark.parametrize("text", BAD)
@@ -335,7 +335,7 @@ def test_bad_input_is_refused_in_one_line(text):
 
 
 def test_runs_end_before_the_foremost_slipper_leaves_the_rail():
-    rails = [sj.SampledTrack([0.0, 50.0], np.zeros(100), np.zeros(100), ends="error") for _ in range(2)]
-    scene = dataclasses.replace(SPRINGS, track=sj.TwoRails(*rails))
+    rails = [sj.model.SampledTrack([0.0, 50.0], np.zeros(100), np.zeros(100), ends="error") for _ in range(2)]
+    scene = dataclasses.replace(SPRINGS, track=sj.model.TwoRails(*rails))
     with pytest.raises(ValueError, match=r"`length` must end before the rail does at 50 m, but is 50\.2"):
         sj.run(scene, length=49.0)

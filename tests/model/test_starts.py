@@ -19,12 +19,12 @@ from slipperjax.tools.batching import Batched
 from ..common import narrow_sled, sled_on
 
 SCENE = dataclasses.replace(sj.paper_scene(stiffness=1e9, restitution=0.6), gravity=9.81)
-LEVEL = dataclasses.replace(SCENE, track=sj.StraightTrack())
+LEVEL = dataclasses.replace(SCENE, track=sj.model.StraightTrack())
 WEIGHT = 14.0 * 9.81
 """Of the paper's slipper [N]."""
-LOADED = dataclasses.replace(SCENE, load=sj.AppliedLoad(force=[0.0, 300.0, -800.0], moment=[5.0, 30.0, -20.0]))
+LOADED = dataclasses.replace(SCENE, load=sj.model.AppliedLoad(force=[0.0, 300.0, -800.0], moment=[5.0, 30.0, -20.0]))
 SPRUNG = dict(mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3], travel=[1e-4, 1e-4], stop_stiffness=[1e7, 1e7])
-SLED = dataclasses.replace(SCENE, sled=sj.SledMass(**SPRUNG))
+SLED = dataclasses.replace(SCENE, sled=sj.model.SledMass(**SPRUNG))
 
 
 def state_of(scene, epoch=0.0, **added):
@@ -32,7 +32,7 @@ def state_of(scene, epoch=0.0, **added):
 
 
 def reactions_of(scene, epoch=0.0):
-    return sj.reactions(0.0, state_of(scene, epoch), sj.Args(scene, epoch))
+    return sj.model.reactions(0.0, state_of(scene, epoch), sj.model.Args(scene, epoch))
 
 
 def test_a_slipper_on_a_level_rail_sinks_in_as_hertz_says():
@@ -46,7 +46,7 @@ def test_a_slipper_on_a_level_rail_sinks_in_as_hertz_says():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("scene", [SCENE, LOADED, SLED, dataclasses.replace(LOADED, friction=sj.Coulomb(0.2))])
+@pytest.mark.parametrize("scene", [SCENE, LOADED, SLED, dataclasses.replace(LOADED, friction=sj.model.Coulomb(0.2))])
 def test_all_forces_are_in_balance(scene):
     for epoch in (0.0, 3.3):
         state = state_of(scene, epoch)
@@ -55,7 +55,7 @@ def test_all_forces_are_in_balance(scene):
         if state.motion.sled is not None:
             still["sled"] = dataclasses.replace(state.motion.sled, v_y=0.0, v_z=0.0)
         state = sj.State(dataclasses.replace(state.motion, **still), state.memory)
-        found = sj.reactions(0.0, state, sj.Args(scene, epoch)).acceleration
+        found = sj.model.reactions(0.0, state, sj.model.Args(scene, epoch)).acceleration
         np.testing.assert_allclose(found, 0.0, atol=1e-3)  # measured 1.1e-4 m/s^2, by what centres it
 
 
@@ -120,7 +120,7 @@ def test_derivatives_are_those_of_the_equilibrium():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("memory", [sj.EventLatch(), sj.SmoothSwitch()])
+@pytest.mark.parametrize("memory", [sj.model.EventLatch(), sj.model.SmoothSwitch()])
 def test_runs_begin_without_a_hit(memory):
     scene = dataclasses.replace(LEVEL, memory=memory)
     run = sj.simulate(scene, 1, start="rest", steps_per_period=400)
@@ -148,7 +148,7 @@ def test_slippers_find_their_rest_on_many_rails():
 @pytest.mark.full
 def test_sleds_find_their_rest_on_two_rails():
     """Stiff ones, which a few of their slippers could carry."""
-    track = sj.RandomRails(sj.RandomTrack.sled(length=620.0, ramp=20.0), coherence=0.95)
+    track = sj.model.RandomRails(sj.RandomTrack.sled(length=620.0, ramp=20.0), coherence=0.95)
     scene = dataclasses.replace(LEVEL, slipper=narrow_sled(), track=track).replace(clearance=0.8e-3, stiffness=1e10)
 
     def start(seed, epoch):
@@ -174,8 +174,8 @@ def test_sleds_find_their_rest_on_twisted_rails():
     stiffness += [13115545.068676699, 170505129.98014283, 9520422.407709826, 5736740.730739701]
     play = [0.0019260690628046966, 0.00025270422970505656, 0.00021083454427515375, 0.0023114385983423204]
     play += [0.00021975341063131502, 0.0019688869367932293, 0.00047768226917894974, 0.00012087066172731417]
-    track = sj.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3)
-    track = eqx.filter_jit(sj.RandomRails.prepared)(track)
+    track = sj.model.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.3, seed=3)
+    track = eqx.filter_jit(sj.model.RandomRails.prepared)(track)
     scene = dataclasses.replace(sj.paper_scene(600.0), slipper=narrow_sled(), track=track, gravity=9.81)
 
     def heights(place, stiffness, clearance):
@@ -190,12 +190,12 @@ def test_what_finds_no_rest_is_said():
     """A slipper of one face, which a load pulls off the rail; and a sled that a moment turns over, the slippers of
     which do not reach around the rail, beside one that rests."""
     one = sj.Section(points=[[0.03, 0.013], [-0.03, 0.013]], play=[5e-4], names=("J", "A"), faces=(("A", "J"),))
-    off = dataclasses.replace(LEVEL, gravity=None, load=sj.AppliedLoad(force=[0.0, 0.0, 50.0]), section=one)
+    off = dataclasses.replace(LEVEL, gravity=None, load=sj.model.AppliedLoad(force=[0.0, 0.0, 50.0]), section=one)
     with pytest.warns(sj.ImplausibleWarning, match="A slipper finds no rest on the rail: start it with a motion"):
         state = sj.initial_state(off, sj.AtRest())
     assert np.isnan(float(state.motion.z))
-    parts = dict(section=one, slipper=sled_on(), load=sj.AppliedLoad(moment=[0.0, 0.0, 0.0]))
-    scene = dataclasses.replace(LEVEL, track=sj.TwoRails(LEVEL.track, LEVEL.track), **parts)
+    parts = dict(section=one, slipper=sled_on(), load=sj.model.AppliedLoad(moment=[0.0, 0.0, 0.0]))
+    scene = dataclasses.replace(LEVEL, track=sj.model.TwoRails(LEVEL.track, LEVEL.track), **parts)
     turned = eqx.tree_at(lambda s: s.load.moment, scene, jnp.array([[0.0, 0.0, 0.0], [5e3, 0.0, 0.0]]))
     starts = jax.tree.map(lambda number: jnp.broadcast_to(number, 2), sj.AtRest())
     with pytest.warns(sj.ImplausibleWarning, match="A sled finds no rest on the rail, where left1 and left2 float: "):
@@ -208,7 +208,7 @@ def test_files_and_results_hold_a_start_at_rest(tmp_path):
     file = tmp_path / "scene.toml"
     text = LEVEL.to_toml(file, start=sj.AtRest(v_z=0.1))
     assert '[start]\ntype = "AtRest"\nv_z = "0.1 m/s"' in text
-    start = sj.load_start(file)
+    start = sj.load(file).start
     assert isinstance(start, sj.AtRest)
     assert float(start.v_z) == 0.1
     ds = sj.run(LEVEL, length=8.0, record="peak_force")

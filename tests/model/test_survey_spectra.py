@@ -18,7 +18,7 @@ LENGTH, SPACING, FIRST = 800.0, 0.1, 300.0
 ROUGH, COHERENCE = 6e-10, -0.6
 PLACES = np.arange(0.0, LENGTH + SPACING / 2, SPACING)
 # joints with two harmonics, and another line that is lateral alone
-LINES = sj.FourierTrack(
+LINES = sj.model.FourierTrack(
     (1.32, 0.66, 0.44, 2.1),
     (0.0, 0.0, 0.0, 9e-5),
     (8e-5, 6e-5, 4e-5, 0.0),
@@ -35,7 +35,7 @@ def made(lines=LINES, length=LENGTH, seed=11, **options):
     places = PLACES[: round(length / SPACING) + 1]
     random, sines = irregularity_of(rail, 400.0 + places), irregularity_of(lines, places)
     channels = random.lateral + sines.lateral, random.vertical + sines.vertical
-    return sj.SampledTrack(FIRST + places, *channels, **options)
+    return sj.model.SampledTrack(FIRST + places, *channels, **options)
 
 
 SURVEY = made(ends="error")
@@ -91,7 +91,7 @@ def test_lines_have_their_wavelengths_amplitudes_and_phases():
         # cycles that are too many over the survey
         np.testing.assert_allclose(LENGTH * found, LENGTH * exact, atol=0.05)  # measured 0.0035
     # a random rail alone has none
-    assert sj.RandomTrack.like(made(sj.FourierTrack((1.32,), (0.0,), (0.0,)))).lines is None
+    assert sj.RandomTrack.like(made(sj.model.FourierTrack((1.32,), (0.0,), (0.0,)))).lines is None
     # slopes of lines come on top
     steepest = [float(facts_of(track)[1]) for track in (alike(), dataclasses.replace(alike(), lines=None))]
     assert steepest[0] > steepest[1]
@@ -100,7 +100,7 @@ def test_lines_have_their_wavelengths_amplitudes_and_phases():
 @pytest.mark.full
 def test_joints_keep_their_shape_in_every_seed():
     """The mean over the joints of each rail is the shape of one, in waves of three samples and longer."""
-    joints = sj.LocalTrack(place=[0.66], height=[-3e-4], length=0.6, shape="joint", every=1.32)
+    joints = sj.model.LocalTrack(place=[0.66], height=[-3e-4], length=0.6, shape="joint", every=1.32)
     like = sj.RandomTrack.like(made(joints), ends="error")
     across = 1.32 * np.arange(64) / 64
     harmonics = np.fft.rfft(irregularity_of(joints, across).vertical)
@@ -122,7 +122,7 @@ def test_rails_lie_where_the_survey_does_and_go_on_as_it_does():
         with pytest.warns(sj.ImplausibleWarning) if ends == "repeat" else contextlib.nullcontext():
             survey = made(ends=ends, ramp=ramp)
         like = sj.RandomTrack.like(survey)
-        both = sj.TrackSet([survey, like, dataclasses.replace(like, seed=2)], 1)
+        both = sj.model.TrackSet([survey, like, dataclasses.replace(like, seed=2)], 1)
         places = FIRST + np.linspace(-5.0, LENGTH + 5.0, 997)
         assert (
             largest(irregularity_of(both, places)[:2], irregularity_of(like, places)[:2]) < 1e-15

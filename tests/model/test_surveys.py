@@ -32,7 +32,7 @@ def survey(tmp_path):
 
 
 def same(track):
-    here, exact = track.irregularity(PLACES), sj.SampledTrack(DISTANCE, LATERAL, VERTICAL).irregularity(PLACES)
+    here, exact = track.irregularity(PLACES), sj.model.SampledTrack(DISTANCE, LATERAL, VERTICAL).irregularity(PLACES)
     np.testing.assert_allclose(here.lateral, exact.lateral, atol=1e-15)
     np.testing.assert_allclose(here.vertical, exact.vertical, atol=1e-15)
     assert here.roll is None
@@ -62,7 +62,7 @@ def test_scenes_name_the_file_and_find_its_content_again(tmp_path, survey):
     assert scene_from_json(text).track == scene.track
     assert same(scene_from_toml(scene.to_toml()).scene.track)
     (tmp_path / "scene.toml").write_text('base = "paper"\n[track]\nfile = "survey.csv"\nends = "error"\n')
-    assert same(sj.load_scene(tmp_path / "scene.toml").track)
+    assert same(sj.load(tmp_path / "scene.toml").scene.track)
     survey.write_text(survey.read_text().replace("# measured in spring", "# changed"))
     with pytest.raises(ValueError, match="`sha256` must be the content with which the scene was made"):
         scene_from_json(text)
@@ -225,7 +225,7 @@ def test_packed_variables_are_unpacked(tmp_path, format):
     """Rounded to 1e-7 mm."""
     pack = dict(scale_factor=1e-7, add_offset=0.5, dtype="int32", _FillValue=-2147483648)
     track = sj.load_rail(netcdf(tmp_path, format, y=pack, z=pack))
-    exact = sj.SampledTrack(DISTANCE, LATERAL, VERTICAL)
+    exact = sj.model.SampledTrack(DISTANCE, LATERAL, VERTICAL)
     np.testing.assert_allclose(track.lateral, exact.lateral, atol=1e-10)
     np.testing.assert_allclose(track.vertical, exact.vertical, atol=1e-10)
 
@@ -290,12 +290,12 @@ def history(folder, *columns, head):
 def test_histories_of_speeds_are_read_by_time_and_by_distance(tmp_path):
     exact = sj.SpeedProgramme.over_time(TIME, SPEED, begin=300.0)
     file = history(tmp_path, 1e3 * TIME, SPEED / 0.3048, head="t [ms], Velocity [ft/s]")
-    here = sj.load_speed(file, begin=300.0)
+    here = sj.model.load_speed(file, begin=300.0)
     np.testing.assert_allclose(here.distance, exact.distance, rtol=1e-14)
     np.testing.assert_allclose(here.speed, SPEED, rtol=1e-14)
     places = np.array([0.0, 10.0, 40.0]) / 0.3048
     file = history(tmp_path, places, [0.0, 1.0, 2.0], SPEED[:3], head="station [ft], time [s], speed [m/s]")
-    by_distance = sj.load_speed(file, begin=100.0)
+    by_distance = sj.model.load_speed(file, begin=100.0)
     np.testing.assert_allclose(by_distance.distance, [100.0, 110.0, 140.0], rtol=1e-14)
     np.testing.assert_array_equal(by_distance.speed, SPEED[:3])
 
@@ -304,26 +304,26 @@ def test_scene_files_name_a_history_beside_them(tmp_path):
     history(tmp_path, TIME, SPEED, head="time [s], speed [m/s]")
     scene = 'base = "paper"\n[speed]\nfile = "velocity.csv"\n'
     (tmp_path / "scene.toml").write_text(f'{scene}begin = "1000 ft"\n')
-    here = sj.load_scene(tmp_path / "scene.toml").speed
+    here = sj.load(tmp_path / "scene.toml").scene.speed
     exact = sj.SpeedProgramme.over_time(TIME, SPEED, begin=304.8)
     np.testing.assert_allclose(here.distance, exact.distance, rtol=1e-14)
     (tmp_path / "scene.toml").write_text(f'{scene}scale = "2"\n')
     with pytest.raises(ValueError, match=r"scene\.toml, line 4: `scale` must not be given here"):
-        sj.load_scene(tmp_path / "scene.toml")
+        sj.load(tmp_path / "scene.toml").scene
 
 
 def test_faults_of_a_history_are_told_at_once_also_from_a_scene_file(tmp_path):
     history(tmp_path, TIME[[0, 1, 1, 3]], [20.0, np.nan, 200.0, 190.0], head="time [s], speed [m/s]")
     (tmp_path / "scene.toml").write_text('base = "paper"\n[speed]\nfile = "velocity.csv"\n')
     with pytest.raises(ValueError, match=r"velocity\.csv has 2 faults") as told:
-        sj.load_scene(tmp_path / "scene.toml")
+        sj.load(tmp_path / "scene.toml").scene
     assert str(told.value).splitlines()[1:] == [
         "  velocity.csv, line 3: `speed` has no number.",
         "  velocity.csv, line 4: time 0.5 s does not exceed 0.5 s of line 3.",
     ]
     history(tmp_path, TIME, SPEED, head="time [s], distance [m]")
     with pytest.raises(ValueError, match=r"velocity\.csv: must have distance or time, and speed, but has time, dist"):
-        sj.load_speed(tmp_path / "velocity.csv")
+        sj.model.load_speed(tmp_path / "velocity.csv")
 
 
 def test_a_survey_that_repeats_is_closed_from_a_scene_file_and_again(tmp_path):
@@ -334,7 +334,7 @@ def test_a_survey_that_repeats_is_closed_from_a_scene_file_and_again(tmp_path):
     )
     words = r"closing the last 8 m of the rail changes vertical by up to 0\.06 mm"
     with pytest.warns(sj.ImplausibleWarning, match=words):
-        scene = sj.load_scene(tmp_path / "scene.toml")
+        scene = sj.load(tmp_path / "scene.toml").scene
     with pytest.warns(sj.ImplausibleWarning, match=words):
         assert scene_from_json(scene_to_json(scene)).track == scene.track
     here = scene.track.irregularity(jnp.asarray([0.0, 60.0, 20.0, 80.0])).vertical

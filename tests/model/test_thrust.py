@@ -11,7 +11,7 @@ G = 9.80665
 
 
 def sled(**more):
-    return sj.RocketSled([0.0, 2.0], [6e4, 6e4], mass=300.0, **more)
+    return sj.model.RocketSled([0.0, 2.0], [6e4, 6e4], mass=300.0, **more)
 
 
 def worst(programme, distance, speed):
@@ -45,7 +45,7 @@ def test_burning_propellant_makes_a_logarithm():
 
 
 def test_coasting_and_braking_fall_exponentially():
-    brake = sj.WaterBrake(2000.0, 2500.0, area=2e-4, turn=np.pi)
+    brake = sj.model.WaterBrake(2000.0, 2500.0, area=2e-4, turn=np.pi)
     assert brake.force_by_square == pytest.approx(0.4)
     programme = sled(drag_area=0.1, brakes=[brake], friction=0.1, begin=100.0).programme()
     burnout = float(programme.distance[np.argmax(np.asarray(programme.speed))])
@@ -75,7 +75,7 @@ def test_coasting_and_braking_fall_exponentially():
 
 
 def test_friction_holds_the_sled_until_the_thrust_exceeds_it():
-    slow = sj.RocketSled([0.0, 10.0, 10.1], [0.0, 6e4, 0.0], mass=300.0, friction=0.5)
+    slow = sj.model.RocketSled([0.0, 10.0, 10.1], [0.0, 6e4, 0.0], mass=300.0, friction=0.5)
     programme = slow.programme()
     free = 0.5 * 300 * G / 6e3  # when it begins to move
     times = np.linspace(free + 1.0, 10.0, 40)
@@ -83,13 +83,13 @@ def test_friction_holds_the_sled_until_the_thrust_exceeds_it():
     # measured 1.0e-4 at the first of them, where the acceleration grows from zero, and less later
     assert worst(programme, 20.0 * (times - free) ** 3 / 6, speed) < 3e-4
     with pytest.raises(ValueError, match="`thrust` must move the sled against its friction, but is 6000"):
-        sj.RocketSled([0.0, 1.0], [0.0, 6e3], mass=900.0, friction=1.0).programme()
+        sj.model.RocketSled([0.0, 1.0], [0.0, 6e3], mass=900.0, friction=1.0).programme()
 
 
 def test_spikes_are_not_passed_over():
     """The impulse of a spike of 2 ms in a curve of 4 s makes its share of the speed."""
     time = np.array([0.0, 0.1, 1.999, 2.0, 2.001, 4.0])
-    programme = sj.RocketSled(time, [0.0, 1e4, 1e4, 1e7, 1e4, 1e4], mass=500.0).programme()
+    programme = sj.model.RocketSled(time, [0.0, 1e4, 1e4, 1e7, 1e4, 1e4], mass=500.0).programme()
     # without resistance the speed at the end is the impulse over the mass; the integration allows 1e-9 in each step,
     # measured 1e-9 and on another processor 1.5e-8
     impulse = 0.5 * 0.1 * 1e4 + 3.9 * 1e4 + 0.001 * (1e7 - 1e4)
@@ -111,8 +111,8 @@ brakes = [{ begin = "2 km", end = "2.5 km", area = "10 cm^2" }]
 def test_a_thrust_with_a_pause_moves_the_sled_twice():
     times, thrust = np.array([0.0, 0.001, 1.0, 1.001]), [0.0, 1e4, 1e4, 0.0]
     more = dict(mass=500.0, friction=0.5)
-    once = sj.RocketSled(times, thrust, **more).programme()
-    twice = sj.RocketSled(np.append(times, times + 6.0), thrust * 2, **more).programme()
+    once = sj.model.RocketSled(times, thrust, **more).programme()
+    twice = sj.model.RocketSled(np.append(times, times + 6.0), thrust * 2, **more).programme()
     # behind 1 m/s the sled slides on once, v^2 / (2 g friction)
     way = 2 * float(once.distance[-1]) + 1 / G
     # found: 2.4e-7 m
@@ -125,10 +125,10 @@ def test_a_thrust_with_a_pause_moves_the_sled_twice():
 def test_a_thrust_in_a_file_makes_the_programme(tmp_path):
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, 60\n2.1, 0\n")
     (tmp_path / "sled.toml").write_text(f'base = "paper"\n{TABLE}')
-    scene = sj.load_scene(tmp_path / "sled.toml")
-    brake = sj.WaterBrake(2000.0, 2500.0, area=1e-3)
+    scene = sj.load(tmp_path / "sled.toml").scene
+    brake = sj.model.WaterBrake(2000.0, 2500.0, area=1e-3)
     more = dict(mass=300.0, propellant=80.0, drag_area=0.1, friction=0.1, begin=100.0, brakes=[brake])
-    expected = sj.RocketSled.from_file(tmp_path / "thrust.csv", **more).programme()
+    expected = sj.model.RocketSled.from_file(tmp_path / "thrust.csv", **more).programme()
     np.testing.assert_allclose(scene.speed.speed, expected.speed, rtol=1e-12)
     np.testing.assert_allclose(scene.speed.distance, expected.distance, rtol=1e-12)
 
@@ -154,14 +154,14 @@ def test_faults_of_the_table_are_one_line(old, new, words, tmp_path):
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, 60\n2.1, 0\n")
     (tmp_path / "sled.toml").write_text('base = "paper"\n' + TABLE.replace(old, new))
     with pytest.raises((ValueError, OSError), match=re.escape(words)):
-        sj.load_scene(tmp_path / "sled.toml")
+        sj.load(tmp_path / "sled.toml").scene
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: sj.RocketSled([0.0, 1.0], [1.0, -1.0], mass=1.0), "`thrust` must be zero or positive, but is -1 N"),
-        (lambda: sled(brakes=[5]), r"`brakes` must be a list of slipperjax.WaterBrake\(...\), but is \[5\]"),
+        (lambda: sj.model.RocketSled([0.0, 1.0], [1.0, -1.0], mass=1.0), "`thrust` must be zero or positive, but is -1 N"),
+        (lambda: sled(brakes=[5]), r"`brakes` must be a list of slipperjax.model.WaterBrake\(...\), but is \[5\]"),
     ],
 )
 def test_bad_sleds_name_what_is_wrong(make, words):
@@ -171,8 +171,8 @@ def test_bad_sleds_name_what_is_wrong(make, words):
 
 def test_times_of_a_clock_are_refused_and_a_load_cells_noise_is_none(tmp_path):
     for make in (
-        lambda: sj.RocketSled([1.7e9, 1.7e9 + 1], [9e4, 0.0], mass=300.0),
-        lambda: sj.TabulatedLoad(np.zeros((2, 3)), time=[1.7e9, 1.7e9 + 1]),
+        lambda: sj.model.RocketSled([1.7e9, 1.7e9 + 1], [9e4, 0.0], mass=300.0),
+        lambda: sj.model.TabulatedLoad(np.zeros((2, 3)), time=[1.7e9, 1.7e9 + 1]),
         lambda: sj.SpeedProgramme.over_time([1.7e9, 1.7e9 + 1], [100.0, 110.0]),
     ):
         with pytest.raises(
@@ -180,22 +180,22 @@ def test_times_of_a_clock_are_refused_and_a_load_cells_noise_is_none(tmp_path):
         ):
             make()
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n-0.5, -0.3\n0, 60\n2, 60\n2.1, -0.1\n")
-    sled = sj.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
+    sled = sj.model.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
     np.testing.assert_allclose(sled.thrust, [0.0, 6e4, 6e4, 0.0])
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, -60\n2.1, 0\n")
     with pytest.raises(ValueError, match="`thrust` must be zero or positive, but is -60000 N"):
-        sj.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
+        sj.model.RocketSled.from_file(tmp_path / "thrust.csv", mass=300.0)
 
 
 def test_motors_in_the_format_of_rasp_are_read(tmp_path):
     file = tmp_path / "motor.eng"
     head = "; Estes D12\nD12 24 70 0-3-5-7 0.0211 0.0426 Estes\n"
     file.write_text(head + "   0.049 2.569\n   0.116 9.369\n 0.20 29.73 ; peak\n   1.7 0.0\n;\n")
-    sled = sj.RocketSled.from_file(file, mass=0.5)
+    sled = sj.model.RocketSled.from_file(file, mass=0.5)
     # the thrust rises from zero
     np.testing.assert_array_equal(sled.time, [0.0, 0.049, 0.116, 0.2, 1.7])
     np.testing.assert_array_equal(sled.thrust, [0.0, 2.569, 9.369, 29.73, 0.0])
     for text in (head, "0.1 5\n0.2 0\n", head + "0.1 5\n0.2 x\n", head + "0.1 5\n0.2 0\n" + head + "0.1 5\n0.2 0\n"):
         file.write_text(text)
         with pytest.raises(ValueError, match=r"motor\.eng is no RASP file that can be read"):
-            sj.RocketSled.from_file(file, mass=0.5)
+            sj.model.RocketSled.from_file(file, mass=0.5)

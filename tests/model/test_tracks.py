@@ -17,7 +17,7 @@ from ..common import fine
 from ..families import facts_of, irregularity_of, motion_of
 
 
-class SineTrack(sj.AbstractTrack):
+class SineTrack(sj.model.AbstractTrack):
     """A user-defined track without roll, whose lateral and vertical irregularities differ."""
 
     amplitude: float = 1e-3
@@ -28,7 +28,7 @@ class SineTrack(sj.AbstractTrack):
 
     def irregularity(self, distance):
         angle = 2 * jnp.pi * distance / self.wavelength
-        return sj.Irregularity(self.amplitude * jnp.sin(angle), 0.5 * self.amplitude * jnp.cos(angle), None)
+        return sj.model.Irregularity(self.amplitude * jnp.sin(angle), 0.5 * self.amplitude * jnp.cos(angle), None)
 
 
 class Plain(SineTrack):
@@ -42,7 +42,7 @@ class Rising(SineTrack):
     """One that does not recur, and is steepest after two waves."""
 
     def irregularity(self, distance):
-        return sj.Irregularity(1e-4 * distance + 9e-4 * jnp.maximum(distance - 20.0, 0.0), 0.0 * distance, None)
+        return sj.model.Irregularity(1e-4 * distance + 9e-4 * jnp.maximum(distance - 20.0, 0.0), 0.0 * distance, None)
 
 
 def scene_with(track):
@@ -67,7 +67,7 @@ def test_an_own_track_gets_the_steps_of_its_slope():
         assert float(scene.track.approach_speed(scene.speed)) == pytest.approx(2 * np.pi * 1e-3 * 1250 / 8, rel=1e-9)
     assert float(contact_duration(ours)) == pytest.approx(float(contact_duration(theirs)), rel=1e-9)
     stiff = [s.replace(stiffness=1e11) for s in (ours, theirs)]
-    assert sj.default_steps_per_period(stiff[0]) == sj.default_steps_per_period(stiff[1]) > 200
+    assert sj.model.default_steps_per_period(stiff[0]) == sj.model.default_steps_per_period(stiff[1]) > 200
 
 
 TRACKS = {
@@ -75,7 +75,7 @@ TRACKS = {
     "two waves": (sj.HarmonicTrack((10.0, 12.0), 1e-3), 60, 2 * np.pi * (1 / 10 + 1 / 12) / 1000, 10.0),
     "a divisor": (sj.HarmonicTrack((8.0, 2.0), 1e-3), 8, 2 * np.pi * (1 / 8 + 1 / 2) / 1000, 2.0),
     "no ratio": (sj.HarmonicTrack((8.0, 5.0001), 1e-3), np.inf, 2 * np.pi * (1 / 8 + 1 / 5.0001) / 1000, 5.0001),
-    "straight": (sj.StraightTrack(), 0, 0.0, 8.0),
+    "straight": (sj.model.StraightTrack(), 0, 0.0, 8.0),
     "a user's": (SineTrack(), 8, 2 * np.pi / 8000, 8.0),
     "a rising one": (Rising(), np.inf, 1e-3, 8.0),
 }
@@ -95,7 +95,7 @@ def test_tracks_say_whether_they_recur_how_steep_and_how_short_they_are(name):
 
 
 def test_short_waves_get_more_steps():
-    short = lambda ratio: sj.default_steps_per_period(sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4))
+    short = lambda ratio: sj.model.default_steps_per_period(sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4))
     assert [short(ratio) for ratio in (1, 4, 16)] == [40, 40, 160]
 
 
@@ -117,17 +117,17 @@ def test_short_waves_get_more_steps_where_impacts_are_damped():
     """See `slipperjax.model.step_size.damped_waves`."""
     sine = sj.paper_scene(1000.0)
     rail = dataclasses.replace(sine, track=sj.RandomTrack.sled(length=200.0))
-    steps = lambda scene: [sj.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)]
+    steps = lambda scene: [sj.model.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)]
     assert (steps(rail), steps(sine)) == ([120, 200, 320, 480], [40, 40, 40, 80])
 
 
 def test_default_steps_are_there_for_every_law():
     """Those without memory have no rate at touchdown to compare with."""
     scene = sj.paper_scene(1000.0)
-    of = lambda law: sj.default_steps_per_period(dataclasses.replace(scene, contact=law))
-    assert of(sj.HertzSpring(1e8)) == 40
-    assert of(sj.ConstantDamping(1e8, 0.5)) == 40
-    assert of(sj.ConstantDamping(1e8, 10.0)) > 40  # its damping force is seven times the elastic one
+    of = lambda law: sj.model.default_steps_per_period(dataclasses.replace(scene, contact=law))
+    assert of(sj.model.HertzSpring(1e8)) == 40
+    assert of(sj.model.ConstantDamping(1e8, 0.5)) == 40
+    assert of(sj.model.ConstantDamping(1e8, 10.0)) > 40  # its damping force is seven times the elastic one
 
 
 @pytest.mark.full
@@ -136,14 +136,14 @@ def test_lateral_and_vertical_are_separate():
     scene = scene_with(SineTrack())
     state = sj.initial_state(scene, sj.Motion(z=5e-4))
     normals, seen = np.asarray(scene.section.normals), []
-    gaps = sj.jit(lambda t: sj.reactions(t, state, sj.Args(scene)).gap)
+    gaps = sj.jit(lambda t: sj.model.reactions(t, state, sj.model.Args(scene)).gap)
     for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
         here = irregularity_of(scene.track, np.array(8.0 * t))
         np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
         # of the front; the rear is 0.2 m behind
         seen.append(np.asarray(gaps(t))[0] + normals @ shift)
     np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
-    assert np.all(np.isfinite(jax.tree.leaves(sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene)).motion)))
+    assert np.all(np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion)))
 
 
 @pytest.mark.full

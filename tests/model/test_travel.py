@@ -12,17 +12,17 @@ from slipperjax.model.starts import state_and_penetration
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("memory", [sj.EventLatch(), sj.SmoothSwitch()])
+@pytest.mark.parametrize("memory", [sj.model.EventLatch(), sj.model.SmoothSwitch()])
 def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     faster = sj.SpeedProgramme.over_distance([0.0, 80.0], [1250.0, 2000.0])
     scene = dataclasses.replace(sj.paper_scene(memory=memory), speed=faster)
-    start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.Args(scene, 3.0)
+    start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.model.Args(scene, 3.0)
     there = sj.paper_scene(float(scene.travel(3.25).speed), memory=memory)
     rates = [
-        jax.tree.leaves(sj.vector_field(s).evaluate(0.25, start, sj.Args(s, 3.0)).motion) for s in (scene, there)
+        jax.tree.leaves(sj.model.vector_field(s).evaluate(0.25, start, sj.model.Args(s, 3.0)).motion) for s in (scene, there)
     ]
     np.testing.assert_allclose(*rates, rtol=1e-12)
-    forces = [sj.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
+    forces = [sj.model.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
     assert np.max(forces[0]) > 0
     np.testing.assert_allclose(*forces, rtol=1e-12)
 
@@ -181,23 +181,23 @@ def test_free_flight_takes_the_time_of_a_programme(solver):
 
 @pytest.mark.full
 def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
-    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), speed=PROGRAMME)
-    args, state = sj.Args(scene, 10.0), sj.initial_state(scene, sj.Motion())
-    assert float(sj.reactions(0.5, state, args).drive_force) == pytest.approx(14.0 * 200.0, rel=1e-12)
-    drag = dataclasses.replace(scene, load=sj.AppliedLoad(force_by_square=[-0.02, 0.0, 0.0]))
-    force = float(sj.reactions(0.5, state, sj.Args(drag, 10.0)).drive_force)
+    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), speed=PROGRAMME)
+    args, state = sj.model.Args(scene, 10.0), sj.initial_state(scene, sj.Motion())
+    assert float(sj.model.reactions(0.5, state, args).drive_force) == pytest.approx(14.0 * 200.0, rel=1e-12)
+    drag = dataclasses.replace(scene, load=sj.model.AppliedLoad(force_by_square=[-0.02, 0.0, 0.0]))
+    force = float(sj.model.reactions(0.5, state, sj.model.Args(drag, 10.0)).drive_force)
     assert force == pytest.approx(14.0 * 200.0 + 0.02 * (50.0**2 + 400.0 * 84.0), rel=1e-12)
 
 
 def test_bad_programmes_in_files_name_the_line(tmp_path):
     (tmp_path / "scene.toml").write_text('base = "paper"\n[speed]\nstart = "5 m/s"\nstages = [5]\n')
     with pytest.raises(ValueError, match="line 4: `stages` must be a list of tables"):
-        sj.load_scene(tmp_path / "scene.toml")
+        sj.load(tmp_path / "scene.toml").scene
 
 
 def test_motions_without_end_need_a_constant_speed_and_no_wear():
     scene = sj.paper_scene()
-    worn = dataclasses.replace(scene, wear=sj.Wear(1e-12))
+    worn = dataclasses.replace(scene, wear=sj.model.Wear(1e-12))
     for one, words in ((dataclasses.replace(scene, speed=PROGRAMME), "a constant speed"), (worn, "no wear here")):
         with pytest.raises(ValueError, match=f"Argument `scene` must have {words}"):
             sj.lyapunov_spectrum(one, 1)

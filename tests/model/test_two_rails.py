@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow.simulate import check_rail
+from slipperjax.orbits.simulate import check_rail
 from slipperjax.model import SurveyedRails, SurveyedTrack
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
@@ -23,7 +23,7 @@ LEFT = sj.HarmonicTrack((8.0,), 1e-3)
 RIGHT = sj.HarmonicTrack((12.0, 6.0), 2e-4, 1e-3)
 PLACES = np.linspace(10.0, 50.0, 401)
 SLED = sj.RandomTrack.sled(length=300.0)
-PAIR = sj.RandomRails(SLED, coherence=0.5, gauge=1.2, seed=3)
+PAIR = sj.model.RandomRails(SLED, coherence=0.5, gauge=1.2, seed=3)
 
 
 def on(track):
@@ -39,7 +39,7 @@ def at(track, places=PLACES):
 
 
 def test_taken_as_one_two_rails_are_the_line_in_their_middle():
-    track = sj.TwoRails(LEFT, RIGHT, gauge=1.4)
+    track = sj.model.TwoRails(LEFT, RIGHT, gauge=1.4)
     one, other = (motion_of(rail, PLACES) for rail in (LEFT, RIGHT))
     for here, left, right in zip(motion_of(track, PLACES), one, other, strict=True):
         np.testing.assert_allclose(here.lateral, (left.lateral + right.lateral) / 2, atol=1e-18)
@@ -51,48 +51,48 @@ def test_taken_as_one_two_rails_are_the_line_in_their_middle():
     assert repr(track).endswith(", gauge=1.4 m)")
     for wrong in (1e-3, track):
         with pytest.raises(ValueError, match=r"`right` must be (a track such as|one rail, but is TwoRails)"):
-            sj.TwoRails(LEFT, wrong)
+            sj.model.TwoRails(LEFT, wrong)
 
 
 def sampled(begin, end, ends="straight"):
     distance = np.linspace(begin, end, 101)
-    return sj.SampledTrack(distance, 1e-3 * np.sin(distance), 1e-3 * np.cos(distance), ends=ends)
+    return sj.model.SampledTrack(distance, 1e-3 * np.sin(distance), 1e-3 * np.cos(distance), ends=ends)
 
 
 def test_two_rails_are_known_where_both_are():
-    track = sj.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0))
+    track = sj.model.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0))
     assert (track.begin, track.origin, track.extent, track.end) == (10.0, 10.0, 70.0, 90.0)
-    assert sj.TwoRails(LEFT, sampled(0.0, 70.0)).extent == 70.0
-    assert sj.TwoRails(LEFT, RIGHT).end == np.inf
+    assert sj.model.TwoRails(LEFT, sampled(0.0, 70.0)).extent == 70.0
+    assert sj.model.TwoRails(LEFT, RIGHT).end == np.inf
     for ends, words in (
         ("straight", r"leads to 74\.5 m, but the rail is known up to 70 m only"),
         ("error", r"`periods` must be at most 7 here.* because the rail ends at 70 m"),
     ):
         with pytest.raises((ValueError, sj.ImplausibleWarning), match=words):
-            check_rail(on(sj.TwoRails(sampled(10.0, 90.0, ends), sampled(0.0, 70.0, ends))), 8, 10.0)
+            check_rail(on(sj.model.TwoRails(sampled(10.0, 90.0, ends), sampled(0.0, 70.0, ends))), 8, 10.0)
 
 
 def test_a_sum_adds_to_each_rail():
-    joints = sj.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0)
-    pair = sj.TwoRails(LEFT, RIGHT, gauge=1.4)
-    for track in (sj.SumTrack(pair, joints), sj.SumTrack(joints, pair), sj.SumTrack(pair, joints).prepared()):
+    joints = sj.model.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0)
+    pair = sj.model.TwoRails(LEFT, RIGHT, gauge=1.4)
+    for track in (sj.model.SumTrack(pair, joints), sj.model.SumTrack(joints, pair), sj.model.SumTrack(pair, joints).prepared()):
         assert float(track.gauge) == 1.4
         for name, rail in pair.rails.items():
             apart = [at(part).vertical for part in (rail, joints)]
             # of one addition in two orders
             np.testing.assert_allclose(at(track.rails[name]).vertical, sum(apart), atol=1e-18)
-    twice = sj.SumTrack(pair, pair)
-    assert largest(at(twice.rails["right"]), at(sj.SumTrack(RIGHT, RIGHT))) == 0.0
-    assert sj.SumTrack(LEFT, joints).rails == {}
+    twice = sj.model.SumTrack(pair, pair)
+    assert largest(at(twice.rails["right"]), at(sj.model.SumTrack(RIGHT, RIGHT))) == 0.0
+    assert sj.model.SumTrack(LEFT, joints).rails == {}
 
 
 PAIRS = {
-    "harmonic": sj.TwoRails(LEFT, RIGHT, gauge=1.4),
-    "of kinds": sj.TwoRails(sampled(0.0, 70.0), SLED),
+    "harmonic": sj.model.TwoRails(LEFT, RIGHT, gauge=1.4),
+    "of kinds": sj.model.TwoRails(sampled(0.0, 70.0), SLED),
     "random": PAIR,
-    "of two spectra": sj.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=2.0)),
-    "set": sj.TrackSet([PAIR, sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0), gauge=1.2)], 1),
-    "sum": sj.SumTrack(sj.TwoRails(LEFT, RIGHT), RIGHT),
+    "of two spectra": sj.model.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=2.0)),
+    "set": sj.model.TrackSet([PAIR, sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0), gauge=1.2)], 1),
+    "sum": sj.model.SumTrack(sj.model.TwoRails(LEFT, RIGHT), RIGHT),
 }
 
 
@@ -128,7 +128,7 @@ def waves_of(coherence, correlation, roughness=1.0):
     """Complex waves of pairs that repeat, (direction, rail, pair, wavenumber), and their wavenumbers."""
     rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(1.0, 50.0), length=200.0, ends="repeat", coherence=correlation)
     right = dataclasses.replace(rail, roughness=roughness)
-    pair = sj.RandomRails(rail, coherence, right_rail=right)
+    pair = sj.model.RandomRails(rail, coherence, right_rail=right)
     x = jnp.arange(1600) / 8.0
 
     @jax.jit
@@ -192,27 +192,27 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
 def test_a_number_chooses_one_of_several_pairs():
     pairs = (PAIR, dataclasses.replace(PAIR, seed=8.0))
     for number, pair in enumerate(pairs):
-        chosen = sj.TrackSet(pairs, number)
+        chosen = sj.model.TrackSet(pairs, number)
         assert (float(chosen.gauge), chosen.begin, chosen.extent) == (1.2, 0.0, 300.0)
         for name, rail in pair.rails.items():
             assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-15
         assert largest(at(chosen), at(pair)) < 1e-15
-    again = sj.TrackSet([sj.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.TwoRails(sampled(5.0, 70.0), SLED)])
+    again = sj.model.TrackSet([sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.model.TwoRails(sampled(5.0, 70.0), SLED)])
     assert (again.begin, again.extent) == (5.0, 60.0)
 
 
 WRONG_SETS = {
     "be single rails or pairs of rails": SLED,
     "have one gauge": dataclasses.replace(PAIR, gauge=None),
-    "be rails such as": sj.TwoRails(LEFT, RIGHT, gauge=1.2),
-    "have the same ends": sj.TwoRails(sampled(0.0, 70.0, "error"), SLED, gauge=1.2),
+    "be rails such as": sj.model.TwoRails(LEFT, RIGHT, gauge=1.2),
+    "have the same ends": sj.model.TwoRails(sampled(0.0, 70.0, "error"), SLED, gauge=1.2),
 }
 
 
 def test_sets_of_rails_that_differ_too_much_are_refused():
     for words, other in WRONG_SETS.items():
         with pytest.raises(ValueError, match=f"`tracks` must {words}"):
-            sj.TrackSet((PAIR, other))
+            sj.model.TrackSet((PAIR, other))
 
 
 WRONG_PAIRS = {
@@ -226,7 +226,7 @@ WRONG_PAIRS = {
 @pytest.mark.parametrize("words", WRONG_PAIRS)
 def test_wrong_pairs_are_named(words):
     with pytest.raises(ValueError, match=words):
-        sj.RandomRails(**(dict(rail=SLED, coherence=0.5) | WRONG_PAIRS[words]))
+        sj.model.RandomRails(**(dict(rail=SLED, coherence=0.5) | WRONG_PAIRS[words]))
 
 
 SPACING = 0.1
@@ -237,41 +237,41 @@ SAMPLES = np.arange(0.0, 400.0 + SPACING / 2, SPACING)
 def surveyed(seed, coherence=0.64):
     """A survey of a pair of rails, which begins within much longer ones; the right one has joints."""
     rail = sj.RandomTrack.power_law(6e-10, 2.0, band=(0.2, 400.0), length=1600.0, coherence=-0.6)
-    joints = sj.FourierTrack((1.32,), (0.0,), (8e-5,))
+    joints = sj.model.FourierTrack((1.32,), (0.0,), (8e-5,))
 
     @jax.jit
     def displacements(seed):
-        pair = sj.RandomRails(rail, coherence, seed=seed)
-        return [track.irregularity(400.0 + SAMPLES)[:2] for track in (pair.left, sj.SumTrack(pair.right, joints))]
+        pair = sj.model.RandomRails(rail, coherence, seed=seed)
+        return [track.irregularity(400.0 + SAMPLES)[:2] for track in (pair.left, sj.model.SumTrack(pair.right, joints))]
 
-    rails = [sj.SampledTrack(SAMPLES, *each, ends="error") for each in displacements(float(seed))]
-    return sj.TwoRails(*rails, gauge=1.4)
+    rails = [sj.model.SampledTrack(SAMPLES, *each, ends="error") for each in displacements(float(seed))]
+    return sj.model.TwoRails(*rails, gauge=1.4)
 
 
 @pytest.mark.full
 def test_rails_like_a_survey_have_the_coherence_of_its_rails():
-    found = [float(sj.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
+    found = [float(sj.model.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
     # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
     assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
     opposite = surveyed(0)
-    opposite = sj.TwoRails(opposite.left, sj.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error"))
-    assert float(sj.RandomRails.like(opposite).coherence) == 0.0
+    opposite = sj.model.TwoRails(opposite.left, sj.model.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error"))
+    assert float(sj.model.RandomRails.like(opposite).coherence) == 0.0
 
 
 def test_rails_like_a_survey_are_each_like_its_own():
     survey = surveyed(0)
-    like = sj.RandomRails.like(survey, length=500.0, seed=7)
+    like = sj.model.RandomRails.like(survey, length=500.0, seed=7)
     for rail, own in ((like.rail, survey.left), (like.right_rail, survey.right)):
         assert eqx.tree_equal(rail, sj.RandomTrack.like(own, length=500.0))
     assert like.rail.lines is None
     np.testing.assert_allclose(like.right_rail.lines.wavelengths, [1.32], rtol=1e-3)  # measured 9e-5
     assert (float(like.gauge), float(like.seed), like.extent, like.end) == (1.4, 7.0, 500.0, 500.0)
-    for wrong, words in ((survey.left, "be two rails such as"), (sj.TwoRails(LEFT, RIGHT), "be a rail of samples")):
+    for wrong, words in ((survey.left, "be two rails such as"), (sj.model.TwoRails(LEFT, RIGHT), "be a rail of samples")):
         with pytest.raises(ValueError, match=f"`survey` must {words}"):
-            sj.RandomRails.like(wrong)
-    shifted = sj.SampledTrack(SAMPLES + 1.0, survey.right.lateral, 0.0, ends="error")
+            sj.model.RandomRails.like(wrong)
+    shifted = sj.model.SampledTrack(SAMPLES + 1.0, survey.right.lateral, 0.0, ends="error")
     with pytest.raises(ValueError, match="`survey` must have samples at the same distances on both rails"):
-        sj.RandomRails.like(sj.TwoRails(survey.left, shifted))
+        sj.model.RandomRails.like(sj.model.TwoRails(survey.left, shifted))
 
 
 DISTANCE = np.arange(0.0, 60.01, 0.25)
@@ -302,7 +302,7 @@ def written(folder, header=HEADER, columns=None, name="both.csv", change=None):
 def same(track, within=1e-15):
     assert isinstance(track, SurveyedRails)
     for side, rail in track.rails.items():
-        exact = sj.SampledTrack(DISTANCE, WAVES[f"{side} lateral"], WAVES[f"{side} vertical"])
+        exact = sj.model.SampledTrack(DISTANCE, WAVES[f"{side} lateral"], WAVES[f"{side} vertical"])
         assert largest(at(rail)[:2], at(exact)[:2]) < within
     return True
 
@@ -384,13 +384,13 @@ def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path)
     table = '[track]\nfile = "both.csv"\nends = "error"\ngauge = "1200 mm"\n'
     lines = re.sub(r"\[track\]\n.*?\n(?=\n)", table, scene.to_toml(), flags=re.DOTALL)
     (tmp_path / "scene.toml").write_text(lines)
-    again = sj.load_scene(tmp_path / "scene.toml").track
+    again = sj.load(tmp_path / "scene.toml").scene.track
     # that of the test has ramps, of which a spline knows little 2 m from them
     assert same(again, within=1e-12)  # measured 7e-14 m
     assert (again.gauge, again.ends) == (1.2, "error")
     (tmp_path / "scene.toml").write_text(lines.replace(table, table + "speed = 3\n"))
     with pytest.raises(ValueError, match=r"scene\.toml, line \d+: `speed` is none of file, sha256, chord, gauge"):
-        sj.load_scene(tmp_path / "scene.toml")
+        sj.load(tmp_path / "scene.toml").scene
     path.write_text(path.read_text().replace("gauge [mm]", "gauge  [mm]"))
     with pytest.raises(ValueError, match="`sha256` must be the content with which the scene was made"):
         scene_from_json(text)

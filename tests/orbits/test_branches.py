@@ -33,7 +33,7 @@ def labels(branch):
 
 @pytest.mark.full
 def test_points_are_orbits_of_their_scenes(branch):
-    ds = branch.points
+    ds = branch.ds
     assert float(ds["residual"].max()) < 1e-10
     for k in (0, ds.sizes["point"] // 2):
         orbit = branch.orbit(k)
@@ -60,15 +60,15 @@ def test_the_flip_and_the_grazings_are_located(branch):
         assert event.high - event.low < 1e-6
     # at 200 and 400 steps 1095.9138 and 1095.9042 m/s; measured at 96: 1096.00
     np.testing.assert_allclose(flip.value, 1095.91, rtol=2e-4)
-    stable = branch.points["stable"].values
-    beyond = branch.points["speed"].values > flip.value + 1e-6
+    stable = branch.ds["stable"].values
+    beyond = branch.ds["speed"].values > flip.value + 1e-6
     assert stable[beyond].all()
-    assert not stable[~beyond & (branch.points["label"].values != "PD")].any()
+    assert not stable[~beyond & (branch.ds["label"].values != "PD")].any()
     # a touchdown comes with each, of zero speed, and its gap's extreme is zero
     for event in grazings:
-        before, after = (branch.points.isel(point=event.point + k) for k in (-1, 1))
+        before, after = (branch.ds.isel(point=event.point + k) for k in (-1, 1))
         assert abs(int(after["touchdowns"].sum()) - int(before["touchdowns"].sum())) == 1
-        assert float(branch.points["grazing_gap"][event.point]) < 1e-10
+        assert float(branch.ds["grazing_gap"][event.point]) < 1e-10
         assert "touches once" in event.note
 
 
@@ -87,14 +87,14 @@ def test_grazings_are_those_of_fine_trajectories(branch):
 
 
 def test_tables_of_a_branch_and_a_curve_have_a_row_for_each_point_and_event():
-    branch = sj.load_branch(DATA)
+    branch = sj.load(DATA)
     rows, events = branch.to_dataframe(), branch.events_dataframe()
-    assert (len(rows), len(events)) == (branch.points.sizes["point"], len(branch.events)) == (16, 3)
-    np.testing.assert_array_equal(rows["state_3"], branch.points["state"][:, 3])
+    assert (len(rows), len(events)) == (branch.ds.sizes["point"], len(branch.events)) == (16, 3)
+    np.testing.assert_array_equal(rows["state_3"], branch.ds["state"][:, 3])
     assert events["label"].tolist() == ["EP", "PD", "EP"]
     assert rows.columns[:3].tolist() == ["speed", "outside", "stable"]
     clearance = ("point", np.linspace(1e-3, 2e-3, len(rows)))
-    points = branch.points.assign_coords(clearance=clearance).assign_attrs(varied='["speed", "clearance"]')
+    points = branch.ds.assign_coords(clearance=clearance).assign_attrs(varied='["speed", "clearance"]')
     rows = OrbitCurve(points).to_dataframe()
     assert rows.columns[:2].tolist() == ["speed", "clearance"]
     np.testing.assert_array_equal(rows["clearance"], clearance[1])
@@ -103,7 +103,7 @@ def test_tables_of_a_branch_and_a_curve_have_a_row_for_each_point_and_event():
 @pytest.mark.full
 def test_a_critical_orbit_may_be_of_a_traced_scene():
     """Slow tests compute its derivatives."""
-    branch = sj.load_branch(DATA)
+    branch = sj.load(DATA)
     orbit = branch.orbit(branch.events_named("PD")[0])
     value = lambda c: critical_orbit(branch.scene.replace(clearance=c), "speed", "PD", orbit).value
     assert jax.eval_shape(jax.jacfwd(value), 1e-3).shape == ()
@@ -112,15 +112,15 @@ def test_a_critical_orbit_may_be_of_a_traced_scene():
 @pytest.mark.full
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
     branch.to_netcdf(tmp_path / "branch.nc")
-    read = sj.load_branch(tmp_path / "branch.nc")
+    read = sj.load(tmp_path / "branch.nc")
     assert read.summary() == branch.summary()
     assert "PD" in repr(read)
     wider = read.extended((1045.0, 1270.0))
     assert wider.points["speed"].values[0] == 1045.0
     assert labels(wider) == ["EP", "GR", "GR", "PD", "EP"]
     same = wider.points.isel(point=slice(-5, None))
-    np.testing.assert_allclose(same["state"], branch.points["state"][-5:], atol=1e-12)
-    scene = sj.load_scene(read.points.isel(point=3))
+    np.testing.assert_allclose(same["state"], branch.ds["state"][-5:], atol=1e-12)
+    scene = sj.load(read.points.isel(point=3)).scene
     np.testing.assert_allclose(float(scene.speed), read.points["speed"][3])
 
 
@@ -144,16 +144,16 @@ def test_a_branch_that_is_interrupted_goes_on(branch, monkeypatch):
     with pytest.raises(sj.Interrupted) as stop:
         followed(until=("PD",))
     part = stop.value.result
-    assert part.points.attrs["ended"] == ["count", "interrupted"]
-    assert stop.value.finished == part.points.sizes["point"] < branch.points.sizes["point"]
+    assert part.ds.attrs["ended"] == ["count", "interrupted"]
+    assert stop.value.finished == part.ds.sizes["point"] < branch.ds.sizes["point"]
     part = part.extended(until=("PD",))
-    assert part.points.attrs["ended"] == ["event", "bound"]
+    assert part.ds.attrs["ended"] == ["event", "bound"]
     # what else lies within the last step is kept: here a grazing
     assert labels(part) == ["GR", "PD", "EP"]
     whole = part.extended()
     # measured: equal to the last bit
-    np.testing.assert_allclose(whole.points["speed"], branch.points["speed"], rtol=1e-12)
-    np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
+    np.testing.assert_allclose(whole.points["speed"], branch.ds["speed"], rtol=1e-12)
+    np.testing.assert_allclose(whole.points["state"], branch.ds["state"], atol=1e-12)
 
 
 @pytest.mark.slow
@@ -188,7 +188,7 @@ def test_the_doubled_branch_leaves_at_the_flip(branch):
 def test_curves_of_the_flip_and_of_a_grazing(branch):
     flip, touch = branch.events_named("PD")[0], branch.events_named("GR")[0]
     curve = continue_event(branch, flip, "clearance", (0.95e-3, 1.05e-3))
-    speeds, clearances = curve.points["speed"].values, curve.points["clearance"].values
+    speeds, clearances = curve.ds["speed"].values, curve.ds["clearance"].values
     assert curve.label == "PD"
     assert {round(c, 9) for c in clearances[[0, -1]]} == {0.95e-3, 1.05e-3}
     order = np.argsort(clearances)
@@ -218,4 +218,4 @@ def test_wrong_arguments_are_named(nominal):
     with pytest.raises(ValueError, match="`start` must be near a periodic motion"):
         sj.continue_orbit(SCENE.replace(speed=100.0), "speed", (90.0, 120.0), start=nominal, steps_per_period=20)
     with pytest.raises(ValueError, match="must be a result of continue_orbit"):
-        sj.load_branch(nominal.to_xarray())
+        sj.load(nominal.ds)

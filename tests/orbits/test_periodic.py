@@ -11,7 +11,7 @@ import slipperjax as sj
 from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.simulate import dynamic_steps, run_eagerly
+from slipperjax.orbits.simulate import dynamic_steps, run_eagerly
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.orbits import periodic
@@ -63,7 +63,7 @@ def test_multipliers_are_those_of_differences(nominal):
 @pytest.mark.slow
 def test_an_orbit_whose_contacts_are_pressed_again_remembers_the_peak_rate():
     """With restitution 0.5 contacts last, so that both memories have orbits of their own."""
-    scene = sj.paper_scene(1250.0, restitution=0.5, memory=sj.PeakRateLatch())
+    scene = sj.paper_scene(1250.0, restitution=0.5, memory=sj.model.PeakRateLatch())
     orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
     assert orbit.status == Status.FINITE
     assert float(orbit.residual) < 1e-11  # measured 9e-14
@@ -115,7 +115,7 @@ def test_the_signature_is_that_of_a_fine_trajectory(nominal):
     gap = np.asarray(nominal.trajectory().reactions.gap).reshape(STEPS + 1, -1)
     names = [f"{n}{e}" for e in (1, 2) for n in SCENE.section.names]
     opened = np.argwhere((gap[:-1] >= 0) & (gap[1:] < 0))
-    assert sorted(found.points) == sorted(names[point] for _, point in opened)
+    assert sorted(found.ds) == sorted(names[point] for _, point in opened)
     rates = {}
     for k, point in opened:  # the slope of the parabola through three saved gaps, where it is zero
         a, b, c = gap[k - 1 : k + 2, point]
@@ -139,7 +139,7 @@ def test_a_signature_names_the_points_in_the_order_of_their_touchdowns():
         gap[:, names.index(name)] = -(k + 1) * 1e-3 * np.sin(turn)
         rate[:, names.index(name)] = -(k + 1) * 1e-3 * np.cos(turn) * 2 * np.pi / period
     found = signature(SCENE, Gaps.of(gap[None], rate[None], steps, period))
-    assert found.points == tuple(when)
+    assert found.ds == tuple(when)
     assert found.closed == ("D2",)
     # the cubics miss a sine by 1e-7
     np.testing.assert_allclose([one.period for one in found.touchdowns], list(when.values()), rtol=1e-6)
@@ -164,13 +164,13 @@ def test_derivatives_in_both_modes_and_batches(nominal):
 
 @pytest.mark.full
 def test_a_dataset_holds_one_period_and_the_multipliers(nominal):
-    ds = nominal.to_xarray()
+    ds = nominal.ds
     np.testing.assert_allclose(ds["v_y"][-1], ds["v_y"][0], rtol=1e-9)
     np.testing.assert_allclose(ds["multiplier_real"] + 1j * ds["multiplier_imag"], nominal.multipliers)
     assert ds.attrs["stable"] == 1
     assert ds.attrs["orbit_period"] == 1
     assert "H1" in ds.attrs["signature"]
-    assert eqx.tree_equal(sj.load_scene(ds), SCENE)
+    assert eqx.tree_equal(sj.load(ds).scene, SCENE)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
@@ -191,7 +191,7 @@ def test_failures_say_what_happened(nominal):
 
 @pytest.mark.slow
 def test_smooth_memory_has_orbits_too():
-    smooth = eqx.tree_at(lambda s: s.memory, SCENE, sj.SmoothSwitch())
+    smooth = eqx.tree_at(lambda s: s.memory, SCENE, sj.model.SmoothSwitch())
     begin = sj.simulate(smooth, 60, steps_per_period=2000, loads=False, saves_per_period=1)
     found = sj.periodic_orbit(smooth, start=begin, steps_per_period=2000)
     assert int(found.status) == Status.FINITE

@@ -123,7 +123,7 @@ def test_frames_are_the_saved_states_that_are_asked_for(animation, tmp_path):
 
 @pytest.mark.full
 def test_wrong_arguments_of_an_animation_are_named(run):
-    ds = run.to_xarray()
+    ds = run.ds
     for arguments, words in (
         (dict(run=ds.drop_attrs(), scene=None), "no attribute `scene`"),
         (dict(run=ds.drop_vars("contact_force")), "`run` must be .*, with `contact_force`, but has"),
@@ -137,7 +137,7 @@ def test_wrong_arguments_of_an_animation_are_named(run):
 
 @pytest.mark.full
 def test_datasets_are_shown_with_their_scene(run):
-    ds = run.to_xarray().assign_coords(clearance=3e-3)
+    ds = run.ds.assign_coords(clearance=3e-3)
     front = panels(plots.instant(ds, SCENE, at=2.4, magnify=1.0, last=1.0))[0]
     wide = SCENE.replace(clearance=3e-3)
     motion = sj.Motion.from_euler(**{name: float(ds[name][120]) for name in ("y", "z", "roll", "pitch", "yaw")})

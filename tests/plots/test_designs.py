@@ -26,7 +26,7 @@ def design(monkeypatch):
         box = {name: BOX[name] for name in variables or ("clearance", "length")}
         over = {"speed": list(speeds)} if speeds else None
         options = dict(over=over, starts=2, max_trials=5, steps_per_period=50) | options
-        return optimise_design(sj.paper_scene(), "peak_force", box, **options).to_xarray()
+        return optimise_design(sj.paper_scene(), "peak_force", box, **options).ds
 
     return make
 

@@ -48,7 +48,7 @@ def over(*dims, **variables):
     ],
 )
 def test_each_result_has_its_picture(ds, name, drawn):
-    ds.slipper.plot()
+    ds.plot()
     assert drawn == [(name, {"name": "peak_force"} if name == "quantity_map" else {})]
 
 
@@ -73,4 +73,4 @@ def test_datasets_draw_themselves_as_soon_as_there_are_any_and_say_where_no_pict
     subprocess.run([sys.executable, "-c", code], check=True)
     for ds in (over("speed", "length", "mass", kind=[]), xr.Dataset()):
         with pytest.raises(ValueError, match=r"`result` must have a picture that fits, but is over .*\.isel"):
-            ds.slipper.plot()
+            ds.plot()

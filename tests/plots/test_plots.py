@@ -263,7 +263,7 @@ def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title():
 
 def test_rails_are_drawn_from_where_they_begin():
     places = np.linspace(0.0, 64.0, 257)
-    track = sj.SampledTrack(129_773.0 + places, 1e-3 * np.sin(places), 0.0, ramp=0.0)
+    track = sj.model.SampledTrack(129_773.0 + places, 1e-3 * np.sin(places), 0.0, ramp=0.0)
     upper, below, _ = plots.rail(dataclasses.replace(sj.paper_scene(), track=track))
     x, y = upper.lines[0].get_data()
     inside = x < 129_837.0
@@ -277,7 +277,7 @@ def test_both_rails_of_a_track_are_drawn():
     left, right = sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((8.0,), 2e-3)
     mounts = [sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))]
     sled = sj.Sled(mass=28.0, inertia=(10.0, 5.0, 15.0), mounts=mounts)
-    scene = dataclasses.replace(sj.paper_scene(), slipper=sled, track=sj.TwoRails(left, right))
+    scene = dataclasses.replace(sj.paper_scene(), slipper=sled, track=sj.model.TwoRails(left, right))
     upper, _, spectrum = plots.rail(scene)
     # 25 wavelengths in 4096 places come close to the crests
     np.testing.assert_allclose([line.get_ydata().max() for line in upper.lines], [1.0, 2.0], rtol=1e-3)
@@ -308,7 +308,7 @@ def test_wrong_inputs_of_pictures_are_one_line(call, words):
         call()
 
 
-class InFeet(sj.SampledTrack):
+class InFeet(sj.model.SampledTrack):
     """A rail whose survey has its distances in feet."""
 
     distance_unit = "ft"

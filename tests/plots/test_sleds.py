@@ -28,7 +28,7 @@ NAMES = ["left1", "left2", "right1", "right2"]
 
 def sled(**parts):
     """Gives a sled at 300 m/s on two random rails."""
-    track = sj.TwoRails(*(sj.RandomTrack.sled(seed=k, length=200.0) for k in (1, 2)))
+    track = sj.model.TwoRails(*(sj.RandomTrack.sled(seed=k, length=200.0) for k in (1, 2)))
     body = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=MOUNTS, **parts)
     return dataclasses.replace(sj.paper_scene(speed=300.0), slipper=body, track=track, gravity=9.81)
 
@@ -179,13 +179,13 @@ def test_an_elastic_sled_s_slippers_are_drawn_where_its_mode_has_them():
     """A mode that moves the second slipper upwards by 0.4 mm."""
     shapes = np.zeros((1, 4, 3))
     shapes[0, 1, 2] = 0.05
-    scene = sled(modes=sj.Modes([50.0], [0.02], shapes))
+    scene = sled(modes=sj.model.Modes([50.0], [0.02], shapes))
     still = lambda q, modes: sj.State(sj.Motion(modes=modes), jnp.zeros(80) * q)
-    elastic = lambda q: still(q, sj.ModalMotion(q[None], 0 * q[None]))
+    elastic = lambda q: still(q, sj.model.ModalMotion(q[None], 0 * q[None]))
     states = [jax.vmap(elastic)(jnp.full(3, 8e-3)), jax.vmap(lambda q: still(q, None))(jnp.zeros(3))]
     period = jnp.asarray([1.0, 1.5, 2.0])
     moved, rigid = (
-        sj.Trajectory(of, period, state, 50, jnp.full(2, 50), jnp.asarray(0), None)
+        sj.orbits.Trajectory(of, period, state, 50, jnp.full(2, 50), jnp.asarray(0), None)
         for of, state in zip((scene, SCENE), states, strict=True)
     )
     tops = []

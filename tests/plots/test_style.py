@@ -85,7 +85,7 @@ def test_files_keep_text_and_fonts():
 def test_numbers_of_both_ways_are_curves_over_the_parameter():
     ds = followed([(0, 0, 0, 1), (0,) * 4]).drop_vars(["v_y", "v_z", "w_x", "w_y", "w_z"])
     ds["impulse"] = (("direction", "clearance"), [[1.0, 2.0, 3.0, 4.0], [1.0, 2.5, 3.5, 4.0]])
-    ax = plots.plot(ds)
+    ax = ds.plot()
     up, down = (line for line in ax.lines if line.get_linestyle() == "-")
     assert legend(ax) == ["followed up", "status not 0", "followed down"]
     np.testing.assert_array_equal(drawn(up)[:, 1], [1.0, 2.0, 3.0, np.nan])

@@ -22,7 +22,7 @@ from slipperjax.solvers.adaptive import _until
 from slipperjax.solvers.named import resolve_solver
 from slipperjax.solvers.simplified_newton import SimplifiedNewton
 
-SMOOTH = sj.paper_scene(memory=sj.SmoothSwitch())
+SMOOTH = sj.paper_scene(memory=sj.model.SmoothSwitch())
 
 
 def test_steps_end_where_the_first_gap_closes():
@@ -38,7 +38,7 @@ def test_steps_end_where_the_first_gap_closes():
 
 
 def test_contacts_feel_the_memory_of_the_approach_alone():
-    switch = sj.SmoothSwitch(1e-5, 1e-4)
+    switch = sj.model.SmoothSwitch(1e-5, 1e-4)
     felt = lambda gap, rate: float(switch.felt(jnp.array(gap), jnp.array(rate), jnp.array(1e-3)))
     assert felt(-1e-4, -1.0) == felt(0.0, -1.0) == 1.0
     assert felt(2e-4, -1.0) == pytest.approx(np.exp(-2))  # two relaxation times before touchdown
@@ -48,8 +48,8 @@ def test_contacts_feel_the_memory_of_the_approach_alone():
 
 
 def test_stages_are_solved_to_a_tenth_of_the_tolerance():
-    scales = Motion(*[0.5 * v for v in jax.tree.leaves(sj.AdaptiveSteps().scales)])
-    of = lambda solver, **options: ControlledSteps(1, 100, sj.AdaptiveSteps(1e-4, **options)).prepared(solver)
+    scales = Motion(*[0.5 * v for v in jax.tree.leaves(sj.solvers.AdaptiveSteps().scales)])
+    of = lambda solver, **options: ControlledSteps(1, 100, sj.solvers.AdaptiveSteps(1e-4, **options)).prepared(solver)
     stock = resolve_solver(SMOOTH, diffrax.Kvaerno4())
     assert stock.root_finder.tolerance is None
     assert float(of(stock).root_finder.tolerance) == pytest.approx(1e-5)
@@ -85,10 +85,10 @@ def carrying(scene):
     """A scene with a mass on springs, and with two elastic modes, the second of which moves its place alone."""
     shapes = np.array([[[0.0, 0.2], [0.0, -0.2]], [[0.0, 0.0], [0.0, 0.0]]])
     place = np.array([[[0.0, 0.0, 0.1]], [[0.0, 0.0, 0.5]]])
-    modes = sj.Modes([80.0, 8000.0], [0.02, 0.02], shapes, places=np.zeros((1, 3)), place_shapes=place)
+    modes = sj.model.Modes([80.0, 8000.0], [0.02, 0.02], shapes, places=np.zeros((1, 3)), place_shapes=place)
     mounts = [sj.Mount(x=1.0), sj.Mount(x=-1.0)]
     body = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts, modes=modes)
-    payload = sj.SledMass(mass=50.0, stiffness=(1e6, 1e6))
+    payload = sj.model.SledMass(mass=50.0, stiffness=(1e6, 1e6))
     return dataclasses.replace(scene, slipper=body, sled=payload)
 
 
@@ -107,7 +107,7 @@ def test_errors_of_every_part_count(part, size):
     scene = carrying(sj.paper_scene())
     state = sj.initial_state(scene, sj.Motion())
     small = jax.tree.map(jnp.zeros_like, state)
-    step = lambda error: sj.AdaptiveSteps(1e-4).adapt_step_size(
+    step = lambda error: sj.solvers.AdaptiveSteps(1e-4).adapt_step_size(
         0.0, 0.01, state, state, Args(scene), error, 4.0, (jnp.array(0.01), jnp.array(1.0))
     )
     for share, kept in ((0.9, True), (1.1, False)):
@@ -127,7 +127,7 @@ def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
     @jax.jit
     def is_kept(error):
         before = 0.0, 0.01, state, state, Args(scene)
-        return sj.AdaptiveSteps(1e-4).adapt_step_size(*before, error, 4.0, (jnp.array(0.01), jnp.array(1.0)))[0]
+        return sj.solvers.AdaptiveSteps(1e-4).adapt_step_size(*before, error, 4.0, (jnp.array(0.01), jnp.array(1.0)))[0]
 
     assert [bool(is_kept(error)) for error in (small, large)] == [True, False]
 
@@ -144,8 +144,8 @@ def test_records_of_adaptive_steps_are_those_of_many_constant_ones():
         run = lambda state: PeriodMap(scene, stepping, solver).run(state, periods=2, records=records).carried
         return dict(zip(kept, jax.jit(run)(state), strict=True))
 
-    right = joined(ConstantSteps(3200), sj.ImpulseRK4())
-    found = joined(ControlledSteps(400, 400, sj.AdaptiveSteps(1e-6)), sj.Tsit5())
+    right = joined(ConstantSteps(3200), sj.solvers.ImpulseRK4())
+    found = joined(ControlledSteps(400, 400, sj.solvers.AdaptiveSteps(1e-6)), sj.solvers.Tsit5())
     size = lambda values: float(np.max(np.abs(values)))
     error = {name: size(found[name] - of) / max(size(of), 1e-12) for name, of in right.items()}
     print(", ".join(f"{name} {e:.1e}" for name, e in sorted(error.items(), key=lambda pair: -pair[1])[:5]))
@@ -159,7 +159,7 @@ def test_records_of_adaptive_steps_are_those_of_many_constant_ones():
 def test_a_run_goes_on_from_a_state_between_adaptive_steps():
     """Where a contact has just opened its memory is that of an open point, so that it may touch down again."""
     scene = sj.paper_scene(restitution=0.4)
-    options = dict(stepsize_controller=sj.AdaptiveSteps(1e-5), solver="Tsit5", steps_per_period=400)
+    options = dict(stepsize_controller=sj.solvers.AdaptiveSteps(1e-5), solver="Tsit5", steps_per_period=400)
     run = sj.simulate(scene, 2, saves_per_period=400, **options)
     gap, memory = run.reactions.gap.reshape(len(run.period), -1), run.state.memory
     assert np.any((memory < 0) & (gap < 0))

@@ -17,16 +17,16 @@ from ..systems.fields import Ball, Smooth, rebound, rebound_slope
 pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # a stiffness of one
 
 compiled = functools.partial(jax.jit, compiler_options=QUICK)
-DOPRI = sj.Latching(diffrax.Dopri5())
-SOLVERS = {"RK4": sj.RK4(), "Tsit5": sj.Tsit5(), "Dopri5": DOPRI, "TwoStep": sj.TwoStep()}
-SOLVERS |= {"Rodas4": sj.Rodas4(), "ROS34PW2": sj.ROS34PW2()}
+DOPRI = sj.solvers.Latching(diffrax.Dopri5())
+SOLVERS = {"RK4": sj.solvers.RK4(), "Tsit5": sj.solvers.Tsit5(), "Dopri5": DOPRI, "TwoStep": sj.solvers.TwoStep()}
+SOLVERS |= {"Rodas4": sj.solvers.Rodas4(), "ROS34PW2": sj.solvers.ROS34PW2()}
 """All of them, with one of diffrax's."""
 
 
 @functools.cache
 def smooth_end(solver):
     """The motion at the last of some times, by the solver's own `init` and `step`."""
-    terms, args = diffrax.ODETerm(Smooth()), sj.Args(Smooth.scene)
+    terms, args = diffrax.ODETerm(Smooth()), sj.model.Args(Smooth.scene)
 
     @compiled
     def end(times):
@@ -55,14 +55,14 @@ def uneven(n):
 # Measured: orders 4.06, 4.77, 4.94, 2.00, 1.99, 2.01, 4.12, 3.01;
 # errors at 64 steps 1.2e-8, 3.3e-12, 2.3e-11, 2.3e-4, 4.1e-4, 3.5e-4, 1.0e-9, 2.2e-6
 ORDERS = {
-    "RK4": (sj.RK4(), even, 4, 3e-8),
-    "Tsit5": (sj.Tsit5(), even, 5, 1e-11),
+    "RK4": (sj.solvers.RK4(), even, 4, 3e-8),
+    "Tsit5": (sj.solvers.Tsit5(), even, 5, 1e-11),
     "Dopri5": (DOPRI, even, 5, 6e-11),
-    "TwoStep": (sj.TwoStep(), even, 2, 1e-3),
-    "TwoStep, uneven": (sj.TwoStep(), uneven, 2, 1e-3),
-    "TwoStep without damping": (sj.TwoStep(rho_inf=1.0), uneven, 2, 1e-3),
-    "Rodas4": (sj.Rodas4(), even, 4, 3e-9),
-    "ROS34PW2": (sj.ROS34PW2(), even, 3, 5e-6),
+    "TwoStep": (sj.solvers.TwoStep(), even, 2, 1e-3),
+    "TwoStep, uneven": (sj.solvers.TwoStep(), uneven, 2, 1e-3),
+    "TwoStep without damping": (sj.solvers.TwoStep(rho_inf=1.0), uneven, 2, 1e-3),
+    "Rodas4": (sj.solvers.Rodas4(), even, 4, 3e-9),
+    "ROS34PW2": (sj.solvers.ROS34PW2(), even, 3, 5e-6),
 }
 
 
@@ -75,20 +75,20 @@ def test_order_on_a_smooth_motion(case):
     assert order - 0.25 < np.log2(coarse / fine) < order + 0.7
 
 
-LAWS = (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh)
+LAWS = (sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh)
 AT = np.array([1e8, 0.5, 0.7])
 """Stiffness [N/m^1.5], restitution [1] and approach speed [m/s]."""
 
 
-def after_impact(relative, stepping, solver, law=sj.Flores):
+def after_impact(relative, stepping, solver, law=sj.model.Flores):
     """Speed [m/s] of a ball after its impact on the plane, from values relative to `AT`."""
     plain = sj.paper_scene()
     stiffness, restitution, approach = relative * AT
-    scene = sj.Scene(100.0, plain.slipper, plain.section, sj.StraightTrack(), law(1.0, 0.5), window=1.0)
+    scene = sj.Scene(100.0, plain.slipper, plain.section, sj.model.StraightTrack(), law(1.0, 0.5), window=1.0)
     scene = scene.replace(stiffness=stiffness, restitution=restitution)
     motion = jax.tree.map(lambda v: jnp.asarray(v, float), sj.Motion(z=1e-3, v_z=-approach))
     state = sj.State(motion, jnp.zeros(1))
-    terms, args, solver = diffrax.ODETerm(Ball()), sj.Args(scene), stepping.prepared(solver)
+    terms, args, solver = diffrax.ODETerm(Ball()), sj.model.Args(scene), stepping.prepared(solver)
     begin = stepping.begin(terms, solver, state, args)
     return stepping.period(terms, solver, state, begin, args, False).end.motion.v_z
 
@@ -99,8 +99,8 @@ def factor(law):
 
 # Measured: orders 2.5, 2.5, 2.5, 1.9, 2.5, 2.5;
 # errors at 800 steps 4.5e-8, 4.3e-8, 4.5e-8, 1.8e-6, 5.6e-8, 6.2e-8 m/s
-REBOUNDS = {name: (solver, sj.Flores) for name, solver in SOLVERS.items()}
-REBOUNDS |= {law.__name__: (sj.RK4(), law) for law in LAWS[1:]}
+REBOUNDS = {name: (solver, sj.model.Flores) for name, solver in SOLVERS.items()}
+REBOUNDS |= {law.__name__: (sj.solvers.RK4(), law) for law in LAWS[1:]}
 
 
 @pytest.mark.parametrize("case", among(REBOUNDS, "RK4", "Tsit5", *(law.__name__ for law in LAWS)))
@@ -109,13 +109,13 @@ def test_rebound_of_a_ball(case):
     run = compiled(lambda steps: after_impact(jnp.ones(3), ConstantSteps(None, steps), solver, law))
     exact = AT[2] * rebound(factor(law))
     coarse, fine = (abs(float(run(jnp.asarray(steps))) - exact) for steps in (100.0, 800.0))
-    assert fine < (4e-6 if isinstance(solver, sj.TwoStep) else 1.5e-7)
+    assert fine < (4e-6 if isinstance(solver, sj.solvers.TwoStep) else 1.5e-7)
     assert np.log2(coarse / fine) / 3 > 1.85
 
 
 def exact_slopes():
     """Derivatives of the speed after the impact with respect to values relative to `AT`."""
-    c_r, e, slope = AT[1], rebound(factor(sj.Flores)), rebound_slope(factor(sj.Flores))
+    c_r, e, slope = AT[1], rebound(factor(sj.model.Flores)), rebound_slope(factor(sj.model.Flores))
     return np.array([0.0, AT[2] * slope * (-8 / (5 * c_r**2)) * c_r, AT[2] * e])
 
 

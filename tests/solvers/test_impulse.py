@@ -29,14 +29,14 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*`clearance`:slipperjax.Implaus
 
 
 def law_of(law):
-    own = {} if law is sj.HertzSpring else dict(restitution=AT[1])
+    own = {} if law is sj.model.HertzSpring else dict(restitution=AT[1])
     return law(stiffness=AT[0], **own)
 
 
 def dropped(relative, steps, solver, law):
     """Speed [m/s] of a level slipper after an impact of its roof on a straight rail, from values relative to `AT`."""
     stiffness, restitution, approach = relative * AT
-    scene = sj.Scene(100.0, sj.paper_scene().slipper, ROOF, sj.StraightTrack(), law, window=1.0)
+    scene = sj.Scene(100.0, sj.paper_scene().slipper, ROOF, sj.model.StraightTrack(), law, window=1.0)
     scene = scene.replace(stiffness=stiffness)
     if law.has_memory:
         scene = scene.replace(restitution=restitution)
@@ -44,7 +44,7 @@ def dropped(relative, steps, solver, law):
     return sj.period_map(scene, state, steps_per_period=steps, solver=solver).motion.v_z
 
 
-LAWS = sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh, sj.HertzSpring
+LAWS = sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh, sj.model.HertzSpring
 
 
 # Measured at 50 and 400 steps: Flores 1.0e-5, 3.8e-8; Hunt-Crossley 8.3e-6, 2.3e-8; Lankarani-Nikravesh 8.6e-6,
@@ -53,7 +53,7 @@ LAWS = sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh, sj.HertzSpring
 def test_rebound_of_a_level_slipper(law):
     law = law_of(law)
     exact = AT[2] * (rebound(float(law.factor)) if law.has_memory else 1.0)
-    coarse, fine = (abs(dropped(np.ones(3), steps, sj.ImpulseRK4(), law) - exact) for steps in (50, 400))
+    coarse, fine = (abs(dropped(np.ones(3), steps, sj.solvers.ImpulseRK4(), law) - exact) for steps in (50, 400))
     assert coarse < 3e-5
     assert fine < 1e-7
     assert np.log2(coarse / fine) / 3 > 1.9  # measured 2.1 to 3.2
@@ -67,12 +67,12 @@ def test_restitution_in_and_rebound_out():
     """The table of docs/how_to/scenes.md: in closed form, and of a drop of a level slipper at 0.7 m/s."""
     given = (0.1, 0.3, 0.5, 0.7, 0.9)
     rows = []
-    for law in (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh):
+    for law in (sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh):
         exact = [rebound(float(law(1e8, restitution).factor)) for restitution in given]
         rows.append(f"| `{law.__name__}` | " + " | ".join(f"{value:.2f}" for value in exact) + " |")
         # of 0.1, contact outlasts the run
         relative = [np.array([1.0, restitution / AT[1], 1.0]) for restitution in given[1:]]
-        found = [dropped(at, 100, sj.ImpulseRK4(), law_of(law)) / AT[2] for at in relative]
+        found = [dropped(at, 100, sj.solvers.ImpulseRK4(), law_of(law)) / AT[2] for at in relative]
         np.testing.assert_allclose(found, exact[1:], atol=1e-4)
     print("\n".join(rows))
     text = SCENES.read_text()
@@ -81,9 +81,9 @@ def test_restitution_in_and_rebound_out():
 
 @pytest.mark.full
 def test_derivatives_of_the_rebound():
-    law, factor = law_of(sj.Flores), float(law_of(sj.Flores).factor)
+    law, factor = law_of(sj.model.Flores), float(law_of(sj.model.Flores).factor)
     exact = [0.0, AT[2] * rebound_slope(factor) * (-8 / (5 * AT[1] ** 2)) * AT[1], AT[2] * rebound(factor)]
-    speed = functools.partial(dropped, steps=100, solver=sj.ImpulseRK4(), law=law)
+    speed = functools.partial(dropped, steps=100, solver=sj.solvers.ImpulseRK4(), law=law)
     found = jax.jacfwd(lambda x: speed(x))(jnp.ones(3))
     # measured 2.9e-6, 5.1e-6, 5.0e-5; RK4 has 9.9e-5, 1.1e-5, 9.0e-4 at these steps
     np.testing.assert_allclose(found, exact, atol=1.5e-4)
@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_the_steps_themselves():
 
 @pytest.mark.slow
 def test_derivatives_are_equal_in_both_modes_to_second_order():
-    speed = lambda x: dropped(x, 50, sj.ImpulseRK4(), law_of(sj.Flores))
+    speed = lambda x: dropped(x, 50, sj.solvers.ImpulseRK4(), law_of(sj.model.Flores))
     twice, mixed = (jax.jacfwd(mode(speed))(jnp.ones(3)) for mode in (jax.jacfwd, jax.jacrev))
     np.testing.assert_allclose(mixed, twice, rtol=1e-8, atol=1e-8)
     first, reverse = (mode(speed)(jnp.ones(3)) for mode in (jax.jacfwd, jax.jacrev))
@@ -119,16 +119,16 @@ def test_derivatives_are_equal_in_both_modes_to_second_order():
 @pytest.mark.full
 @pytest.mark.parametrize(
     "law",
-    [sj.Flores(1e8, 0.7, clamp=False), sj.Flores(1e8, 0.5), sj.ConstantDamping(1e8, 0.5), sj.HertzSpring(1e8)],
+    [sj.model.Flores(1e8, 0.7, clamp=False), sj.model.Flores(1e8, 0.5), sj.model.ConstantDamping(1e8, 0.5), sj.model.HertzSpring(1e8)],
     ids=("Flores", "limited", "constant", "Hertz"),
 )
 def test_laws_converge_to_what_rk4_does(law):
     scene = dataclasses.replace(sj.paper_scene(1480.0), contact=law)
     state = sj.initial_state(scene, sj.table_2_start())
     end = lambda n, solver: sj.period_map(scene, state, steps_per_period=n, solver=solver).motion
-    exact = end(1600, sj.RK4())
+    exact = end(1600, sj.solvers.RK4())
     apart = lambda motion: float(scaled_size(jax.tree.map(jnp.subtract, motion, exact)))
-    ours, plain = (np.array([apart(end(n, solver)) for n in (50, 100)]) for solver in (sj.ImpulseRK4(), sj.RK4()))
+    ours, plain = (np.array([apart(end(n, solver)) for n in (50, 100)]) for solver in (sj.solvers.ImpulseRK4(), sj.solvers.RK4()))
     assert np.mean(np.log(ours / plain)) < np.log(0.3)
     assert ours[-1] < 4e-5
 
@@ -151,8 +151,8 @@ def pressing(memory, mass=14.0):
     """A level slipper of which the roof nearly touches a straight rail, and its start."""
     force = np.column_stack([0 * PRESSES, 0 * PRESSES, PRESSES])
     slipper = dataclasses.replace(sj.paper_scene().slipper, mass=mass)
-    scene = sj.Scene(100.0, slipper, ROOF, sj.StraightTrack(), law_of(sj.Flores), memory, window=1.0)
-    return dataclasses.replace(scene, load=sj.TabulatedLoad(force, time=TIMES)), sj.Motion(z=-0.95e-3, v_z=-0.05)
+    scene = sj.Scene(100.0, slipper, ROOF, sj.model.StraightTrack(), law_of(sj.model.Flores), memory, window=1.0)
+    return dataclasses.replace(scene, load=sj.model.TabulatedLoad(force, time=TIMES)), sj.Motion(z=-0.95e-3, v_z=-0.05)
 
 
 def pressed_ends(solver, memory):
@@ -171,12 +171,12 @@ def pressed_ends(solver, memory):
 @pytest.mark.full
 def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
     """At 25, 50, 100, 200 and 400 steps, in mm and m/s."""
-    law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
+    law = dict(mass=14.0, stiffness=4 * AT[0], factor=float(law_of(sj.model.Flores).factor))
     (gap, rate), counts = pressed(0.05e-3, -0.05, TIMES, PRESSES, **law)
     assert counts == dict(begins=1, leads=1, holds=2, ends=0)
     exact = np.array([gap - 1e-3, rate])
-    for solver in (sj.RK4(), sj.ImpulseRK4()):
-        run = pressed_ends(solver, sj.PeakRateLatch())
+    for solver in (sj.solvers.RK4(), sj.solvers.ImpulseRK4()):
+        run = pressed_ends(solver, sj.model.PeakRateLatch())
         found = [np.max(np.abs(run(float(n), 14.0) - exact) / [1e-3, 1.0]) for n in (25, 50, 100, 200, 400)]
         print(type(solver).__name__, " ".join(f"{error:.1e}" for error in found))
         # measured 3.2 with ImpulseRK4, 2.7 with RK4; 2.6e-7 and 1.6e-6 in the end
@@ -189,12 +189,12 @@ def test_a_contact_that_is_pressed_again_against_one_split_at_its_events():
 @pytest.mark.full
 def test_tangents_of_a_contact_that_is_pressed_again():
     """Those of the steps themselves, and nearly those of the motion."""
-    run = pressed_ends(sj.ImpulseRK4(), sj.PeakRateLatch())
+    run = pressed_ends(sj.solvers.ImpulseRK4(), sj.model.PeakRateLatch())
     tangent = jax.jvp(lambda mass: run(200.0, mass), (14.0,), (1.0,))[1]
     near = [run(200.0, 14.0 + h) for h in (1e-5, -1e-5)]
     # measured 2e-9 of the greatest, the difference's own error
     np.testing.assert_allclose(tangent, (near[0] - near[1]) / 2e-5, rtol=0, atol=1e-7 * float(jnp.abs(tangent).max()))
-    law = dict(stiffness=4 * AT[0], factor=float(law_of(sj.Flores).factor))
+    law = dict(stiffness=4 * AT[0], factor=float(law_of(sj.model.Flores).factor))
     gaps = [pressed(0.05e-3, -0.05, TIMES, PRESSES, mass=14.0 + h, **law)[0] for h in (1e-3, -1e-3)]
     exact = (gaps[0] - gaps[1]) / 2e-3
     np.testing.assert_allclose(tangent, exact, rtol=5e-3)
@@ -203,12 +203,12 @@ def test_tangents_of_a_contact_that_is_pressed_again():
 @pytest.mark.full
 def test_an_impact_without_other_loads_is_the_same_with_both_memories():
     speeds = []
-    for memory in (sj.EventLatch(), sj.PeakRateLatch()):
+    for memory in (sj.model.EventLatch(), sj.model.PeakRateLatch()):
         scene = sj.Scene(
-            100.0, sj.paper_scene().slipper, ROOF, sj.StraightTrack(), law_of(sj.Flores), memory, window=1.0
+            100.0, sj.paper_scene().slipper, ROOF, sj.model.StraightTrack(), law_of(sj.model.Flores), memory, window=1.0
         )
         state = sj.initial_state(scene, sj.Motion(v_z=-0.7))
-        speeds.append(sj.period_map(scene, state, steps_per_period=50, solver=sj.ImpulseRK4()).motion.v_z)
+        speeds.append(sj.period_map(scene, state, steps_per_period=50, solver=sj.solvers.ImpulseRK4()).motion.v_z)
     np.testing.assert_allclose(*speeds, rtol=1e-13)  # measured 3e-15 at most, of other speeds and steps, too
 
 
@@ -217,14 +217,14 @@ def test_diffrax_solves_with_it():
     scene = scene_of(NOMINAL)
     state = sj.initial_state(scene, sj.table_2_start())
     solve = diffrax.diffeqsolve(
-        diffrax.ODETerm(sj.vector_field(scene)), sj.ImpulseRK4(), 0.0, 1.0, 0.01, state, args=sj.Args(scene)
+        diffrax.ODETerm(sj.model.vector_field(scene)), sj.solvers.ImpulseRK4(), 0.0, 1.0, 0.01, state, args=sj.model.Args(scene)
     )
-    ours = sj.period_map(scene, state, steps_per_period=100, solver=sj.ImpulseRK4())
+    ours = sj.period_map(scene, state, steps_per_period=100, solver=sj.solvers.ImpulseRK4())
     for a, b in zip(jax.tree.leaves(solve.ys), jax.tree.leaves(ours), strict=True):
         np.testing.assert_allclose(a[0], b, rtol=1e-8, atol=1e-10)
 
 
-class OwnLatch(sj.EventLatch):
+class OwnLatch(sj.model.EventLatch):
     """A memory of one's own."""
 
     def latch(self, memory, before, gap, rate, step, ratio):
@@ -232,11 +232,11 @@ class OwnLatch(sj.EventLatch):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("memory", [sj.SmoothSwitch(), OwnLatch()])
+@pytest.mark.parametrize("memory", [sj.model.SmoothSwitch(), OwnLatch()])
 def test_other_memories_are_refused_and_get_rk4_by_default(memory):
     scene = sj.paper_scene(memory=memory)
-    assert isinstance(resolve_solver(scene, None), sj.RK4)
+    assert isinstance(resolve_solver(scene, None), sj.solvers.RK4)
     with pytest.raises(
         ValueError, match=rf"must be another one than ImpulseRK4, .* with memory {type(memory).__name__}"
     ):
-        sj.simulate(scene, 1, solver=sj.ImpulseRK4())
+        sj.simulate(scene, 1, solver=sj.solvers.ImpulseRK4())

@@ -20,7 +20,7 @@ from slipperjax.solvers.simplified_newton import SimplifiedNewton, with_root_fin
 from ..common import STEPS, fine
 
 EXACT = optx.Newton(rtol=1e-12, atol=1e-12, norm=optx.max_norm)
-LATCHED, SMOOTH = sj.paper_scene(), sj.paper_scene(memory=sj.SmoothSwitch())
+LATCHED, SMOOTH = sj.paper_scene(), sj.paper_scene(memory=sj.model.SmoothSwitch())
 FINER = SimplifiedNewton(tolerance=1e-11)
 STEP = 1 / 100
 """Forcing periods."""
@@ -129,7 +129,7 @@ def test_iterations_that_fail_are_marked(euler, instants):
 def test_nothing_calls_lapack(euler, kvaerno, smooth):
     for one in (euler, kvaerno, smooth):
         assert "lapack" not in one.lowered.as_text()
-    exact = sj.Latching(diffrax.ImplicitEuler(root_finder=EXACT))
+    exact = sj.solvers.Latching(diffrax.ImplicitEuler(root_finder=EXACT))
     field, begin = vector_field(LATCHED), sj.initial_state(LATCHED, sj.table_2_start())
     args = Args(LATCHED)
     step = lambda t: exact.step(
@@ -167,7 +167,7 @@ def test_other_equations_are_refused():
 def test_it_is_the_default_and_others_stay():
     assert isinstance(with_root_finder(diffrax.Kvaerno5()).root_finder, SimplifiedNewton)
     assert with_root_finder(diffrax.Kvaerno5(root_finder=EXACT)).root_finder is EXACT
-    assert isinstance(sj.Latching(diffrax.Kvaerno4()).solver.root_finder, SimplifiedNewton)
+    assert isinstance(sj.solvers.Latching(diffrax.Kvaerno4()).solver.root_finder, SimplifiedNewton)
 
 
 def sweeps(count, solver):

@@ -39,7 +39,7 @@ def test_two_step_weights(rho_inf, alpha):
 
 def test_linearised_contact_and_its_system():
     scene = sj.paper_scene()
-    field, args = sj.vector_field(scene), sj.Args(scene)
+    field, args = sj.model.vector_field(scene), sj.model.Args(scene)
     rng = np.random.default_rng(0)
     size = np.array([2e-3, 2e-3, 0.2, 0.2, 0.2, 1, 1, 10, 10, 10])
     motion, right = (sj.Motion(*map(jnp.asarray, rng.normal(size=10) * s)) for s in (size, 1.0))
@@ -80,8 +80,8 @@ def error(solver, steps, case=NOMINAL, scene=None, controller=None, periods=6, a
     [
         (diffrax.Dopri8(), 400, 1e-4),
         (diffrax.Kvaerno5(), 200, 1e-3),
-        (sj.ROS34PW2(), 1000, 3e-5),
-        (sj.Rodas4(), 1000, 3e-5),
+        (sj.solvers.ROS34PW2(), 1000, 3e-5),
+        (sj.solvers.Rodas4(), 1000, 3e-5),
     ],
     ids=lambda s: str(s)[:8],
 )
@@ -91,31 +91,31 @@ def test_states_of_the_nominal_scene(solver, steps, most):
 
 @pytest.mark.slow
 def test_the_papers_method_lands_as_near_mbdyn_as_the_latch_allows():
-    own = error(sj.TwoStep(), 1000)
-    near = error(sj.TwoStep(), 1000, against=MBDYN)
+    own = error(sj.solvers.TwoStep(), 1000)
+    near = error(sj.solvers.TwoStep(), 1000, against=MBDYN)
     print(f"two-step, 1000 steps per period: {own:.2e} from the converged states, {near:.2e} from MBDyn")
     assert own < 5e-4  # measured 2.7e-4: a twentieth of MBDyn's error, whose latch is of first order
     assert near < 1.1 * 5.9e-3  # measured 6.2e-3, and MBDyn itself is 5.9e-3 from the converged states
-    assert error(sj.TwoStep(), 500) / own > 3  # second order
+    assert error(sj.solvers.TwoStep(), 500) / own > 3  # second order
 
 
 def test_results_name_the_solver_inside_a_wrapper():
-    assert solver_name(sj.RK4()) == "RK4"
-    assert solver_name(sj.Latching(diffrax.HalfSolver(diffrax.Dopri8()))) == "Latching(HalfSolver(Dopri8))"
+    assert solver_name(sj.solvers.RK4()) == "RK4"
+    assert solver_name(sj.solvers.Latching(diffrax.HalfSolver(diffrax.Dopri8()))) == "Latching(HalfSolver(Dopri8))"
 
 
 def test_solvers_that_call_lapack_run_on_one_thread():
     newton = diffrax.Kvaerno5(root_finder=optx.Newton(rtol=1e-9, atol=1e-9))
-    for solver in (diffrax.Kvaerno5(), sj.Latching(newton), diffrax.HalfSolver(diffrax.ImplicitEuler())):
+    for solver in (diffrax.Kvaerno5(), sj.solvers.Latching(newton), diffrax.HalfSolver(diffrax.ImplicitEuler())):
         assert calls_lapack(solver)
-    for solver in (sj.RK4(), sj.Latching(diffrax.Dopri8()), sj.Rodas4(), sj.TwoStep()):
+    for solver in (sj.solvers.RK4(), sj.solvers.Latching(diffrax.Dopri8()), sj.solvers.Rodas4(), sj.solvers.TwoStep()):
         assert not calls_lapack(solver, tangents=True)
-    own = sj.Latching(diffrax.Kvaerno3())
+    own = sj.solvers.Latching(diffrax.Kvaerno3())
     assert not calls_lapack(own)
     assert calls_lapack(own, tangents=True)  # by the implicit function theorem, which is diffrax's
     scene = sj.paper_scene()
     grid = Grid(scene, {"speed": np.linspace(1000, 1100, 41)})
-    for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.RK4(), 2, 2)):
+    for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.solvers.RK4(), 2, 2)):
         plan = make_plan(grid, sj.table_2_start(), Call(0, 1, solver=solver))
         assert plan.chunks(chunk=8, workers=2)[1] == threads
         assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents
@@ -123,22 +123,22 @@ def test_solvers_that_call_lapack_run_on_one_thread():
 
 def solve(scene, solver, **options):
     """A period by diffrax's own `diffeqsolve`."""
-    options = dict(dt0=0.01, args=sj.Args(scene), stepsize_controller=diffrax.ConstantStepSize()) | options
-    state, terms = sj.initial_state(scene, sj.table_2_start()), diffrax.ODETerm(sj.vector_field(scene))
+    options = dict(dt0=0.01, args=sj.model.Args(scene), stepsize_controller=diffrax.ConstantStepSize()) | options
+    state, terms = sj.initial_state(scene, sj.table_2_start()), diffrax.ODETerm(sj.model.vector_field(scene))
     return diffrax.diffeqsolve(terms, solver, 0.0, 1.0, y0=state, **options).ys
 
 
-class OwnMemory(sj.EventLatch):
+class OwnMemory(sj.model.EventLatch):
     """A latch of one's own."""
 
 
-NEEDS_ONE_OF_OURS = "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's"
+NEEDS_ONE_OF_OURS = "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's"
 FOREIGN = (
     (diffrax.Euler(), OwnMemory()),
-    (diffrax.Tsit5(), sj.EventLatch()),
-    (diffrax.HalfSolver(diffrax.Heun()), sj.EventLatch()),
-    (diffrax.ReversibleHeun(), sj.EventLatch()),
-    (diffrax.ImplicitEuler(root_finder=optx.Newton(1e-6, 1e-6)), sj.EventLatch()),
+    (diffrax.Tsit5(), sj.model.EventLatch()),
+    (diffrax.HalfSolver(diffrax.Heun()), sj.model.EventLatch()),
+    (diffrax.ReversibleHeun(), sj.model.EventLatch()),
+    (diffrax.ImplicitEuler(root_finder=optx.Newton(1e-6, 1e-6)), sj.model.EventLatch()),
 )
 
 
@@ -151,7 +151,7 @@ def test_solvers_that_close_no_step_are_refused_for_a_latch(solver, memory):
 
 def test_other_integrators_are_refused_for_a_latch():
     scene = sj.paper_scene()
-    field, state, args = sj.vector_field(scene), sj.initial_state(scene, sj.table_2_start()), sj.Args(scene)
+    field, state, args = sj.model.vector_field(scene), sj.initial_state(scene, sj.table_2_start()), sj.model.Args(scene)
     step = sj.analysis.ode_step(field, dt=0.01, steps=2, args=args)
     for call in (lambda: step(state, 0.0), lambda: field(0.0, state, args)):
         with pytest.raises(RuntimeError, match=NEEDS_ONE_OF_OURS):
@@ -162,10 +162,10 @@ def test_other_integrators_are_refused_for_a_latch():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("part", [sj.SmoothSwitch(), sj.HertzSpring(1e8)], ids=lambda part: type(part).__name__)
+@pytest.mark.parametrize("part", [sj.model.SmoothSwitch(), sj.model.HertzSpring(1e8)], ids=lambda part: type(part).__name__)
 def test_any_solver_takes_an_ode(part):
     scene = sj.paper_scene()
-    name = "memory" if isinstance(part, sj.SmoothSwitch) else "contact"
+    name = "memory" if isinstance(part, sj.model.SmoothSwitch) else "contact"
     scene = dataclasses.replace(scene, **{name: part})
     ours = sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), steps_per_period=800)
     ends = solve(scene, diffrax.Tsit5(), dt0=1 / 800).motion, ours.motion
@@ -175,7 +175,7 @@ def test_any_solver_takes_an_ode(part):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "solver", [*(kind() for kind in OWN_SOLVERS.values()), sj.Latching(diffrax.Dopri5())], ids=solver_name
+    "solver", [*(kind() for kind in OWN_SOLVERS.values()), sj.solvers.Latching(diffrax.Dopri5())], ids=solver_name
 )
 def test_own_solvers_take_a_latch_in_diffrax_without_a_check_in_the_program(solver):
     """Also where the controller chooses the first step, for which it asks the solver for a derivative."""

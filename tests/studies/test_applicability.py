@@ -47,7 +47,7 @@ class Ensemble:
     def grid(self, scene, count):
         if isinstance(scene.track, sj.RandomTrack):
             return {"track.seed": np.arange(count)}
-        return sj.sample_box(MOTION, count)
+        return sj.sweeps.sample_box(MOTION, count)
 
     def sweep(self, scene, count, **options):
         options = (
@@ -93,7 +93,7 @@ ENSEMBLES = {
 }
 
 
-class Straight(sj.Flores):
+class Straight(sj.model.Flores):
     """A force in proportion to the penetration, equal to Hertz's at 4 mm."""
 
     def force(self, gap, rate, rate_ratio):
@@ -110,8 +110,8 @@ def with_number(**numbers):
 
 def with_other_memory(restitution):
     """The damping's memory that rails have for sines, and that sines have for rails."""
-    of_rails = lambda scene: isinstance(scene.contact_memory, sj.PeakRateLatch)
-    memory = lambda scene: sj.EventLatch() if of_rails(scene) else sj.PeakRateLatch()
+    of_rails = lambda scene: isinstance(scene.contact_memory, sj.model.PeakRateLatch)
+    memory = lambda scene: sj.model.EventLatch() if of_rails(scene) else sj.model.PeakRateLatch()
     return lambda scene: dataclasses.replace(scene, memory=memory(scene)).replace(restitution=restitution)
 
 
@@ -138,7 +138,7 @@ def quarter_wave(scene):
     track = scene.track
     size, roll = track.amplitude[None], track.roll_amplitude[None]
     phase = np.array([-np.pi / 2])
-    return dataclasses.replace(scene, track=sj.FourierTrack((PERIOD,), size, size, roll, vertical_phase=phase))
+    return dataclasses.replace(scene, track=sj.model.FourierTrack((PERIOD,), size, size, roll, vertical_phase=phase))
 
 
 def random_rail(scene):
@@ -157,11 +157,11 @@ CHANGES = {
     "loads and travel": {
         "none: as many other members": None,
         "gravity": with_number(gravity=G),
-        "1 kN down on the slipper, with gravity": with_part(gravity=G, load=sj.AppliedLoad(force=[0.0, 0.0, -1e3])),
-        "100 kg of sled on springs, with gravity": with_part(gravity=G, sled=sj.SledMass(**SLED)),
-        "friction 0.1": with_part(friction=sj.Coulomb(0.1)),
-        "friction 0.3": with_part(friction=sj.Coulomb(0.3)),
-        "friction 0.3 that fades from 100 kW on": with_part(friction=sj.FadingFriction(0.3, 1e5, 0.5)),
+        "1 kN down on the slipper, with gravity": with_part(gravity=G, load=sj.model.AppliedLoad(force=[0.0, 0.0, -1e3])),
+        "100 kg of sled on springs, with gravity": with_part(gravity=G, sled=sj.model.SledMass(**SLED)),
+        "friction 0.1": with_part(friction=sj.model.Coulomb(0.1)),
+        "friction 0.3": with_part(friction=sj.model.Coulomb(0.3)),
+        "friction 0.3 that fades from 100 kW on": with_part(friction=sj.model.FadingFriction(0.3, 1e5, 0.5)),
         "accelerated by 1 g": 1.0,
         "accelerated by 10 g": 10.0,
         "accelerated by 100 g": 100.0,
@@ -183,8 +183,8 @@ CHANGES = {
         "the other memory": with_other_memory(0.9),
         "the other memory, restitution 0.5": with_other_memory(0.5),
         "the other memory, restitution 0.3": with_other_memory(0.3),
-        "Hunt and Crossley": with_law(sj.HuntCrossley),
-        "contacts that may pull": with_law(sj.Flores, clamp=False),
+        "Hunt and Crossley": with_law(sj.model.HuntCrossley),
+        "contacts that may pull": with_law(sj.model.Flores, clamp=False),
     },
     "play, rail and steps": {
         "play worn from 1 to 1.1 mm": with_number(clearance=1.1e-3),
@@ -207,7 +207,7 @@ def changed(ensemble, change, count=MEMBERS):
         return ensemble.accelerated(change * G, count)
     if isinstance(change, tuple):
         change, times = change
-        steps = times * sj.default_steps_per_period(change(ensemble.scene))
+        steps = times * sj.model.default_steps_per_period(change(ensemble.scene))
         return ensemble.peaks(change, count, steps_per_period=steps)
     return None if change(ensemble.scene) is None else ensemble.peaks(change, count)
 
@@ -281,7 +281,7 @@ def test_effects_of_what_is_left_out(group):
 def test_speeds_that_pass_the_jumps():
     """The second table: the highest force between 1600 and 2400 m/s, at constant speeds and accelerated."""
     count, scene, speeds = 64, sj.paper_scene(1600.0), np.arange(1600.0, 2401.0, 10.0)
-    starts = sj.sample_box(MOTION, count)
+    starts = sj.sweeps.sample_box(MOTION, count)
     ensemble, rows = Ensemble(scene, 100), []
 
     def row(label, forces, places):
@@ -349,7 +349,7 @@ def test_estimates_of_what_is_not_computed():
         row(
             f"typical impact, {of}",
             "`contact_duration`",
-            1e3 * float(sj.contact_duration(scene.replace(stiffness=stiffness))),
+            1e3 * float(sj.model.contact_duration(scene.replace(stiffness=stiffness))),
             "ms",
         )
     assert -2 < lost[1e8] < 0

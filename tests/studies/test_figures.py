@@ -97,7 +97,7 @@ def test_other_figures_name_their_lines_and_are_over_their_parameter(drawn):
 
 def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
     data = {"speed": made.speeds_as_claimed()}
-    data |= {f"speed_branch_{one.period}": one.points for one in made.speed_branches()}
+    data |= {f"speed_branch_{one.period}": one.ds for one in made.speed_branches()}
     first, spare, *others = drawn("5", data).axes
     assert len(others) == 4
     assert not any(ax.get_legend() for ax in (first, *others))

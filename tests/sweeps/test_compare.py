@@ -63,9 +63,9 @@ def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     distance = np.linspace(0.0, 60.0, 601)
     rng = np.random.default_rng(0)
     wave = lambda: 3e-4 * np.sin(2 * np.pi * distance / 5.0 + rng.uniform(0, 6)) + 2e-5 * rng.normal(size=601)
-    survey = sj.SampledTrack(distance, wave(), wave())
+    survey = sj.model.SampledTrack(distance, wave(), wave())
     if two_rails:
-        survey = sj.TwoRails(survey, sj.SampledTrack(distance, wave(), wave()))
+        survey = sj.model.TwoRails(survey, sj.model.SampledTrack(distance, wave(), wave()))
     scene = dataclasses.replace(SCENE, track=survey, slipper=ON_TWO if two_rails else SCENE.slipper)
     options = dict(length=16.0, window=8.0, steps_per_period=400)
     ds = sj.compare(scene, DESIGNS, rails=8, quantiles=[0.5], **options)
@@ -205,7 +205,7 @@ def test_tables_pictures_and_reports_hold_all_designs(tmp_path):
     left, right = comparison(ds)
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["clearance 0.8 mm", "clearance 1.6 mm"]
     assert right.get_xlabel() == "difference from the best [kN]"
-    assert len(sj.plots.plot(ds)) == 2
+    assert len(ds.plot()) == 2
     for end in (".pdf", ".csv", ".xlsx"):
         file = tmp_path / f"designs{end}"
         assert sj.plots.report(ds, file) == f"wrote {file}"

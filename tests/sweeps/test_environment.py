@@ -24,7 +24,7 @@ def in_the_air(speed=100.0, **parts):
         # 0.2 m is no clearance of a slipper
         warnings.simplefilter("ignore", sj.ImplausibleWarning)
         scene = sj.paper_scene(clearance=0.2)
-    rails = sj.TwoRails(sj.StraightTrack(), sj.StraightTrack())
+    rails = sj.model.TwoRails(sj.model.StraightTrack(), sj.model.StraightTrack())
     body = sled_on(inertia=(150.0, 300.0, 300.0), **parts)
     return dataclasses.replace(scene, speed=speed, slipper=body, track=rails, gravity=0.0)
 
@@ -32,7 +32,7 @@ def in_the_air(speed=100.0, **parts):
 def at_place(ds, place=PLACE):
     """Gives the times of samples [s] and accelerations of a place [m/s^2], (directions, samples)."""
     histories, seconds, _ = _histories([ds], "body_acceleration")
-    return seconds, _accelerations(sj.load_scene(ds), histories, np.array([place]))[0, 0]
+    return seconds, _accelerations(sj.load(ds).scene, histories, np.array([place]))[0, 0]
 
 
 def rms(values):
@@ -40,7 +40,7 @@ def rms(values):
 
 
 def first_of(rails):
-    return sj.load_scene(rails, **{"track.seed": 0})
+    return sj.load(rails, **{"track.seed": 0}).scene
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +75,8 @@ def test_a_mode_rings_at_a_place(speed):
     """One mode in the air: -(2 pi f)^2 q times its shape at the place, at a constant and at a changing speed."""
     frequency, amplitude = 300.0, 1e-3
     shape = np.array([0.01, 0.03, 0.05])
-    modes = sj.Modes([frequency], [0.0], np.zeros((1, 4, 3)), [PLACE], shape[None, None])
-    start = sj.Motion(modes=sj.ModalMotion([amplitude], [0.0]))
+    modes = sj.model.Modes([frequency], [0.0], np.zeros((1, 4, 3)), [PLACE], shape[None, None])
+    start = sj.Motion(modes=sj.model.ModalMotion([amplitude], [0.0]))
     ds = sj.run(in_the_air(speed, modes=modes), length=60.0, record=KEPT, start=start, steps_per_period=1600)
     seconds, found = at_place(ds)
     omega = 2 * np.pi * frequency
@@ -186,7 +186,7 @@ def test_wrong_inputs_are_one_line(rails, change, options, words):
 
 @pytest.mark.full
 def test_places_of_an_elastic_sled_are_those_of_its_modes():
-    modes = sj.Modes([300.0], [0.0], np.zeros((1, 4, 3)), [PLACE], np.ones((1, 1, 3)))
-    ds = sj.run(in_the_air(modes=modes), length=4.0, record=KEPT, start=sj.Motion(modes=sj.ModalMotion([0], [0])))
+    modes = sj.model.Modes([300.0], [0.0], np.zeros((1, 4, 3)), [PLACE], np.ones((1, 1, 3)))
+    ds = sj.run(in_the_air(modes=modes), length=4.0, record=KEPT, start=sj.Motion(modes=sj.model.ModalMotion([0], [0])))
     with pytest.raises(ValueError, match=r"`places` must be places of the modes, .* the nearest is 0.1 m away"):
         sj.environment(ds, [(0.5, 0.2, 0.5)])

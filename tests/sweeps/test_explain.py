@@ -20,7 +20,7 @@ SCENE = sj.paper_scene()
 
 def test_an_estimate_measures(tmp_path, monkeypatch):
     monkeypatch.setenv("PAUSE", "0.1")
-    store = sj.Store(tmp_path / "map.zarr", tile=10)
+    store = sj.sweeps.Store(tmp_path / "map.zarr", tile=10)
     found = sj.explain(made_up, sj.paper_scene(), a_grid(), store=store, workers=4, steps_per_period=100)
     # a tenth of a second for the 128 cases of the probe
     assert 0.1 / 128 <= found.per_case < 0.5 / 128
@@ -79,7 +79,7 @@ YEARS = {
         lambda s, at: sj.follow(s, TWO, transient=10**12),
         lambda s, at: sj.period_map(s, sj.initial_state(s), periods=10**12),
     ],
-    "1000000000000 points need about 8 TB": [lambda s, at: sj.sample_box({"speed": (1e3, 2e3)}, 10**12)],
+    "1000000000000 points need about 8 TB": [lambda s, at: sj.sweeps.sample_box({"speed": (1e3, 2e3)}, 10**12)],
     "1000000000000 forcing periods of 40 steps need about": [lambda s, at: sj.lyapunov_spectrum(s, periods=10**12)],
     "`refine` must be at most": [lambda s, at: sj.sweep(s, TWO, refine=10**9)],
     "`period` must be at most": [
@@ -117,7 +117,7 @@ def test_a_store_that_others_compute_too_may_take_years():
 
 def test_points_are_spread_over_a_box():
     box = {"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3), "section.play.2": (1e-4, 1e-3)}
-    found, again = (sj.sample_box(box, 64, log=["clearance"], seed=3) for _ in range(2))
+    found, again = (sj.sweeps.sample_box(box, 64, log=["clearance"], seed=3) for _ in range(2))
     for name, (low, high) in box.items():
         assert found[name].shape == (64,)
         assert np.all((found[name] >= low) & (found[name] < high))
@@ -125,7 +125,7 @@ def test_points_are_spread_over_a_box():
     # 64 points that fill a box evenly
     halves = np.sum(found["clearance"] < np.sqrt(0.3e-3 * 3e-3)), np.sum(found["speed"] < 1250)
     assert np.allclose(halves, 32, atol=1)
-    assert len(sj.sample_box(box, 100)["speed"]) == 100
+    assert len(sj.sweeps.sample_box(box, 100)["speed"]) == 100
 
 
 def test_points_are_spread_by_distributions():
@@ -140,7 +140,7 @@ def test_points_are_spread_by_distributions():
         "mass": stats.rv_histogram(np.histogram([13.0, 14.0, 14.0, 16.0], bins=3)),
         "speed": (500.0, 2000.0),
     }
-    found = sj.sample_box(box, 1024, seed=3, scene=scene)
+    found = sj.sweeps.sample_box(box, 1024, seed=3, scene=scene)
     for name, of in (box | {"speed": stats.uniform(500.0, 1500.0)}).items():
         values = found[name]
         low, high = of.support()
@@ -148,14 +148,14 @@ def test_points_are_spread_by_distributions():
         assert abs(values.mean() - of.mean()) < 0.02 * of.std()  # measured 0.009
         assert abs(values.std() / of.std() - 1) < 0.02
     assert len(np.unique(found["track.seed"])) == 64
-    other = sj.sample_box(box, 1024, seed=4, scene=scene)
+    other = sj.sweeps.sample_box(box, 1024, seed=4, scene=scene)
     assert np.all(other["clearance"] != found["clearance"])
 
 
 def test_a_share_of_zero_has_a_value(monkeypatch):
     zeros = lambda dimensions, rng: SimpleNamespace(random=lambda count: np.zeros((count, dimensions)))
     monkeypatch.setattr(stats.qmc, "Sobol", zeros)
-    found = sj.sample_box({"start_y": stats.norm(0, 1e-4), "mass": stats.randint(10, 20)}, 4)
+    found = sj.sweeps.sample_box({"start_y": stats.norm(0, 1e-4), "mass": stats.randint(10, 20)}, 4)
     assert np.all((found["start_y"] > -1e-3) & (found["start_y"] < -5e-4))
     assert np.all(found["mass"] == 10)
 
@@ -176,4 +176,4 @@ def test_wrong_boxes_are_named():
         ({"speed": stats.norm(1e3, -1.0)}, {}, "`box` must have .* but has one without finite values"),
     ):
         with pytest.raises((ValueError, KeyError), match=words):
-            sj.sample_box(box, **({"count": 8} | more))
+            sj.sweeps.sample_box(box, **({"count": 8} | more))

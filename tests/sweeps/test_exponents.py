@@ -21,7 +21,7 @@ def swept(speeds, **options):
 
 
 def test_wrong_arguments_are_named():
-    smooth = sj.paper_scene(memory=sj.SmoothSwitch())
+    smooth = sj.paper_scene(memory=sj.model.SmoothSwitch())
     for make, words in (
         (lambda: swept([1250.0], count=0), "a whole number of 1 or more, but is 0"),
         (lambda: swept([1250.0], count=11), "at most 10, the dimension of the motion, but is 11"),

@@ -21,7 +21,7 @@ LEVEL = dict(amplitude=0.0, roll_amplitude=0.0)
 
 def run(load, speeds, start, **values):
     """One compilation for all runs of this file: scenes have the same parts, and runs the same steps."""
-    scene = dataclasses.replace(sj.paper_scene(**RAIL), gravity=GRAVITY, friction=sj.Coulomb(MU), load=load)
+    scene = dataclasses.replace(sj.paper_scene(**RAIL), gravity=GRAVITY, friction=sj.model.Coulomb(MU), load=load)
     record = ["peak_force", "impacts", "impulse", "drive_force", "friction_work"]
     options = dict(length=WINDOWS, steps_per_period=1600, record=record)
     ds = sj.run(scene.replace(**values), speed=sj.SpeedProgramme(PLACES, speeds), start=start, **options)
@@ -48,7 +48,7 @@ def test_a_run_is_that_of_an_independent_implementation():
     programme = independent_run.Programme(PLACES, speeds)
     case = independent_run.Case(programme, **RAIL, **SQUARE, gravity=GRAVITY, friction=MU)
     want = independent_run.run(case, [0.0] * 5 + list(START.values()), WINDOWS)
-    ds = run(sj.AppliedLoad(**SQUARE), speeds, sj.Motion(**START))
+    ds = run(sj.model.AppliedLoad(**SQUARE), speeds, sj.Motion(**START))
     of = lambda name: ds[name].values.reshape(WINDOWS, 20)
     np.testing.assert_array_equal(of("impacts"), want.touchdowns)  # 93 of them
     np.testing.assert_allclose(ds["seconds"], want.time, rtol=1e-12)  # equal
@@ -69,7 +69,7 @@ def test_damping_by_the_fastest_approach_is_that_of_an_independent_implementatio
     places, speeds = [0.0, 24.0], [1000.0, 1000.0]
     case = independent_run.Case(independent_run.Programme(places, speeds), **RAIL, restitution=0.5, fastest=True)
     want = independent_run.run(case, [0.0] * 5 + list(START.values()), WINDOWS)
-    scene = sj.paper_scene(1000.0, **RAIL, restitution=0.5, memory=sj.PeakRateLatch())
+    scene = sj.paper_scene(1000.0, **RAIL, restitution=0.5, memory=sj.model.PeakRateLatch())
     options = dict(length=WINDOWS, steps_per_period=1600, record=["peak_force", "impulse"])
     ds = sj.run(scene, start=sj.Motion(**START), **options)
     of = lambda name: ds[name].values.reshape(WINDOWS, 20)
@@ -88,7 +88,7 @@ def sliding(speeds, lift=0.0):
 
     A moment balances that of friction, so that all four bear the same.
     """
-    load = sj.AppliedLoad(force=[0.0, 0.0, lift], moment=[0.0, MU * (WEIGHT - lift) * 0.013, 0.0])
+    load = sj.model.AppliedLoad(force=[0.0, 0.0, lift], moment=[0.0, MU * (WEIGHT - lift) * 0.013, 0.0])
     depth = ((WEIGHT - lift) / 4 / STIFFNESS) ** (2 / 3)
     return run(load, speeds, sj.Motion(z=-PLAY - depth), **LEVEL)
 
@@ -123,7 +123,7 @@ def test_heat_impulse_and_drive_where_the_speed_changes_much():
 
 
 def test_contacts_bear_the_weight_less_the_lift():
-    load = sj.AppliedLoad(force_by_square=[0.0, 0.0, 0.01])
+    load = sj.model.AppliedLoad(force_by_square=[0.0, 0.0, 0.01])
     start = sj.Motion(z=-PLAY - 2e-5)  # not at rest: it goes up and down
     ds = run(load, [60.0] * 4, start, **LEVEL, **{"friction.coefficient": 0.0})
     assert ds["peak_force"].max() > 1.2 * (WEIGHT - 36.0) / 4

@@ -49,20 +49,20 @@ def case(rails, slippers, **values):
 
 def scene_of(case):
     """The same case of slipperjax."""
-    tracks = [sj.FourierTrack(rail.wavelengths, *rail.amplitudes.T, *rail.phases.T) for rail in case.rails]
+    tracks = [sj.model.FourierTrack(rail.wavelengths, *rail.amplitudes.T, *rail.phases.T) for rail in case.rails]
     # those that are as long as the case says need no length of their own
     length_of = lambda s: None if s.length == case.length else s.length
     mounts = [sj.Mount(*s.place, rail=SIDES[s.rail], length=length_of(s)) for s in case.slippers]
     elastic = case.modes
-    modes = sj.Modes(elastic.frequency, elastic.damping, elastic.shapes) if len(elastic.frequency) else None
+    modes = sj.model.Modes(elastic.frequency, elastic.damping, elastic.shapes) if len(elastic.frequency) else None
     (play,) = {s.play for s in case.slippers}
     return sj.Scene(
         speed=case.speed,
         slipper=sj.Sled(case.mass, case.inertia, mounts, modes=modes, length=case.length),
-        section=sj.paper_section(2 * play),
-        track=sj.TwoRails(*tracks),
-        contact=sj.Flores(case.stiffness, case.restitution),
-        memory=sj.EventLatch(),
+        section=sj.model.paper_section(2 * play),
+        track=sj.model.TwoRails(*tracks),
+        contact=sj.model.Flores(case.stiffness, case.restitution),
+        memory=sj.model.EventLatch(),
         gravity=case.gravity,
     )
 
@@ -134,7 +134,7 @@ def test_adaptive_steps_resolve_a_mode_that_hardly_moves_the_sled():
     want = independent_sled.run(sled, sled.start(z=5e-3), 0.8, tolerance=1e-9)
     assert want.touchdowns.sum() >= 4
     scene = dataclasses.replace(scene_of(sled), window=0.8)
-    options = dict(solver="Tsit5", stepsize_controller=sj.AdaptiveSteps(1e-5), steps_per_period=400, loads=False)
+    options = dict(solver="Tsit5", stepsize_controller=sj.solvers.AdaptiveSteps(1e-5), steps_per_period=400, loads=False)
     m = sj.simulate(scene, 1, start=sj.Motion(z=5e-3), saves_per_period=1, **options).end.motion
     found = np.array([m.y, m.z, m.v_y, m.v_z, *m.modes.coordinate, *m.modes.rate])
     apart = found - np.concatenate([want.state[:4], want.state[independent_sled.MODES]])

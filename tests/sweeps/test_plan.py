@@ -24,7 +24,7 @@ def plan_of(grid, **options):
 def test_each_case_gets_the_steps_that_it_needs_alone():
     speeds = np.linspace(100, 2500, 25)
     plan = plan_of({"speed": speeds})
-    alone = [sj.default_steps_per_period(sj.paper_scene(speed=v)) for v in speeds]
+    alone = [sj.model.default_steps_per_period(sj.paper_scene(speed=v)) for v in speeds]
     assert plan.steps.tolist() == alone
     assert plan.steps.max() == 160
     assert len(set(alone)) <= 5

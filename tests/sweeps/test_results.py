@@ -36,8 +36,8 @@ def grid():
 def test_scenes_and_starts_come_back_exactly():
     """Whatever they are made of."""
     ds = xr.Dataset(attrs=run_attributes(SEVERAL, START, {"function": "simulate"}))
-    assert eqx.tree_equal(sj.load_scene(ds), SEVERAL)
-    for again, first in zip(jax.tree.leaves(sj.load_start(ds)), jax.tree.leaves(START), strict=True):
+    assert eqx.tree_equal(sj.load(ds).scene, SEVERAL)
+    for again, first in zip(jax.tree.leaves(sj.load(ds).start), jax.tree.leaves(START), strict=True):
         np.testing.assert_array_equal(again, first)
 
 
@@ -47,19 +47,19 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     assert ds["strobe"].dims == ("speed", "start_v_y", "strobe_period", "coordinate")
     one = ds.isel(speed=1, start_v_y=1)
     back = saved(one, tmp_path / "one.nc")
-    assert eqx.tree_equal(sj.load_scene(tmp_path / "one.nc"), SCENE.replace(speed=1250.0))
-    assert sj.load_start(back).v_y == 0.4
+    assert eqx.tree_equal(sj.load(tmp_path / "one.nc").scene, SCENE.replace(speed=1250.0))
+    assert sj.load(back).start.v_y == 0.4
     for speed in (900.0, pint.Quantity(3240.0, "km/h")):
-        assert eqx.tree_equal(sj.load_scene(ds, speed=speed), SCENE.replace(speed=900.0))
+        assert eqx.tree_equal(sj.load(ds, speed=speed).scene, SCENE.replace(speed=900.0))
     lost = ds.isel(speed=0).drop_vars("speed")
     for wrong, words in (
-        (lambda: sj.load_scene(ds), "`speed` must be given, as the result has 2 values"),
-        (lambda: sj.load_scene(ds, speed=901.0), "`speed` must be one of the result's, but is 901"),
-        (lambda: sj.load_scene(ds, length=0.2), "`length` must be one of what was varied"),
-        (lambda: sj.load_scene(ds["strobe"] * 2), "no attribute `scene`"),
-        (lambda: sj.load_scene(lost), "must have the coordinate `speed`"),
-        (lambda: sj.load_scene(3), "must be a TOML or netCDF file"),
-        (lambda: sj.load_scene(__file__), "no TOML file or netCDF file"),
+        (lambda: sj.load(ds).scene, "`speed` must be given, as the result has 2 values"),
+        (lambda: sj.load(ds, speed=901.0).scene, "`speed` must be one of the result's, but is 901"),
+        (lambda: sj.load(ds, length=0.2).scene, "`length` must be one of what was varied"),
+        (lambda: sj.load(ds["strobe"] * 2).scene, "no attribute `scene`"),
+        (lambda: sj.load(lost).scene, "must have the coordinate `speed`"),
+        (lambda: sj.load(3).scene, "must be a TOML or netCDF file"),
+        (lambda: sj.load(__file__).scene, "no TOML file or netCDF file"),
     ):
         with pytest.raises(ValueError, match=r"must|no ") as caught:
             wrong()
@@ -69,23 +69,23 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
 @pytest.mark.full
 def test_side_by_side_values_choose_one_case():
     ds = swept([1250.0, 1500.0], [0.5, 0.4], [0.0, 0.0], product=False)
-    assert float(sj.load_scene(ds, speed=1250.0).speed) == 1250.0
-    assert sj.load_start(ds.isel(case=1)).v_y == 0.4
+    assert float(sj.load(ds, speed=1250.0).scene.speed) == 1250.0
+    assert sj.load(ds.isel(case=1)).start.v_y == 0.4
 
 
 def test_solvers_come_back_or_say_that_they_do_not():
     def kept(**call):
         return xr.Dataset(attrs=run_attributes(SCENE, sj.table_2_start(), {"function": "simulate", **call}))
 
-    for name in ("RK4", "TwoStep", "Kvaerno3", "diffrax.Tsit5", sj.Rodas4()):
+    for name in ("RK4", "TwoStep", "Kvaerno3", "diffrax.Tsit5", sj.solvers.Rodas4()):
         solver = resolve_solver(SCENE, name)
         assert eqx.tree_equal(load_call(kept(solver=solver))["solver"], solver)
-    controller = resolve_controller(sj.AdaptiveSteps(1e-4), sj.Tsit5())
+    controller = resolve_controller(sj.solvers.AdaptiveSteps(1e-4), sj.solvers.Tsit5())
     found = load_call(kept(stepsize_controller=controller))["stepsize_controller"]
-    assert eqx.tree_equal(resolve_controller(found, sj.Tsit5()), controller)
+    assert eqx.tree_equal(resolve_controller(found, sj.solvers.Tsit5()), controller)
     own = diffrax.PIDController(rtol=1e-4, atol=1e-6, norm=lambda x: sj.model.scaled_size(x.motion))
     ds = kept(stepsize_controller=own)
-    assert eqx.tree_equal(sj.load_scene(ds), SCENE)
+    assert eqx.tree_equal(sj.load(ds).scene, SCENE)
     with pytest.raises(
         ValueError, match=r"`stepsize_controller.norm` cannot be rebuilt: it was tests.sweeps.test_results"
     ):

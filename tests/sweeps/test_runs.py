@@ -11,7 +11,7 @@ import slipperjax as sj
 from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 
 SCENE, STEPS, START = sj.paper_scene(), 50, sj.table_2_start()
-RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.Coulomb(0.1))
+RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.model.Coulomb(0.1))
 FAST = sj.SpeedProgramme.over_distance([0.0, 100.0, 200.0], [50.0, 800.0, 400.0])
 
 
@@ -81,7 +81,7 @@ def test_times_and_steps_follow_the_speed(runs):
     # as many as a constant speed there would take
     for window in (0, 50, 99, 150):
         least = dataclasses.replace(RAIL, speed=float(FAST.least(window, window + 1.0)))
-        np.testing.assert_array_equal(steps[:, window], np.ceil(sj.default_steps_per_period(least) / 8.0))
+        np.testing.assert_array_equal(steps[:, window], np.ceil(sj.model.default_steps_per_period(least) / 8.0))
     assert list(runs["stretch"].values) == [100.0, 200.0, 210.0]
     assert not runs["status"].any()
 
@@ -185,7 +185,7 @@ def test_bad_runs_name_what_is_wrong(change, words):
 
 
 def test_a_rail_that_ends_is_said():
-    short = sj.SampledTrack([0.0, 16.0], 1e-4 * np.sin(np.arange(65)), 0.0, ends="error")
+    short = sj.model.SampledTrack([0.0, 16.0], 1e-4 * np.sin(np.arange(65)), 0.0, ends="error")
     with pytest.raises(ValueError, match=r"end before the rail does at 16 m, but is 24; .*ramp=8.*length=24"):
         sj.run(dataclasses.replace(SCENE, track=short), length=24.0)
     known = pytest.warns(sj.ImplausibleWarning, match="the rail is known up to 400 m only")
@@ -200,7 +200,7 @@ def worn(wear, length=210.0, **options):
 
 @pytest.mark.full
 def test_wear_opens_the_play_of_each_face_by_its_friction():
-    ds, section = worn(sj.Wear(1e-13)), RAIL.section
+    ds, section = worn(sj.model.Wear(1e-13)), RAIL.section
     work = ds["friction_work"].sum("end").groupby(ds["distance"] > 100.0).sum()[0]
     of_faces = np.array([work.values[section.face_of_point == k].sum() for k in range(5)])
     pairs = np.array([[0, 9], [1, 2], [3, 4], [5, 6], [7, 8]])
@@ -208,7 +208,7 @@ def test_wear_opens_the_play_of_each_face_by_its_friction():
     opened = ds["play"][0] - np.asarray(section.play)  # at the end of the first stretch
     np.testing.assert_allclose(opened, 1e-13 * of_faces / (widths * 0.2), rtol=1e-10)
     assert float(opened.max()) > 1e-7
-    rest = worn(sj.Wear(1e-13), length=10.0, begin=200.0, start=ds)
+    rest = worn(sj.model.Wear(1e-13), length=10.0, begin=200.0, start=ds)
     np.testing.assert_allclose(rest["friction_work"], ds["friction_work"][200:], rtol=1e-6, atol=1e-12)
     assert float((ds["play"][2] - ds["play"][1]).max()) > 1e-9
     np.testing.assert_allclose(rest["play"][0] - ds["play"][2], 0.0, atol=1e-12)
@@ -216,7 +216,7 @@ def test_wear_opens_the_play_of_each_face_by_its_friction():
 
 @pytest.mark.slow  # three programs
 def test_the_play_opens_before_each_window():
-    opening = sj.WearTable([0.0, 4.0], [0.0, 4e-4])
+    opening = sj.model.WearTable([0.0, 4.0], [0.0, 4e-4])
     # Tsit5 keeps the last slope, which the play changes
     options = dict(speed=FAST, record="peak_force", steps_per_period=80, solver="Tsit5", probe=1)
     whole = sj.run(dataclasses.replace(RAIL, wear=opening), length=4.0, **options)
@@ -233,7 +233,7 @@ def test_the_play_opens_before_each_window():
 @pytest.mark.full
 @pytest.mark.parametrize("speeds", [(), (300.0, 400.0)], ids=["starts", "speeds"])
 def test_slippers_wear_alike_in_a_grid_and_alone(speeds):
-    scene = dataclasses.replace(RAIL, speed=400.0, wear=sj.Wear(1e-10))
+    scene = dataclasses.replace(RAIL, speed=400.0, wear=sj.model.Wear(1e-10))
     how = dict(length=21.0, window=0.2, record="friction_work", steps_per_period=400)
     grid = {"start_y": [0.0, 1e-4]} | ({"speed": speeds} if speeds else {})
     ds = sj.run(scene, grid, **how)
@@ -250,12 +250,12 @@ def test_slippers_wear_alike_in_a_grid_and_alone(speeds):
 
 def test_wear_needs_friction_and_a_run():
     with pytest.raises(ValueError, match="Argument `scene` must have friction, by whose work slippers wear"):
-        sj.run(dataclasses.replace(RAIL, friction=None, wear=sj.Wear(1e-13)), length=8.0)
+        sj.run(dataclasses.replace(RAIL, friction=None, wear=sj.model.Wear(1e-13)), length=8.0)
     with pytest.raises(ValueError, match="Argument `scene` must have no wear here"):
-        sj.simulate(dataclasses.replace(RAIL, wear=sj.Wear(1e-12)), 1)
+        sj.simulate(dataclasses.replace(RAIL, wear=sj.model.Wear(1e-12)), 1)
 
 
 @pytest.mark.full
 def test_a_table_opens_the_play_by_the_distance():
-    ds = worn(sj.WearTable([0.0, 200.0], [0.0, 1e-4]))
+    ds = worn(sj.model.WearTable([0.0, 200.0], [0.0, 1e-4]))
     np.testing.assert_allclose(ds["play"][:, 0] - 0.5e-3, [5e-5, 1e-4, 1e-4], rtol=1e-12)

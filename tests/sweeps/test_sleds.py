@@ -10,14 +10,14 @@ import slipperjax as sj
 from ..common import CORNERS, sled_on
 
 SLED = sled_on()
-BEAM = sj.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=2, damping=0.02)
+BEAM = sj.model.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=2, damping=0.02)
 RAIL = sj.HarmonicTrack((8.0,), 1e-3)
 RIGID = sj.Scene(
     speed=300.0,
     slipper=SLED,
-    section=sj.paper_section(1e-3),
-    track=sj.TwoRails(RAIL, RAIL),
-    contact=sj.Flores(1e8, 0.6),
+    section=sj.model.paper_section(1e-3),
+    track=sj.model.TwoRails(RAIL, RAIL),
+    contact=sj.model.Flores(1e8, 0.6),
     gravity=9.81,
 )
 ELASTIC = dataclasses.replace(RIGID, slipper=dataclasses.replace(SLED, modes=BEAM))
@@ -48,8 +48,8 @@ def test_stores_hold_sleds(tmp_path):
         again = sj.sweep(scene, SPEEDS, **options)
         # measured: equal bits with JAX 0.10, 1.3e-12 with 0.12, which compiles tiles of one case otherwise
         np.testing.assert_allclose(ds["peak_force"], again["peak_force"], rtol=1e-11)
-        np.testing.assert_array_equal(sj.open_store(path)["peak_force"], ds["peak_force"])
-        assert repr(sj.load_scene(path, speed=300.0)) == repr(scene)
+        np.testing.assert_array_equal(sj.sweeps.open_store(path)["peak_force"], ds["peak_force"])
+        assert repr(sj.load(path, speed=300.0).scene) == repr(scene)
 
 
 @pytest.mark.slow
@@ -58,9 +58,9 @@ def test_trends_of_sleds_on_random_rails():
     mounts = [sj.Mount(x, y, -0.25, rail=rail) for rail, y in (("left", 0.6), ("right", -0.6)) for x in (1.2, -1.2)]
     sled = sj.Sled(mass=400.0, inertia=(80.0, 320.0, 380.0), mounts=mounts)
     bending = dict(mass=400.0, length=3.2, stiffness=(2e6, 5e5), count=4, damping=0.02)
-    modes = sj.Modes.beam([float(mount.x) for mount in mounts], **bending)
-    track = sj.RandomRails(sj.RandomTrack.sled(length=320.0), coherence=0.95)
-    scene = dataclasses.replace(RIGID, track=track, contact=sj.Flores(1e9, 0.9))
+    modes = sj.model.Modes.beam([float(mount.x) for mount in mounts], **bending)
+    track = sj.model.RandomRails(sj.RandomTrack.sled(length=320.0), coherence=0.95)
+    scene = dataclasses.replace(RIGID, track=track, contact=sj.model.Flores(1e9, 0.9))
     grid = {"clearance": [0.6e-3, 1e-3, 2e-3], "speed": [100.0, 400.0, 900.0], "track.seed": np.arange(16)}
     kept = dict(length=300.0, record=["rms_a_y", "rms_a_z", "peak_force"], start="rest")
     rms, highest = {}, {}

@@ -81,7 +81,7 @@ def test_a_store_holds_what_the_sweep_gives(tmp_path):
         np.testing.assert_array_equal(values, variable.values)
         assert found[name].attrs == variable.attrs, name
     assert np.isnan(found["v_z"].values[..., plain["v_z"].shape[-1] :]).all()
-    one = sj.load_scene(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3)
+    one = sj.load(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3).scene
     assert eqx.tree_equal(one, sj.paper_scene(1000.0, 0.5e-3))
 
 
@@ -89,7 +89,7 @@ def test_the_lists_of_a_grid_are_read_side_by_side(tmp_path):
     lists = {"speed": np.linspace(500, 600, 23), "clearance": np.linspace(2e-3, 1e-3, 23)}
     how = dict(product=False, steps_per_period=50 * (1 + np.arange(23) % 8))
     plain = made_up.made_up(sj.paper_scene(), lists, **how)
-    ds = made_up.made_up(sj.paper_scene(), lists, store=sj.Store(tmp_path / "list.zarr", tile=7), **how)
+    ds = made_up.made_up(sj.paper_scene(), lists, store=sj.sweeps.Store(tmp_path / "list.zarr", tile=7), **how)
     assert ds["status"].dims == ("case",)
     for name in (*lists, "steps_per_period", "seconds"):
         np.testing.assert_array_equal(ds[name], plain[name])
@@ -117,8 +117,8 @@ def test_tiles_cover_a_grid_once():
 def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
     scene, grid = sj.paper_scene(), {"speed": np.linspace(1000, 1600, 4), "clearance": np.linspace(5e-4, 15e-4, 3)}
     how = how | dict(steps_per_period=50)
-    with sj.processes(2) as pool:
-        ds = function(scene, grid=grid, store=sj.Store(tmp_path / "map.zarr", tile=4), chunk=8, executor=pool, **how)
+    with sj.sweeps.processes(2) as pool:
+        ds = function(scene, grid=grid, store=sj.sweeps.Store(tmp_path / "map.zarr", tile=4), chunk=8, executor=pool, **how)
     plain = function(scene, grid=grid, **how)
     assert set(ds.variables) == set(plain.variables)
     for name in plain.variables:
@@ -173,7 +173,7 @@ def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
 
     def asked(fresh=False, **change):
         how = dict(scene=sj.paper_scene(), grid=grid) | change
-        made_up.made_up(store=sj.Store(stored, tile=10, fresh=fresh), **how)
+        made_up.made_up(store=sj.sweeps.Store(stored, tile=10, fresh=fresh), **how)
 
     for change, words in (
         (dict(periods=4), "call.periods: 3 in the store, 4 asked"),
@@ -231,7 +231,7 @@ def test_what_has_another_mark_or_none_is_no_store_of_ours(stored, content):
         content = json.dumps(group).encode()
     file.write_bytes(content)
     before = files(stored)
-    for function in (sj.open_store, store_status, check_store, call, lambda path: call(path, fresh=True)):
+    for function in (sj.sweeps.open_store, store_status, check_store, call, lambda path: call(path, fresh=True)):
         with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
             function(stored)
     assert files(stored) == before
@@ -304,7 +304,7 @@ def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
 @pytest.mark.parametrize("name", ["v_z", "speed"])
 def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, name):
     shutil.rmtree(stored / name)
-    for ask in (call, sj.open_store, check_store):
+    for ask in (call, sj.sweeps.open_store, check_store):
         with pytest.raises(ValueError, match=f"must be whole, but is without {name}: start over"):
             ask(stored)
 
@@ -351,7 +351,7 @@ def test_workers_end_with_the_process_that_made_them(tmp_path):
     script = """
 import os, slipperjax as sj
 if __name__ == '__main__':
-    print(sj.processes(1).submit(os.getpid).result(), flush=True)
+    print(sj.sweeps.processes(1).submit(os.getpid).result(), flush=True)
     input()
 """
     file = tmp_path / "script.py"
@@ -453,7 +453,7 @@ def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, 
     mark, path, shared, dies = (tmp_path / name for name in ("die", "map.zarr", "shared.zarr", "dies.zarr"))
     monkeypatch.setenv("DIES", str(mark))
     monkeypatch.setenv("PYTHONPATH", CHECKED)
-    with sj.processes(2) as pool:
+    with sj.sweeps.processes(2) as pool:
         ds = call(path, executor=pool)
         assert files(path) == whole
         assert int((ds["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
@@ -514,10 +514,10 @@ def test_what_is_no_executor_or_no_store_is_named(tmp_path):
         (lambda: asked(executor=forked, store=path), "must start new processes, .* but is one that forks"),
         (lambda: asked(executor=3, store=path), "must be a dask.distributed.Client or"),
         (lambda: asked(executor=ThreadPoolExecutor(1)), "`executor` must come with `store`"),
-        (lambda: asked(store=7), "must be a path or a slipperjax.Store"),
+        (lambda: asked(store=7), "must be a path or a slipperjax.sweeps.Store"),
         (lambda: asked(store=path, steps_per_period=np.ones(3)), "one for each case, \\(12, 10\\)"),
-        *((lambda n=n: sj.Store(path, share=n), "`share` must be") for n in ((0, 2), (3, 2), (1,), "1/2")),
-        (lambda: sj.Store(path, share=(1, 2), fresh=True), "`fresh` must be False"),
+        *((lambda n=n: sj.sweeps.Store(path, share=n), "`share` must be") for n in ((0, 2), (3, 2), (1,), "1/2")),
+        (lambda: sj.sweeps.Store(path, share=(1, 2), fresh=True), "`fresh` must be False"),
     ):
         with pytest.raises(ValueError, match=words):
             make()

@@ -37,7 +37,7 @@ def test_batch_equals_one_by_one(several):
         case, run = several.isel(speed=k), settling(SPEEDS[k])
         # measured 9e-10: sums are reassociated differently in a batch, and rounding grows at every touchdown
         np.testing.assert_allclose(case["strobe"], columns(run)[550::50], rtol=1e-7, atol=1e-9)
-        labels, loads = run.to_xarray(), last_ten(run.loads)
+        labels, loads = run.ds, last_ten(run.loads)
         for name in LOADS:
             np.testing.assert_allclose(case[name], getattr(loads, name), rtol=1e-7, atol=1e-12, err_msg=name)
             assert case[name].attrs == labels[name].attrs
@@ -91,7 +91,7 @@ def test_cases_of_several_step_counts_are_those_of_each_alone():
         # another order of sums; rounding grows at every touchdown
         found, exact = ds[name].values[::2, 49:100:50], alone["strobe"].sel(coordinate=name).values[::2, :2]
         np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8, err_msg=name)
-    one = settling().to_xarray().isel(time=slice(1, None))
+    one = settling().ds.isel(time=slice(1, None))
     np.testing.assert_allclose(ds["period"].values, one["period"].values, atol=1e-12)
     one, same = one.isel(time=slice(100)), ds.isel(speed=1, time=slice(100))
     np.testing.assert_allclose(same["y"].values, one["y"].values, atol=1e-12)

@@ -51,7 +51,7 @@ def test_digests_are_the_same_in_any_process():
     program = (
         "from slipperjax.tools.code import code_digest\nimport slipperjax as sj\n"
         "def f(x): return x in x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}\n"
-        "class Law(sj.Flores): force = f\n"
+        "class Law(sj.model.Flores): force = f\n"
         "print(code_digest(f), code_digest(Law))"
     )
     run = functools.partial(subprocess.run, [sys.executable, "-c", program], capture_output=True, check=True)

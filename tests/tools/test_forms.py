@@ -126,7 +126,7 @@ def test_a_period_and_its_derivative_are_the_same_in_both_forms(monkeypatch):
     for form in (fast, plain):
         monkeypatch.setattr(forms._Choice, "form", form)
         # a function of its own for each form, because JAX keeps what it has traced
-        end = lambda speed, form=form: PeriodMap(scene.replace(speed=speed), 20, sj.RK4())(state).motion.v_z
+        end = lambda speed, form=form: PeriodMap(scene.replace(speed=speed), 20, sj.solvers.RK4())(state).motion.v_z
         found[form] = jax.jit(lambda speed, end=end: jax.jvp(end, (speed,), (1.0,)))(1250.0)
     np.testing.assert_allclose(found[plain], found[fast], rtol=1e-10)  # measured: 3e-14
 

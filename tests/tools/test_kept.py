@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.simulate import stand_in
+from slipperjax.orbits.simulate import stand_in
 from slipperjax.tools import cache, kept
 from slipperjax.tools.code import stable_digest
 
@@ -339,7 +339,7 @@ def test_two_threads_compile_a_program_once(folder):
 
 def test_a_scene_and_its_orbit_are_found_again(folder):
     scene = sj.paper_scene(speed=1250.0)
-    step = dict(solver=sj.ImpulseRK4(), steps_per_period=20)
+    step = dict(solver=sj.solvers.ImpulseRK4(), steps_per_period=20)
     first = sj.simulate(scene, 2, **step)
     kept.forget()
     with compilations() as seconds:
@@ -373,7 +373,7 @@ def compile_one():
 @contextlib.contextmanager
 def one_process():
     """A function that calls another one in a new process, and an executor of this process."""
-    with sj.processes(1) as pool:
+    with sj.sweeps.processes(1) as pool:
         yield lambda call: pool.submit(call).result(), pool
 
 

@@ -95,7 +95,7 @@ from slipperjax.tools import jacobian
 jacobian.MOST_FORWARD = 0
 scene = sj.paper_scene(speed=1250.0)
 state = sj.initial_state(scene, sj.table_2_start())
-options = dict(periods=3, steps_per_period=40, solver=sj.RK4())
+options = dict(periods=3, steps_per_period=40, solver=sj.solvers.RK4())
 end = lambda speed: sj.period_map(scene.replace(speed=speed), state, **options).motion.y
 print(*(float(jax.jit(derivative(end))(1250.0)) for derivative in (jax.grad, jax.jacfwd)))
 """

@@ -24,8 +24,8 @@ def test_a_wrong_shape_put_in_by_hand_is_found():
         scene.track.approach_speed(jnp.ones(2))
     batched = scene.replace(speed=np.array([900.0, 1000.0]))
     with pytest.raises(TypeCheckError):
-        sj.contact_duration(batched)  # functions take one case, batches need Batched.map
-    each = Batched.of(batched, scene).map(sj.contact_duration)
+        sj.model.contact_duration(batched)  # functions take one case, batches need Batched.map
+    each = Batched.of(batched, scene).map(sj.model.contact_duration)
     assert each.shape == (2,)
     assert multipliers(jacobians(lambda s, k: 0.5 * s, jnp.ones(2), 1)).tolist() == [0.5, 0.5]
     assert largest_exponent([0.5 * np.eye(2)] * 2, 2) == pytest.approx(np.log(0.5))

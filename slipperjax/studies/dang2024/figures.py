@@ -13,11 +13,11 @@ from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
 from ...model.parameters import PARAMETERS
 from ...model.quantities import SECTIONS
-from ...orbits.branches import load_branch
 from ...plots.branches import branches
 from ...plots.maps import bifurcations, exponents
 from ...plots.style import png, styled
 from ...plots.trajectories import phase_portrait, spectrum
+from ...sweeps.loading import load
 from ...tools.files import write_each
 from .claims import DUAL_LINES
 from .runs import Data, Finished
@@ -32,7 +32,7 @@ def write_figures(done: Finished, out: Path) -> None:
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
         # a branch also has a table of its events, as text
         if "orbit_period" in ds.attrs:
-            contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
+            contents[out / f"{name}.txt"] = "\n".join(load(ds).summary()).encode
     for figure in done.figures:
         contents[out / f"fig{figure}.png"] = functools.partial(_picture, figure, done.data)
     write_each(contents)

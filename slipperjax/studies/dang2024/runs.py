@@ -15,6 +15,7 @@ from ...flow.status import Status
 from ...model.dang2024 import paper_scene
 from ...model.scene import Scene
 from ...orbits.branches import OrbitBranch, continue_orbit
+from ...results.result import Result
 from ...sweeps.follow import Jump, find_jump
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
@@ -83,13 +84,13 @@ def study_cases(effort: Effort) -> dict[str, CaseList]:
 
 
 def run_lists(
-    run: Callable[..., xr.Dataset], scene: Scene, lists: dict[str, CaseList], **options: object
+    run: Callable[..., Result], scene: Scene, lists: dict[str, CaseList], **options: object
 ) -> dict[str, xr.Dataset]:
     """Run lists of cases as one sweep, and return the results by name; a list named as a parameter is along it."""
     grid = {name: np.concatenate([part[name] for part in lists.values()]) for name in cases(speed=[])}
     # the slower the sled, the longer a period, and the shorter the part of it that an impact takes
     steps = np.where(grid["speed"] < 500.0, 2 * STEPS, STEPS)
-    ds = run(scene, grid, product=False, steps_per_period=steps, **options)
+    ds = run(scene, grid, product=False, steps_per_period=steps, **options).ds
     # cut the result into the lists again
     parts = {}
     first = 0
@@ -120,7 +121,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
         evidence = _jumps(part["speed"]) if name == "speed" else ""
         found |= answers(name, Diagram(data[name], name, effort.judged, evidence))
         for branch in follow_branches(name, effort.flips, progress=effort.progress):
-            data[f"{name}_branch_{branch.period}"] = branch.points
+            data[f"{name}_branch_{branch.period}"] = branch.ds
     return found
 
 
@@ -152,7 +153,7 @@ def follow_branches(name: str, flips: int, **options: bool | None) -> Iterator[O
 def _histories(scene: Scene, part: CaseList, transient: int, progress: bool | None) -> xr.Dataset:
     """Return histories of single cases."""
     options = dict(record="history", saves_per_period=50, periods=60, transient=transient, progress=progress)
-    return sweep(scene, part, product=False, steps_per_period=STEPS, **options)
+    return sweep(scene, part, product=False, steps_per_period=STEPS, **options).ds
 
 
 def _jumps(speeds: np.ndarray) -> str:
@@ -192,7 +193,8 @@ def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
     scene = paper_scene(speed=1500.0, wavelengths=(10.0, 12.0))
     # 180 periods of f1 are 150 of f2, so that both lines and all their combinations fall on a bin of the spectrum
     common = dict(record="history", saves_per_period=50, steps_per_period=STEPS, periods=180)
-    data["dual"] = sweep(scene, {"speed": [1500.0]}, transient=effort.transient, **common, progress=effort.progress)
+    how = dict(transient=effort.transient, progress=effort.progress)
+    data["dual"] = sweep(scene, {"speed": [1500.0]}, **common, **how).ds
     return answers("dual", Singles(data["dual"], [150.0]))
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from ..flow.status import Status
 from ..model.quantities import Quantity, point_dims
-from .runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
+from ..plots.runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
 SUMMED = ("impacts", "impulse", "friction_work")
 """Numbers that are summed over points and windows; of others the highest counts."""

@@ -14,27 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import Args, Reactions, State, reactions
-from ..model.kinematics import Motion, accuracy_scales, scaled_size
-from ..model.layout import StateLayout
-from ..model.scene import Scene, check_scene, travel_unit
-from ..model.starts import AtRest, check_start, initial_state
-from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
-from ..model.tracks import AbstractTrack
-from ..solvers.named import resolve_controller, resolve_solver
-from ..tools.checks import Check, finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
-from ..tools.compile import as_argument, call_compiled, jit
-from ..tools.description import describe
-from ..tools.jacobian import by_jacobian
-from ..tools.limits import refuse_impossible
-from ..tools.progress import bar as progress_bar
-from ..tools.tracing import is_traced
-from ..tools.types import AnyArray, Real, Whole
-from .course import Loads, over_periods
-from .period_map import Passage, PeriodMap
-from .record import RecordSet, Unlabelled
-from .status import (
+from ..flow.course import Loads, over_periods
+from ..flow.datasets import load_base, trajectory_dataset
+from ..flow.period_map import Passage, PeriodMap
+from ..flow.record import RecordSet, Unlabelled
+from ..flow.status import (
     Status,
     first_problem,
     heed_interrupts,
@@ -44,7 +28,25 @@ from .status import (
     with_accuracy,
     with_loads,
 )
-from .stepping import ROOM, ConstantSteps, ControlledSteps, calls_of, capacity_for
+from ..flow.stepping import ROOM, ConstantSteps, ControlledSteps, calls_of, capacity_for
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import Args, Reactions, State, reactions
+from ..model.kinematics import Motion, accuracy_scales, scaled_size
+from ..model.layout import StateLayout
+from ..model.scene import Scene, check_scene, travel_unit
+from ..model.starts import AtRest, check_start, initial_state
+from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
+from ..model.tracks import AbstractTrack
+from ..results.result import AbstractResult
+from ..solvers.named import resolve_controller, resolve_solver
+from ..tools.checks import Check, finite, instance, number, one_of, require, shown_number, warn, whole, yes_or_no
+from ..tools.compile import as_argument, call_compiled, jit
+from ..tools.description import describe
+from ..tools.jacobian import by_jacobian
+from ..tools.limits import refuse_impossible
+from ..tools.progress import bar as progress_bar
+from ..tools.tracing import is_traced
+from ..tools.types import AnyArray, Real, Whole
 
 
 @dataclass(frozen=True)
@@ -265,7 +267,7 @@ class Peak(NamedTuple):
         return f"highest single contact point {float(self.force):.0f} N at {where}, {when}"
 
 
-class Trajectory(eqx.Module):
+class Trajectory(eqx.Module, AbstractResult):
     """A simulated motion: states saved at constant intervals, and loads of every forcing period."""
 
     scene: Scene
@@ -319,10 +321,8 @@ class Trajectory(eqx.Module):
         """Contact forces, drive force, loads on the track nodes and accelerations, with a leading axis of saves."""
         return _reactions(self.scene, self.period, self.state)
 
-    def to_xarray(self):
-        """Return the trajectory as an `xarray.Dataset`, see `slipperjax.flow.datasets.trajectory_dataset`."""
-        from .datasets import trajectory_dataset
-
+    @property
+    def ds(self):
         return trajectory_dataset(self)
 
 
@@ -622,8 +622,6 @@ def beginning(scene: Scene, begin: Real | None, start: Any) -> tuple[Real, Motio
     """Return where a run begins [m], and its start; of a dataset of `slipperjax.run`, the state kept there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)
-    from .datasets import load_base  # here, because datasets are also made of trajectories
-
     states = start.get("state")
     is_run = states is not None and states.ndim == 2
     require(is_run, "start", "be a motion, a state, or one run of slipperjax", shown="another dataset")

@@ -1,0 +1,178 @@
+"""Results: every answer says, lists, draws and writes itself in the same way, and is loaded again in one way."""
+
+import abc
+import html
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+import numpy as np
+
+from ..flow.datasets import load_call, scene_of, start_of
+from ..flow.status import Interrupted, Status
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..tools.files import write_each
+from .writing import contents_of
+
+if TYPE_CHECKING:
+    import os
+
+    import pandas as pd
+    import xarray as xr
+
+    from .kinds import Kind
+
+Arguments = ParamSpec("Arguments")
+
+
+class AbstractResult(abc.ABC):
+    """An answer, with its numbers as a dataset of xarray.
+
+    Subclasses have `scene` and `status`, too.
+    """
+
+    @property
+    @abc.abstractmethod
+    def ds(self) -> "xr.Dataset":
+        """All numbers, with units and with what made them, as one dataset for files and pictures."""
+
+    @property
+    def call(self) -> dict[str, Any]:
+        """The name of the function that made the result, as `function`, and its arguments by name, without scene,
+        grid and start."""
+        return load_call(self.ds)
+
+    @property
+    def kind(self) -> "Kind":
+        """How results of this kind are said, listed and drawn."""
+        # here, because words and pictures take long to import
+        from .kinds import kind_of
+
+        return kind_of(self.ds)
+
+    def summary(self, units: Sequence[str] | None = None) -> list[str]:
+        """Return the result in words, a line for each thing that was found: what is wrong comes first.
+
+        **Arguments:** `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default those of
+        the scene's file.
+        """
+        return self.kind.summary(self.ds, units)
+
+    def tables(self, units: Sequence[str] | None = None) -> "dict[str, pd.DataFrame]":
+        """Return the result as tables by their names, the main one first, with units in their headers.
+
+        **Arguments:** as for `summary`.
+        """
+        return self.kind.tables(self.ds, units)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the picture that fits the result; `options`: those of the picture, see `slipperjax.plots`.
+
+        **Returns:** Axes of matplotlib, or an array of them.
+
+        **Raises:** `ValueError` where no picture fits, such as for a sweep over three parameters.
+        """
+        return self.kind.plot(self.ds, **options)
+
+    def write(self, *paths: "str | os.PathLike[str]", units: Sequence[str] | None = None, **options: object) -> str:
+        """Write files, each whole or not at all, by their endings.
+
+        - `.nc`: all numbers, which `slipperjax.load` reads; `.mat`: the same for MATLAB.
+        - `.png`, `.svg`, `.pdf`: the picture; of a run, a comparison and an environment the PDF is a report, whose
+            first page says the result in words.
+        - `.csv`: the main table; each further one beside it, with its name before the ending; `.xlsx`: summary and
+            tables as sheets.
+
+        **Arguments:** `units`: as for `summary`; `options`: of the picture, as for `plot`.
+
+        **Returns:** what was written, in words.
+
+        **Raises:** `ValueError` for another ending; `OSError` for a file that cannot be written.
+        """
+        return write_each(contents_of(self, paths, units, options))
+
+    def __repr__(self) -> str:
+        return "\n  ".join([type(self).__name__, *self.summary()])
+
+
+class Result(AbstractResult):
+    """An answer that is a dataset: `result["peak_force"]`, `result.sizes` and all others of its names are at hand.
+
+    `isel` and `sel` return a part of the result as a result; other methods of xarray return what they do there.
+    """
+
+    def __init__(self, ds: "xr.Dataset"):
+        self._ds = ds
+
+    @property
+    def ds(self) -> "xr.Dataset":
+        return self._ds
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of a result of one case, such as `result.isel(speed=3)`; exactly as it was.
+
+        **Raises:** `ValueError` for several cases.
+        """
+        return scene_of(self.ds)
+
+    @property
+    def start(self) -> Motion | State:
+        """The motion or state with which the one case began; raises as `scene`."""
+        return start_of(self.ds)
+
+    @property
+    def status(self) -> "Status | xr.DataArray":
+        """The `Status` of one case, or the codes of all cases."""
+        found = self.ds["status"] if "status" in self.ds else self.ds.attrs.get("status", int(Status.FINITE))
+        return Status(int(found)) if np.ndim(found) == 0 else found
+
+    def isel(self, *args: Any, **kwargs: Any) -> "Result":
+        """Return a part of the result by positions, as of `xarray.Dataset.isel`."""
+        return type(self)(self.ds.isel(*args, **kwargs))
+
+    def sel(self, *args: Any, **kwargs: Any) -> "Result":
+        """Return a part of the result by values of its coordinates, as of `xarray.Dataset.sel`."""
+        return type(self)(self.ds.sel(*args, **kwargs))
+
+    def __getattr__(self, name: str) -> Any:
+        # asked for names that this class lacks only; `_ds` is one while a copy is made
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._ds, name)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.ds[key]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.ds
+
+    def __iter__(self) -> Iterator[object]:
+        return iter(self.ds)
+
+    def __len__(self) -> int:
+        return len(self.ds)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(name for name in dir(self.ds) if not name.startswith("_"))})
+
+    def __repr__(self) -> str:
+        ds = self.ds
+        # a count of values for each dimension
+        over = ", ".join(f"{name}: {size}" for name, size in ds.sizes.items())
+        has = f"variables {', '.join(map(str, ds.data_vars))}; dimensions {over or 'none'}"
+        return f"{super().__repr__()}\n  {has}"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(chr(10).join(self.summary()))}</pre>{self.ds._repr_html_()}"
+
+
+def answered(compute: "Callable[Arguments, xr.Dataset]", *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+    """Return the dataset that a function computes as a `Result`, also in what an interrupt leaves."""
+    try:
+        return Result(compute(*args, **kwargs))
+    except Interrupted as stop:
+        if hasattr(stop.result, "data_vars") and not isinstance(stop.result, Result):
+            stop.result = Result(stop.result)  # type: ignore[arg-type]
+        raise

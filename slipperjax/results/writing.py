@@ -1,0 +1,170 @@
+"""Files of results: what each ending stands for."""
+
+import functools
+import importlib.util
+import io
+import os
+import re
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..tools.checks import require
+from ..tools.files import Content, user_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .result import AbstractResult
+
+PICTURES = (".png", ".svg", ".pdf")
+ENDINGS = (".nc", *PICTURES, ".csv", ".xlsx", ".mat")
+"""Endings of the files that results write."""
+WIDTH = 105
+"""Characters in a line of a page of words."""
+LINES = 78
+"""Lines on that page."""
+PAGE = (7.2, 9.4)
+"""Size of that page [inches]."""
+
+
+def check_ending(path: Path, name: str = "paths") -> str:
+    """Return the ending of a file that results write.
+
+    **Raises:** `ValueError` for an unknown ending, or one whose package is missing.
+    """
+    ending = path.suffix.lower()
+    require(ending in ENDINGS, name, f"end in one of {', '.join(ENDINGS)}", path.name)
+    if ending == ".xlsx" and importlib.util.find_spec("openpyxl") is None:
+        raise ValueError(f"A workbook such as {path.name} needs openpyxl: pip install 'slipperjax[report]'.")
+    return ending
+
+
+def contents_of(
+    result: "AbstractResult",
+    paths: Sequence[str | os.PathLike[str]],
+    units: Sequence[str] | None,
+    options: Mapping[str, Any],
+) -> dict[Path, Callable[[], Content]]:
+    """Return functions that make the content of files, by their paths.
+
+    **Arguments:** as for `AbstractResult.write`.
+    """
+    contents: dict[Path, Callable[[], Content]] = {}
+    for given in paths:
+        path = user_path(given, "paths")
+        ending = check_ending(path)
+        if ending == ".csv":
+            contents |= _tables(result, path, units)
+        elif ending in PICTURES:
+            contents[path] = functools.partial(_picture, result, ending, units, options)
+        else:
+            contents[path] = functools.partial(MAKERS[ending], result, units)
+    return contents
+
+
+def _netcdf(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+    # made in memory: HDF5 loses the whole process where a disk is full
+    return result.ds.to_netcdf(engine="h5netcdf")
+
+
+def _matlab(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+    """Return variables, coordinates and attributes for MATLAB, in which names have letters, digits and _ alone."""
+    from scipy.io import savemat
+
+    ds = result.ds
+    values = {**{name: ds[name].values for name in ds.variables}, "attributes": dict(ds.attrs)}
+    named = {re.sub(r"\W", "_", str(name)).lstrip("_"): _of_matlab(value) for name, value in values.items()}
+    content = io.BytesIO()
+    savemat(content, named, long_field_names=True, oned_as="column")
+    return content.getvalue()
+
+
+def _of_matlab(value: Any) -> Any:
+    """Return values as kinds that MATLAB has: numbers, texts, and structures of these."""
+    if isinstance(value, dict):
+        return {re.sub(r"\W+", "_", name).strip("_"): _of_matlab(one) for name, one in value.items()}
+    array = np.asarray(value)
+    # texts of different lengths are cells
+    return array.astype(object) if array.dtype.kind in "OUT" and array.ndim else value
+
+
+def _tables(result: "AbstractResult", path: Path, units: Sequence[str] | None) -> dict[Path, Callable[[], Content]]:
+    """Return functions that make the files of tables: the main one at `path`, others with their names in theirs."""
+    contents = {}
+    for k, (name, table) in enumerate(result.tables(units).items()):
+        more = f"_{re.sub(' ', '', name)}" if k else ""
+        make = functools.partial(table.to_csv, index=False, float_format="%.9g")
+        contents[path.with_name(f"{path.stem}{more}.csv")] = lambda make=make: make().encode()
+    return contents
+
+
+def _workbook(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+    """Return a workbook: the words, and the tables as sheets."""
+    import pandas as pd
+
+    content = io.BytesIO()
+    words = pd.DataFrame({"summary": result.summary(units)})
+    with pd.ExcelWriter(content, engine="openpyxl") as writer:
+        for name, table in {"summary": words, **result.tables(units)}.items():
+            table.to_excel(writer, sheet_name=name, index=False, freeze_panes=(1, 0))
+            sheet = writer.sheets[name]
+            # wide enough for the header
+            for column in sheet.columns:
+                sheet.column_dimensions[column[0].column_letter].width = max(10, len(str(column[0].value)) + 2)
+        writer.sheets["summary"].column_dimensions["A"].width = WIDTH
+    return content.getvalue()
+
+
+MAKERS: dict[str, Callable[..., Content]] = {".nc": _netcdf, ".mat": _matlab, ".xlsx": _workbook}
+"""What makes the content of files that are neither pictures nor tables as text, by ending."""
+
+
+def _picture(
+    result: "AbstractResult", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
+) -> Content:
+    """Return the picture of a result as the content of a file; a PDF of results with a report has all its pages."""
+    import matplotlib
+
+    matplotlib.use("Agg")  # which needs no screen
+    from ..plots.style import FILES
+
+    kind = result.kind
+    if ending == ".pdf" and kind.reports:
+        return _report(kind.title, kind.report(result.ds, units), kind.pages(result.ds, units))
+    own = {"units": units} if kind.reports and units is not None else {}
+    # all Axes of a picture are in one figure
+    return FILES[ending](np.asarray(result.plot(**own, **options)).flat[0].figure)
+
+
+def _report(title: str, text: Sequence[str], pictures: "Iterator[Figure]") -> Content:
+    """Return pages: words, then pictures."""
+    import matplotlib.pyplot as plt
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    from ..plots.style import styled
+
+    content = io.BytesIO()
+    # fonts are written at the end of the pages
+    with styled(), PdfPages(content, metadata={"Title": title}) as pages:
+        for figure in (*_pages_of_words(title, text), *pictures):
+            pages.savefig(figure)
+            plt.close(figure)
+    return content.getvalue()
+
+
+def _pages_of_words(title: str, text: Sequence[str]) -> "Iterator[Figure]":
+    """Yield the pages of a report with words."""
+    import matplotlib.pyplot as plt
+
+    wrapped = [part for line in text for part in textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""]]
+    for first in range(0, len(wrapped), LINES):
+        figure = plt.figure(figsize=PAGE)
+        figure.suptitle(title, x=0.06, ha="left", fontsize=12)
+        words = "\n".join(wrapped[first : first + LINES])
+        # names may have dollar signs, which are no formulae
+        figure.text(0.06, 0.94, words, va="top", family="monospace", fontsize=7, linespacing=1.4, parse_math=False)
+        yield figure
