@@ -89,7 +89,9 @@ def programs() -> Quantities:
     """Digests of lowered programs: the first part, as the sweep's is seen only while it is made."""
     functions: dict[str, Any] = {
         "period_map": after_period,
-        "period_map, Rodas4": lambda clearance, restitution: after_period(clearance, restitution, sj.solvers.Rodas4()),
+        "period_map, Rodas4": lambda clearance, restitution: after_period(
+            clearance, restitution, sj.solvers.Rodas4()
+        ),
         "period_map, jacfwd": jax.jacfwd(after_period, (0, 1)),
     }
     texts = {name: jax.jit(function).lower(1e-3, 0.9).as_text() for name, function in functions.items()}

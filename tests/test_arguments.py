@@ -40,7 +40,13 @@ FINE = dict(
     **dict(frequency=[10.0], damping=[0.01], shapes=np.ones((1, 1, 3)), area=0.1, acceleration=9.81, exponent=0.5),
     **dict(time=[0.0, 1.0, 2.0], thrust=[9e4, 9e4, 0.0], begin=10.0, end=20.0, low=0.02, high=0.8, values=[1e-6]),
     # motions
-    **dict(motion=sj.Motion(), m=sj.Motion(), state=sj.initial_state(SCENE, sj.Motion()), args=sj.model.Args(SCENE), t=0.0),
+    **dict(
+        motion=sj.Motion(),
+        m=sj.Motion(),
+        state=sj.initial_state(SCENE, sj.Motion()),
+        args=sj.model.Args(SCENE),
+        t=0.0,
+    ),
     **dict(phase=0.0, roll=0.0, pitch=0.0, yaw=0.0),
     # grids, names and files
     **dict(grid={"speed": [900.0]}, path={"speed": [900.0, 950.0]}, box={"speed": (900.0, 950.0)}, count=4),

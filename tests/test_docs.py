@@ -77,7 +77,7 @@ def test_scenes_of_the_pages_can_be_read(page, tmp_path):
         if block.language == "toml":
             base = "" if re.search("^base", block.text, re.MULTILINE) else 'base = "paper"\n'
             (tmp_path / "part.toml").write_text(base + block.text)
-            sj.load(tmp_path / "part.toml").scene
+            _ = sj.load(tmp_path / "part.toml").scene
 
 
 def test_the_page_of_statuses_has_them_all():

@@ -14,20 +14,18 @@ import pytest
 import slipperjax
 
 ROOT = Path(slipperjax.__file__).parent
-ROOMS = "tools; model analysis; solvers; flow; orbits plots; sweeps; studies design fitting bench explorer; cli"
+ROOMS = "tools; model analysis; solvers; flow; plots; results; orbits; sweeps; studies design fitting explorer; cli"
 FLOORS = [set(rooms.split()) for rooms in ROOMS.split(";")]
 BY_NAME = {"import_module", "__import__", "find_spec", "load", "attach"}
 """Functions of importlib and of lazy loaders, whose texts name modules."""
-EXPORTING = {"analysis", "design", "fitting", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
+EXPORTING = {"analysis", "design", "fitting", "flow", "model", "orbits", "plots", "results", "solvers", "sweeps"}
 # JAX alone below; these read and write labelled data, pictures and files
 HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "bokeh"}
-MAY_BE_HEAVY = ("plots", "sweeps", "studies", "design", "fitting", "bench", "explorer", "cli")
+MAY_BE_HEAVY = ("plots", "results", "sweeps", "studies", "design", "fitting", "explorer", "cli")
 MAY_BE_HEAVY += (
-    "accessor",
     "tools.progress",
     "tools.tables",
     "flow.datasets",
-    "orbits.branches",
     "orbits.critical",
 )
 
@@ -144,8 +142,8 @@ def test_each_public_name_has_one_place():
         ("model/scene.py", "def f():\n    return __import__('matplotlib')\n", "model.scene imports matplotlib"),
         ("model/scene.py", "import lazy_loader\nplt = lazy_loader.load('matplotlib.pyplot')\n", "imports matplotlib"),
         ("model/scene.py", "import lazy_loader\nlazy_loader.attach(__name__, ['motion'])\n", "cycle: "),
-        ("model/scene.py", "from .. import accessor\n", "imports accessor (floor"),
-        ("accessor.py", "def f():\n    from . import sweeps\n", None),
+        ("model/scene.py", "from .. import beyond\n", "imports beyond (floor"),
+        ("beyond.py", "def f():\n    from . import sweeps\n", None),
     ],
 )
 def test_faults_put_in_by_hand_are_found(tmp_path, file, text, words):
@@ -157,7 +155,7 @@ def test_faults_put_in_by_hand_are_found(tmp_path, file, text, words):
     (root / "model" / "__init__.py").write_text("from .scene import Scene as Scene\n")
     (root / "model" / "scene.py").write_text("")
     (root / "model" / "motion.py").write_text("from .scene import Scene\n")
-    (root / "accessor.py").write_text("")
+    (root / "beyond.py").write_text("")
     (root / file).write_text(text)
     found = faults(root)
     assert found == [] if words is None else any(words in fault for fault in found), found

@@ -196,14 +196,14 @@ UNITS = {
     "thrust in kg": (lambda: sled(thrust=array([9.0, 9.0, 0.0], "kg")), REFUSED),
     "a unit of nobody": (lambda: sj.paper_scene(speed=array(900.0, "furz")), REFUSED),
     "a temperature": (lambda: sj.paper_scene(speed=array(900.0, "degC")), REFUSED),
-    "a case by its speed": (lambda: sj.load(swept([250.0, 300.0]), speed=array(900.0, "km/h")).scene.speed, 250.0),
-    "a result in km/h": (lambda: sj.load(swept([900.0, 1080.0], units="km/h"), speed=900.0).scene, REFUSED),
+    "a case by its speed": (lambda: sj.load(swept([250.0, 300.0])).sel(speed=array(900.0, "km/h")).scene.speed, 250.0),
+    "a result in km/h": (lambda: sj.load(swept([900.0, 1080.0], units="km/h")).sel(speed=900.0).scene, REFUSED),
 }
 """What has a unit is converted, and another kind of unit refused."""
 
 
 def clearance(ds, **more):
-    return float(PARAMETERS["clearance"].of(sj.load(ds, **more).scene))
+    return float(PARAMETERS["clearance"].of(sj.load(ds).sel(**more).scene))
 
 
 ONE, SAME, OTHER = swept([1e3, 1.1e3]), swept([1.2e3, 1.3e3]), swept([1.4e3, 1.5e3], 2e-3)
@@ -218,7 +218,7 @@ JOINED = {
     "of two gravities": (lambda: clearance(LIGHT, speed=1.4e3), REFUSED),
     "beside each other": (lambda: clearance(BESIDE, speed=1e3), REFUSED),
     "the second beside": (lambda: clearance(BESIDE.isel(play=1), speed=1e3), REFUSED),
-    "its start": (lambda: sj.load(TWO, speed=1.4e3).start, REFUSED),
+    "its start": (lambda: sj.load(TWO).sel(speed=1.4e3).start, REFUSED),
     "merged": (
         lambda: clearance(xr.combine_by_coords([OTHER, ONE], combine_attrs="override"), speed=1e3),
         REFUSED,

@@ -88,8 +88,8 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
     from ..orbits.simulate import stand_in
 
     trajectory = stand_in(scene, periods, **options)
-    # which imports matplotlib, too
-    _ = trajectory.ds, trajectory.kind
+    # words and pictures are imported by them, too
+    trajectory.summary()
 
 
 @app.command()
@@ -137,8 +137,8 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 @option(
     "--switch",
     click.Choice(SWITCHED),
-    "Also follow the branches that leave at every flip (PD) or branch point (BP), into files with _PD1 and so on in their names; repeat "
-    "for both.",
+    "Also follow the branches that leave at every flip (PD) or branch point (BP), into files with _PD1 and so "
+    "on in their names; repeat for both.",
     multiple=True,
 )
 @option("--brute", FILE, "netCDF file of slipperjax bifurcation, drawn beneath the branches.")

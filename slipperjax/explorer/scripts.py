@@ -43,7 +43,7 @@ def _left(session: Session) -> list[str]:
 
 def _state_at(session: Session, distance: float) -> list[str]:
     """Return the lines that compute what `Session.state_at` returns."""
-    kept, begin = session.way(distance)
+    kept, begin = session.last_state(distance)
     start = "given" if kept in session.run["stretch"] else "given.start"
     # the run kept its state there
     if kept == begin:

@@ -274,7 +274,7 @@ class Session:
         options = {name: call[name] for name in ("record", "solver") if call.get(name) is not None}
         return {"window": float(self.run.attrs["window [m]"]), **options}
 
-    def way(self, distance: float) -> tuple[float, float]:
+    def last_state(self, distance: float) -> tuple[float, float]:
         """Return the last place up to a distance where the run stored its state, and the window's beginning [m]."""
         edges = edges_of(self.run, "distance")
         limit = max(distance, edges[0]) + 1e-6
@@ -287,7 +287,7 @@ class Session:
     def state_at(self, distance: float) -> xr.Dataset | Start:
         """Return the start of a simulation from where the window at a distance [m] begins: a run up to there, or its
         own start."""
-        kept, begin = self.way(distance)
+        kept, begin = self.last_state(distance)
         start = self.run if kept in self.run["stretch"] else start_of(self.run)
         # the run stored its state there; else the run goes on up to the window
         if begin == kept:
@@ -301,8 +301,8 @@ class Session:
         scene = case.scene
         wave = _wavelength(scene)
         # one wavelength at least, with the window at its end
-        periods = max(1, math.ceil((high - self.way(low)[1]) / wave - 1e-6))
-        kept, begin = self.way(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
+        periods = max(1, math.ceil((high - self.last_state(low)[1]) / wave - 1e-6))
+        kept, begin = self.last_state(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
         if scene.wear is not None:  # too little to matter within a window
             play = self.run["play"].sel(stretch=kept).values if kept in self.run["stretch"] else scene.play
             scene = dataclasses.replace(scene, wear=None).with_play(jnp.asarray(play))

@@ -129,8 +129,9 @@ class Fit(AbstractResult):
         """One dataset for files and pictures.
 
         Over `parameter` it has `estimate`, `stderr`, the interval's `low` and `high`; `prior_low` and `prior_high`,
-        beyond each of which 1 % was expected before; `at_bound`, on which bound it ended, if any; `step_change` by half the step [standard errors]; `covariance`;
-        other minima as `minimum`. All are in the parameters' units, the coordinate `unit`.
+        beyond each of which 1 % was expected before; `at_bound`, on which bound it ended, if any; `step_change`
+        by half the step [standard errors]; `covariance`; other minima as `minimum`. All are in
+        the parameters' units, the coordinate `unit`.
 
         Of trajectories it has, over `window`, `sensor` and `sample`, the times `seconds` and the signals `measured`,
         `fitted`, `fitted_low` and `fitted_high`, and `noise` and `whiteness` over `sensor`; of features, over

@@ -289,8 +289,8 @@ class VectorField(eqx.Module):
             return rates
         # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
         text = (
-            "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's, for a contact "
-            "memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
+            "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's, for a "
+            "contact memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
             "memory=SmoothSwitch() any solver serves."
         )
         return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)

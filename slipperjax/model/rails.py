@@ -433,7 +433,9 @@ class TrackSet(AbstractRail):
             _ = self.rails
         else:
             for track in self.tracks:
-                require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.model.SampledTrack", track)
+                require(
+                    isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.model.SampledTrack", track
+                )
             alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
             need = "have the same ends, and all roll or none"
             require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")

@@ -39,7 +39,10 @@ PARTS: dict[str, tuple[type, str]] = {
     "section": (Section, "a slipperjax.Section"),
     "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
     "contact": (AbstractContactLaw, "a contact law such as slipperjax.model.Flores(...)"),
-    "memory": (AbstractMemory, "slipperjax.model.EventLatch(), slipperjax.model.PeakRateLatch() or slipperjax.model.SmoothSwitch()"),
+    "memory": (
+        AbstractMemory,
+        "slipperjax.model.EventLatch(), slipperjax.model.PeakRateLatch() or slipperjax.model.SmoothSwitch()",
+    ),
     "load": (AbstractLoad, "a load such as slipperjax.model.AppliedLoad(...)"),
     "sled": (SledMass, "a slipperjax.model.SledMass"),
     "wear": (AbstractWear, "a law of wear such as slipperjax.model.Wear(...)"),

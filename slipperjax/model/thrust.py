@@ -60,7 +60,8 @@ class RocketSled(ShapeChecked):
     """A whole sled with its forces along the rail, from which the programme of its speed follows.
 
     ```python
-    sled = sj.model.RocketSled([0.0, 2.0, 2.1], [9e4, 8e4, 0.0], mass=300.0, propellant=80.0, drag_area=0.1, friction=0.2)
+    of_sled = dict(mass=300.0, propellant=80.0, drag_area=0.1, friction=0.2)
+    sled = sj.model.RocketSled([0.0, 2.0, 2.1], [9e4, 8e4, 0.0], **of_sled)
     scene = dataclasses.replace(scene, speed=sled.programme())
     ```
     """

@@ -28,7 +28,7 @@ class Comparison(NamedTuple):
 
     @classmethod
     def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
-        """Return the comparison of a dataset; `units`: such as ("ft", "lbf"), by default those of the scene's file."""
+        """Return the comparison of a dataset; `units`: as for `comparison`."""
         ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
         chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
         dims = ds["best"].dims
@@ -72,8 +72,8 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
     """Draw the shares of runs below each value, with the quantiles and their 95 % intervals, and what designs
     differ by.
 
-    **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default those of the scene's
-    file.
+    **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default those of the
+    scene's file.
 
     **Returns:** an array of two Axes.
 

@@ -260,11 +260,15 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
     """Draw the highest of some of `PEAKS` in each window, and its percentiles in each stretch."""
     ds = view.ds
     force = view.quantity(name)
-    _draw_steps(ax, view, "distance", highest(ds, name, "distance", unit=force), "each window", COLORS["grey"])
+    per_window = f"peak per {_length(view, ds.attrs['window [m]'])}"
+    _draw_steps(ax, view, "distance", highest(ds, name, "distance", unit=force), per_window, COLORS["grey"])
+    longest = float(np.diff(edges_of(ds, "stretch")).max())
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
         values = force.shown(ds[f"{name}_percentile"].isel(percentile=k).values)
-        _draw_steps(ax, view, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
+        _draw_steps(
+            ax, view, "stretch", values, f"{percent:g}th percentile per {_length(view, longest)}", line_color(k)
+        )
     peak = peak_of(ds, name)
     high = force.shown(float(peak[name]))
     # a run without contact has no peak
@@ -275,6 +279,12 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
         label = f"{high:.4g} {force.display_unit}: {where}"
         ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=label)
     finish_forces(ax, view, name)
+
+
+def _length(view: RunView, length: float) -> str:
+    """Return a length of rail [m] in words."""
+    q = view.quantity("distance")
+    return f"{q.shown(length):.3g} {q.display_unit}"
 
 
 def in_hundredths(distance: float) -> str:

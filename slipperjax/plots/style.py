@@ -59,7 +59,7 @@ PAGE = 7.2
 AXES = {"y": "lateral", "z": "vertical"}
 """Axes of net forces in words."""
 
-FLAGGED_LABEL = "status not 0"
+FLAGGED_LABEL = "not trusted"
 """Legend entry of cases that are left out because of their status."""
 NOT_RUN_LABEL = "not computed yet"
 """Legend entry of cases that a store does not have yet; they are left white."""

@@ -43,28 +43,22 @@ class AbstractResult(abc.ABC):
         grid and start."""
         return load_call(self.ds)
 
-    @property
-    def kind(self) -> "Kind":
-        """How results of this kind are said, listed and drawn."""
-        # here, because words and pictures take long to import
-        from .kinds import kind_of
-
-        return kind_of(self.ds)
-
     def summary(self, units: Sequence[str] | None = None) -> list[str]:
         """Return the result in words, a line for each thing that was found: what is wrong comes first.
 
         **Arguments:** `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default those of
         the scene's file.
         """
-        return self.kind.summary(self.ds, units)
+        kind, ds = _known(self)
+        return kind.summary(ds, units)
 
     def tables(self, units: Sequence[str] | None = None) -> "dict[str, pd.DataFrame]":
         """Return the result as tables by their names, the main one first, with units in their headers.
 
         **Arguments:** as for `summary`.
         """
-        return self.kind.tables(self.ds, units)
+        kind, ds = _known(self)
+        return kind.tables(ds, units)
 
     def plot(self, **options: Any) -> Any:
         """Draw the picture that fits the result; `options`: those of the picture, see `slipperjax.plots`.
@@ -73,7 +67,8 @@ class AbstractResult(abc.ABC):
 
         **Raises:** `ValueError` where no picture fits, such as for a sweep over three parameters.
         """
-        return self.kind.plot(self.ds, **options)
+        kind, ds = _known(self)
+        return kind.plot(ds, **options)
 
     def write(self, *paths: "str | os.PathLike[str]", units: Sequence[str] | None = None, **options: object) -> str:
         """Write files, each whole or not at all, by their endings.
@@ -90,10 +85,19 @@ class AbstractResult(abc.ABC):
 
         **Raises:** `ValueError` for another ending; `OSError` for a file that cannot be written.
         """
-        return write_each(contents_of(self, paths, units, options))
+        return write_each(contents_of(*_known(self), paths, units, options))
 
     def __repr__(self) -> str:
         return "\n  ".join([type(self).__name__, *self.summary()])
+
+
+def _known(result: AbstractResult) -> "tuple[Kind, xr.Dataset]":
+    """Return the kind of a result, and its dataset, which some results compute."""
+    # here, because words and pictures take long to import
+    from .kinds import kind_of
+
+    ds = result.ds
+    return kind_of(ds), ds
 
 
 class Result(AbstractResult):

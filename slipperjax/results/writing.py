@@ -16,9 +16,11 @@ from ..tools.checks import require
 from ..tools.files import Content, user_path
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
-    from .result import AbstractResult
+    from .kind import Kind
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".nc", *PICTURES, ".csv", ".xlsx", ".mat")
@@ -44,72 +46,81 @@ def check_ending(path: Path, name: str = "paths") -> str:
 
 
 def contents_of(
-    result: "AbstractResult",
+    kind: "Kind",
+    ds: "xr.Dataset",
     paths: Sequence[str | os.PathLike[str]],
     units: Sequence[str] | None,
     options: Mapping[str, Any],
 ) -> dict[Path, Callable[[], Content]]:
     """Return functions that make the content of files, by their paths.
 
-    **Arguments:** as for `AbstractResult.write`.
+    **Arguments:** `kind`: of the result whose dataset is `ds`; all others as for `AbstractResult.write`.
     """
     contents: dict[Path, Callable[[], Content]] = {}
     for given in paths:
         path = user_path(given, "paths")
         ending = check_ending(path)
-        if ending == ".csv":
-            contents |= _tables(result, path, units)
-        elif ending in PICTURES:
-            contents[path] = functools.partial(_picture, result, ending, units, options)
+        if ending in PICTURES:
+            contents[path] = functools.partial(_picture, kind, ds, ending, units, options)
+        elif ending == ".csv":
+            contents |= _tables(path, kind.tables(ds, units))
+        elif ending == ".xlsx":
+            contents[path] = functools.partial(_workbook, kind, ds, units)
         else:
-            contents[path] = functools.partial(MAKERS[ending], result, units)
+            contents[path] = functools.partial(_NUMBERS[ending], ds)
     return contents
 
 
-def _netcdf(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+def _netcdf(ds: "xr.Dataset") -> Content:
     # made in memory: HDF5 loses the whole process where a disk is full
-    return result.ds.to_netcdf(engine="h5netcdf")
+    return ds.to_netcdf(engine="h5netcdf")
 
 
-def _matlab(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+def _matlab(ds: "xr.Dataset") -> Content:
     """Return variables, coordinates and attributes for MATLAB, in which names have letters, digits and _ alone."""
     from scipy.io import savemat
 
-    ds = result.ds
-    values = {**{name: ds[name].values for name in ds.variables}, "attributes": dict(ds.attrs)}
-    named = {re.sub(r"\W", "_", str(name)).lstrip("_"): _of_matlab(value) for name, value in values.items()}
+    named = {_matlab_name(str(name)): _matlab_value(ds[name].values) for name in ds.variables}
+    named["attributes"] = {_matlab_name(str(name)): _matlab_value(value) for name, value in ds.attrs.items()}
     content = io.BytesIO()
     savemat(content, named, long_field_names=True, oned_as="column")
     return content.getvalue()
 
 
-def _of_matlab(value: Any) -> Any:
-    """Return values as kinds that MATLAB has: numbers, texts, and structures of these."""
-    if isinstance(value, dict):
-        return {re.sub(r"\W+", "_", name).strip("_"): _of_matlab(one) for name, one in value.items()}
+def _matlab_name(name: str) -> str:
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
+def _matlab_value(value: Any) -> Any:
     array = np.asarray(value)
     # texts of different lengths are cells
     return array.astype(object) if array.dtype.kind in "OUT" and array.ndim else value
 
 
-def _tables(result: "AbstractResult", path: Path, units: Sequence[str] | None) -> dict[Path, Callable[[], Content]]:
+_NUMBERS: "dict[str, Callable[[xr.Dataset], Content]]" = {".nc": _netcdf, ".mat": _matlab}
+
+
+def _tables(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Callable[[], Content]]:
     """Return functions that make the files of tables: the main one at `path`, others with their names in theirs."""
     contents = {}
-    for k, (name, table) in enumerate(result.tables(units).items()):
-        more = f"_{re.sub(' ', '', name)}" if k else ""
-        make = functools.partial(table.to_csv, index=False, float_format="%.9g")
-        contents[path.with_name(f"{path.stem}{more}.csv")] = lambda make=make: make().encode()
+    for k, (name, table) in enumerate(tables.items()):
+        more = f"_{name.replace(' ', '')}" if k else ""
+        contents[path.with_name(f"{path.stem}{more}.csv")] = functools.partial(_csv, table)
     return contents
 
 
-def _workbook(result: "AbstractResult", units: Sequence[str] | None) -> Content:
+def _csv(table: "pd.DataFrame") -> Content:
+    return table.to_csv(index=False, float_format="%.9g").encode()
+
+
+def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Content:
     """Return a workbook: the words, and the tables as sheets."""
     import pandas as pd
 
     content = io.BytesIO()
-    words = pd.DataFrame({"summary": result.summary(units)})
+    words = pd.DataFrame({"summary": kind.summary(ds, units)})
     with pd.ExcelWriter(content, engine="openpyxl") as writer:
-        for name, table in {"summary": words, **result.tables(units)}.items():
+        for name, table in {"summary": words, **kind.tables(ds, units)}.items():
             table.to_excel(writer, sheet_name=name, index=False, freeze_panes=(1, 0))
             sheet = writer.sheets[name]
             # wide enough for the header
@@ -119,12 +130,8 @@ def _workbook(result: "AbstractResult", units: Sequence[str] | None) -> Content:
     return content.getvalue()
 
 
-MAKERS: dict[str, Callable[..., Content]] = {".nc": _netcdf, ".mat": _matlab, ".xlsx": _workbook}
-"""What makes the content of files that are neither pictures nor tables as text, by ending."""
-
-
 def _picture(
-    result: "AbstractResult", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
+    kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
 ) -> Content:
     """Return the picture of a result as the content of a file; a PDF of results with a report has all its pages."""
     import matplotlib
@@ -132,12 +139,11 @@ def _picture(
     matplotlib.use("Agg")  # which needs no screen
     from ..plots.style import FILES
 
-    kind = result.kind
     if ending == ".pdf" and kind.reports:
-        return _report(kind.title, kind.report(result.ds, units), kind.pages(result.ds, units))
+        return _report(kind.title, kind.report(ds, units), kind.pages(ds, units))
     own = {"units": units} if kind.reports and units is not None else {}
     # all Axes of a picture are in one figure
-    return FILES[ending](np.asarray(result.plot(**own, **options)).flat[0].figure)
+    return FILES[ending](np.asarray(kind.plot(ds, **own, **options)).flat[0].figure)
 
 
 def _report(title: str, text: Sequence[str], pictures: "Iterator[Figure]") -> Content:

@@ -395,7 +395,8 @@ def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archi
         shown = "\n  ".join(lines[:10])
         raise ValueError(
             f"Argument `store` must be of the same call, but {path} was made by another one:\n  {shown}\n"
-            "Take another path, or start over with slipperjax.sweeps.Store(path, fresh=True), on the command line --fresh."
+            "Take another path, or start over with slipperjax.sweeps.Store(path, fresh=True), on the command line "
+            "--fresh."
         )
     return archive
 
@@ -553,7 +554,8 @@ def run_or_store(
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
     # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
     start_method = getattr(getattr(executor, "_mp_context", None), "get_start_method", lambda: "")()
-    need = "start new processes, as slipperjax.sweeps.processes() or mp_context=multiprocessing.get_context('spawn') does"
+    spawn = "mp_context=multiprocessing.get_context('spawn')"
+    need = f"start new processes, as slipperjax.sweeps.processes() or {spawn} does"
     require(start_method != "fork", "executor", need, shown="one that forks this one, in whose copies JAX hangs")
     cases = Grid(scene, grid, product=call.product)
     context = copy_context()

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from slipperjax import paper_scene, table_2_start
-from slipperjax.bench import measure as measuring
-from slipperjax.bench.measure import bench, cost_of, errors
-from slipperjax.bench.methods import METHODS, Case, all_cases
-from slipperjax.bench.work_precision import SHOWN, Point, cost_at, draw, mbdyn_points, write
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.sweep import sweep
 
 from ..common import SCALES
+from . import measure as measuring
+from .measure import bench, cost_of, errors
+from .methods import METHODS, Case, all_cases
+from .work_precision import SHOWN, Point, cost_at, draw, mbdyn_points, write
 
 
 def point(method, error, cost, case="nominal", lanes=241):

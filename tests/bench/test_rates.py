@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import jax
 import pytest
 
-from slipperjax.bench import rates
-from slipperjax.bench.rates import Rate, rows, throughput, timed
 from slipperjax.model.dang2024 import paper_scene, table_2_start
 from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
 
-from ..cli.commands import call
+from . import rates
+from .__main__ import main
+from .rates import Rate, rows, throughput, timed
 
 
 @pytest.mark.full
@@ -60,6 +60,6 @@ def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
 
 def test_the_command_writes_its_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(rates, "timed", lambda engine, batch: Rate("a device", engine, batch, 1234.5))
-    out, _ = call(["throughput", "--batch", 8, "--engine", "RK4", "--out", tmp_path / "rates"], capsys)
-    assert "| a device | RK4 | 8 | 1.23e+03 |" in out
+    main(["throughput", "--batch", "8", "--engine", "RK4", "--out", str(tmp_path / "rates")])
+    assert "| a device | RK4 | 8 | 1.23e+03 |" in capsys.readouterr().out
     assert "| RK4 | 8 |" in (tmp_path / "rates.md").read_text()

@@ -17,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
-from slipperjax.bench import rates
 from slipperjax.flow.period_map import advance
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.tools.files import table_lines
+
+from ..bench import rates
 
 LIMITS = {"H100": (33.5e12, 3.35e12), "H200": (33.5e12, 4.8e12), "A100": (9.7e12, 2.0e12)}
 """64-bit operations and bytes of memory per second by a part of the device's name."""

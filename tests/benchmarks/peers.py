@@ -17,8 +17,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import slipperjax as sj
-from slipperjax.bench.methods import Case
 
+from ..bench.methods import Case
 from .timing import seconds
 
 Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.bench.measure import REFERENCE_STEPS, batch_speeds, cost_of, errors, run
-from slipperjax.bench.methods import METHODS, Case, all_cases
 from slipperjax.tools.files import table_lines
 
+from ..bench.measure import REFERENCE_STEPS, batch_speeds, cost_of, errors, run
+from ..bench.methods import METHODS, Case, all_cases
 from .timing import seconds, told
 
 LANES, STRIDE = 241, 4

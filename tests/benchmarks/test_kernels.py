@@ -10,9 +10,9 @@ import jax
 import pytest
 
 import slipperjax as sj
-from slipperjax.bench import rates
 from slipperjax.tools import fast, forms, one_kernel, plain
 
+from ..bench import rates
 from .timing import in_turns
 
 pytestmark = pytest.mark.benchmark

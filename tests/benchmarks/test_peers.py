@@ -8,10 +8,9 @@ Takes minutes. The picture is drawn into a temporary folder, which is printed.
 import numpy as np
 import pytest
 
-from slipperjax.bench.measure import REFERENCE_STEPS, batch_speeds, bench, errors, run
-from slipperjax.bench.methods import METHODS, all_cases
-from slipperjax.bench.work_precision import SHOWN, Point, table, write
-
+from ..bench.measure import REFERENCE_STEPS, batch_speeds, bench, errors, run
+from ..bench.methods import METHODS, all_cases
+from ..bench.work_precision import SHOWN, Point, table, write
 from .peers import PEERS, CppPeer
 
 pytestmark = pytest.mark.benchmark

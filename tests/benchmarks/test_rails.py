@@ -11,7 +11,9 @@ from .timing import in_turns
 
 SCENE = sj.paper_scene(1000.0)
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=800.0))
-SAMPLED = sj.model.SampledTrack(np.linspace(0, 8, 65), *[1e-3 * np.sin(np.linspace(0, 2 * np.pi, 65))] * 2, ends="repeat")
+SAMPLED = sj.model.SampledTrack(
+    np.linspace(0, 8, 65), *[1e-3 * np.sin(np.linspace(0, 2 * np.pi, 65))] * 2, ends="repeat"
+)
 OPTIONS = dict(transient=0, periods=90, steps_per_period=80, record="peak_force")
 
 

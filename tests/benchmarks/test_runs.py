@@ -43,7 +43,11 @@ def test_runs_beside_sweeps():
 
 @pytest.mark.benchmark
 def test_five_kilometres():
-    for parts in ({}, dict(friction=sj.model.Coulomb(0.1)), dict(sled=sj.model.SledMass(100.0, [2e6, 8e6], [2e3, 8e3]))):
+    for parts in (
+        {},
+        dict(friction=sj.model.Coulomb(0.1)),
+        dict(sled=sj.model.SledMass(100.0, [2e6, 8e6], [2e3, 8e3])),
+    ):
         scene = dataclasses.replace(RAIL, **parts)
         one = median(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)
         print(f"\n5 km, {'plain' if not parts else next(iter(parts))}: one run {one:.2f} s")

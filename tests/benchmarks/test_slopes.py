@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.bench.methods import Case
-from slipperjax.bench.work_precision import Point, draw, table
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
 from slipperjax.plots.style import png
 from slipperjax.tools.compile import jit
 
+from ..bench.methods import Case
+from ..bench.work_precision import Point, draw, table
 from ..common import SCALES
 from .peers import CppProgram, plain_numbers
 from .test_steps import SCENES

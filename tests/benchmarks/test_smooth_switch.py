@@ -18,22 +18,25 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.bench import measure
-from slipperjax.bench.methods import Case, Method
-from slipperjax.bench.work_precision import Point, cost_at
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.orbits.simulate import TrajectoryRecord
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.step_size import settle_memory
+from slipperjax.orbits.simulate import TrajectoryRecord
 from slipperjax.solvers.simplified_newton import NEWTON_TOLERANCE, SimplifiedNewton, with_root_finder
 
+from ..bench import measure
+from ..bench.methods import Case, Method
+from ..bench.work_precision import Point, cost_at
 from ..common import SCALES
 
 pytestmark = pytest.mark.benchmark
 RESTITUTION = 0.9
-LAWS = {law.__name__: law(1e8, RESTITUTION) for law in (sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh)}
+LAWS = {
+    law.__name__: law(1e8, RESTITUTION)
+    for law in (sj.model.Flores, sj.model.HuntCrossley, sj.model.LankaraniNikravesh)
+}
 # speed, clearance, stiffness, and the periods after which to compare: few where neighbouring motions diverge quickly
 SCENES = {
     "nominal": (1250.0, 1e-3, 1e8, 10),
@@ -185,7 +188,9 @@ def test_adaptive_steps_that_end_at_touchdowns(monkeypatch):
     """Error against cost of a batch, in turns, without and with what `AdaptiveSteps` knows of touchdowns."""
     lanes, case = 64, Case("nominal", sj.paper_scene().replace(gravity=0.0), 3, sj.table_2_start())
     speeds = measure.batch_speeds(case, lanes)
-    truth, _ = measure.run(case, Method("", sj.solvers.ImpulseRK4(), sj.model.EventLatch(), (1.0,)), 6400.0, speeds, 1)
+    truth, _ = measure.run(
+        case, Method("", sj.solvers.ImpulseRK4(), sj.model.EventLatch(), (1.0,)), 6400.0, speeds, 1
+    )
     exact = diffrax.Kvaerno5(root_finder=SimplifiedNewton(NEWTON_TOLERANCE))
     rows = {"before, Kvaerno5": (Unaware, exact)}
     for kind in (diffrax.Kvaerno5, diffrax.Kvaerno4, diffrax.Kvaerno3):
@@ -195,7 +200,9 @@ def test_adaptive_steps_that_end_at_touchdowns(monkeypatch):
     def run(name, tolerance):
         controller, solver = rows[name]
         monkeypatch.setattr(measure, "AdaptiveSteps", controller)
-        return measure.run(case, Method(name, solver, sj.model.SmoothSwitch(), (1.0,), adaptive=True), tolerance, speeds, 1)
+        return measure.run(
+            case, Method(name, solver, sj.model.SmoothSwitch(), (1.0,), adaptive=True), tolerance, speeds, 1
+        )
 
     for _ in range(4):  # the first compiles
         for name in rows:

@@ -114,7 +114,9 @@ def test_random_scenes(scenes):
         taken = np.array([by_rule(s, *rule) for s in found])
         ends = np.array([end("ImpulseRK4", s, n) for s, n in zip(found, taken, strict=True)])
         row(f"{rule}, {np.exp(np.mean(np.log(taken))):.0f} steps", error(ends, exact[:, 1]))
-    default = error(np.array([end("ImpulseRK4", s, sj.model.default_steps_per_period(s)) for s in found]), exact[:, 1])
+    default = error(
+        np.array([end("ImpulseRK4", s, sj.model.default_steps_per_period(s)) for s in found]), exact[:, 1]
+    )
     assert mean(default) < mean(errors["RK4", 1.0])  # measured 6.0e-4 and 1.1e-3
     assert mean(errors["ImpulseRK4", 1.0]) < 0.3 * mean(errors["RK4", 1.0])  # measured 0.17
 

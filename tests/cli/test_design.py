@@ -109,7 +109,7 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     picture(out, 7.2, 5.8)
     ds = dataset(out)
     np.testing.assert_allclose(ds["design"], [1e-3, 0.31], rtol=0.02)
-    found = sj.load(ds, speed=1300.0).scene
+    found = sj.load(ds).sel(speed=1300.0).scene
     assert float(found.value("clearance")) == pytest.approx(float(ds["design"][0]))
     made = load_call(ds)
     assert EnsembleSettings(*made["ensemble"]) == EnsembleSettings()

@@ -244,8 +244,6 @@ REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
     ("`count` must be at most 10", [*REGIMES, "--count", "11"]),
     ("`transient` must be a whole number of 20 or more, but is 5", [*REGIMES, "--transient", "5"]),
     ("`figures` must be one of 4", ["reproduce", "3"]),
-    ("`cases` must be one of nominal", ["bench", "--scene", "paper"]),
-    ("`methods` must be one of RK4", ["bench", "--method", "RK5"]),
     ("--speed", ["--speed", "1250"]),
     ("No such command", [""]),
 )  # fmt: skip

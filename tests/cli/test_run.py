@@ -11,8 +11,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.model.surveys import SurveyedTrack
-from slipperjax.plots.report import static_load, summary
 from slipperjax.plots.runs import RunView, peak_of
+from slipperjax.results.runs import static_load, summary
 from slipperjax.tools.units import STANDARD_GRAVITY
 
 from ..pages import EXAMPLES, ROOT
@@ -113,15 +113,15 @@ def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
     # units are not of the simulation, but of what is told and written, then and later
     assert "units" not in ran.call_args[1]
     assert numbers(text, r"highest single contact point (..) lbf at .*, (..) ft and") == [1124.0, 729.99]
-    sj.plots.report(dataset(out), tmp_path / "again.csv")
+    sj.load(f"{out}.nc").write(tmp_path / "again.csv")
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "sled.csv").read_text()
 
 
 def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replaced):
     ran = replaced("sweeps.runs.run")
-    words = "Option --out must end in one of .nc, .png, .svg, .pdf, .csv, .xlsx, but is"
+    words = "Option --out must end in one of .nc, .png, .svg, .pdf, .csv, .xlsx, .mat, but is"
     assert words in error_of(["run", file, "--out", f"{tmp_path / 'sled'}.docx"], capsys)
-    replaced("plots.report.importlib.util.find_spec", return_value=None)
+    replaced("results.writing.importlib.util.find_spec", return_value=None)
     words = "error: A workbook such as sled.xlsx needs openpyxl: pip install 'slipperjax[report]'.\n"
     assert error_of(["run", file, "--out", tmp_path / "sled.xlsx"], capsys) == words
     assert not ran.called
@@ -193,7 +193,9 @@ def test_the_documented_file_is_read(tmp_path):
     assert table == dict(length=100.0, window=1.0)
     place = float(scene.speed.distance[1])  # where the speed is 900 m/s
     assert static_load(scene, "", place) == pytest.approx(14 * 9.81 + 800 - 324)
-    with_payload = dataclasses.replace(sj.paper_scene().replace(gravity=10.0), sled=sj.model.SledMass(50.0, [1e6, 1e6]))
+    with_payload = dataclasses.replace(
+        sj.paper_scene().replace(gravity=10.0), sled=sj.model.SledMass(50.0, [1e6, 1e6])
+    )
     assert static_load(with_payload, "", 300.0) == pytest.approx(640.0)
 
 

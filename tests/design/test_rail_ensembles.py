@@ -60,7 +60,9 @@ def test_a_search_does_not_see_every_other_rail_of_a_set():
     assert ensemble.unseen(track) == "along 10 rails that the search has not seen"
     assert ensemble.unseen(SURVEYS[0]) == "from 80 other starts along the one rail of the search"
     assert ensemble.unseen(SCENE.track) == "along 80 rails that the search has not seen"
-    scene = dataclasses.replace(SCENE, track=sj.model.TrackSet([sj.model.SampledTrack([0.0, 1e4], np.zeros(65), 0.0)] * 20))
+    scene = dataclasses.replace(
+        SCENE, track=sj.model.TrackSet([sj.model.SampledTrack([0.0, 1e4], np.zeros(65), 0.0)] * 20)
+    )
     assert ensemble_for(scene, ensemble) == ensemble
     with pytest.raises(ValueError, match="must come with 80 or more rails, 4 of them beyond it"):
         ensemble_for(scene, RailEnsemble())

@@ -57,7 +57,7 @@ def test_attributes_of_other_kinds_are_one_line(name, wrong):
     ds = sj.simulate(sj.paper_scene(), 1).ds
     ds.attrs[name] = wrong
     with pytest.raises(ValueError, match=r"^Argument `(source|scene)` must") as told:
-        sj.load(ds).scene
+        _ = sj.load(ds).scene
     assert "\n" not in str(told.value)
 
 
@@ -69,20 +69,20 @@ def test_joined_results_of_several_scenes_have_none(tmp_path):
     )
     clearance = lambda scene: float(PARAMETERS["clearance"].of(scene))
     same = xr.concat([one, one.assign_coords(speed=one.speed.values + 200.0)], "speed")
-    assert clearance(sj.load(same, speed=1300.0).scene) == 1e-3
+    assert clearance(sj.load(same).sel(speed=1300.0).scene) == 1e-3
     assert "C" in case_title(same)
     joined = xr.concat([one, other], "speed")
     beside = xr.concat([one, other.assign_coords(speed=one.speed.values)], "play")
     joined.to_netcdf(tmp_path / "joined.nc")
     for mixed in (joined, joined.isel(speed=[3]), beside, beside.isel(play=1), tmp_path / "joined.nc"):
         with pytest.raises(ValueError, match="`source` must be of one scene: these are joined from several"):
-            sj.load(mixed, speed=1400.0).scene
+            _ = sj.load(mixed).sel(speed=1400.0).scene
         with pytest.raises(ValueError, match="joined from several"):
-            sj.load(mixed).start
-    assert clearance(sj.load(joined.isel(speed=slice(2)), speed=1100.0).scene) == 1e-3
-    assert clearance(sj.load(beside.isel(play=0), speed=1000.0).scene) == 1e-3
+            _ = sj.load(mixed).start
+    assert clearance(sj.load(joined.isel(speed=slice(2))).sel(speed=1100.0).scene) == 1e-3
+    assert clearance(sj.load(beside.isel(play=0)).sel(speed=1000.0).scene) == 1e-3
     assert case_title(joined) == ""
     runs = [sj.simulate(sj.paper_scene(speed=speed), 1, steps_per_period=50).ds for speed in (1e3, 2e3)]
     mixed = xr.concat(runs, "case", join="outer", coords="different", compat="equals")
     with pytest.raises(ValueError, match="joined from several"):
-        sj.load(mixed).scene
+        _ = sj.load(mixed).scene

@@ -10,10 +10,10 @@ from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import AbstractNumber
-from slipperjax.orbits.simulate import TrajectoryRecord, default_steps
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.parameters import parameter
+from slipperjax.orbits.simulate import TrajectoryRecord, default_steps
 
 from ..common import QUICK, STEPS, fine
 

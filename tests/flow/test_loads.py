@@ -12,9 +12,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.course import contact_loads, over_periods
-from slipperjax.orbits.simulate import Probe, _difference
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
+from slipperjax.orbits.simulate import Probe, _difference
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 

@@ -70,7 +70,7 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
     assert len(ds.attrs["scene"]) < 5000  # no samples: measured 3844
     ds.to_netcdf(tmp_path / "rails.nc", engine="h5netcdf")
     for number, rail in enumerate(rails):
-        again = sj.load(tmp_path / "rails.nc", **{"track.number": number}).scene
+        again = sj.load(tmp_path / "rails.nc").sel(**{"track.number": number}).scene
         places = jnp.asarray(1000.0 + np.linspace(-1.0, 65.0, 50))
         for one, other in zip(again.track.irregularity(places)[:2], rail.irregularity(places)[:2], strict=True):
             np.testing.assert_allclose(one, other, atol=1e-18)
@@ -79,7 +79,9 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
 @pytest.mark.full
 def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
-    rails = sj.model.TrackSet([sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    rails = sj.model.TrackSet(
+        [sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
+    )
     seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
     for track, values in ((RAIL, seeds), (sj.model.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
         body, name = sled_on() if track.rails else SCENE.slipper, f"track.{track.chosen_by}"
@@ -99,7 +101,9 @@ def test_a_traced_number_of_no_rail_marks_its_case():
 @pytest.mark.parametrize("chosen_by", ["seed", "number"])
 def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
     """Before anything is compiled, in each place where one is given; of two rails there is no 7."""
-    rails = sj.model.TrackSet([sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    rails = sj.model.TrackSet(
+        [sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
+    )
     track, most = (RAIL, "2^53 - 1") if chosen_by == "seed" else (rails, "1")
     if chosen_by == "seed" and value == 7:
         value = -7

@@ -65,7 +65,9 @@ CALLS = {
     "sweep": lambda: sj.sweep(SCENE, GRID, steps_per_period=50),
     "lyapunov_sweep": lambda: sj.lyapunov_sweep(SCENE, GRID, steps_per_period=50),
     "vector_field": lambda: FIELD.evaluate(0.0, STATE, ARGS),
-    "diffeqsolve": lambda: diffrax.diffeqsolve(diffrax.ODETerm(FIELD), sj.solvers.RK4(), 0.0, 1.0, 0.01, STATE, args=ARGS),
+    "diffeqsolve": lambda: diffrax.diffeqsolve(
+        diffrax.ODETerm(FIELD), sj.solvers.RK4(), 0.0, 1.0, 0.01, STATE, args=ARGS
+    ),
     "an ODE of one's own": lambda: sj.analysis.ode_spectrum(lambda t, y, args: -y, np.ones(2), 3, dt=0.1, steps=2),
     "a function of one's own": lambda: sj.jit(lambda x: 2 * x)(1.0),
 }

@@ -72,7 +72,9 @@ def test_what_is_off_adds_no_operation(solver):
 
 def test_loads_push_a_free_slipper():
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), load=LOAD, speed=1000.0)
-    rates = sj.model.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.model.Args(scene)).motion
+    rates = (
+        sj.model.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.model.Args(scene)).motion
+    )
     per_second = [float(v) / float(scene.period) for v in (rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z)]
     j = np.asarray(scene.slipper.inertia)
     np.testing.assert_allclose(
@@ -149,7 +151,9 @@ def test_loads_are_added_and_named():
 def test_loads_by_place_and_time_meet_the_run(axis):
     """The drive along a straight rail balances the load there, at the programme's own times and distances."""
     speed = sj.SpeedProgramme.over_time([0.0, 1.0, 3.0], [100.0, 300.0, 300.0], begin=50.0)
-    thrust = sj.model.TabulatedLoad([[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]})
+    thrust = sj.model.TabulatedLoad(
+        [[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]}
+    )
     scene = dataclasses.replace(
         sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), speed=speed, load=thrust, window=1.0
     )

@@ -55,7 +55,9 @@ def height(clearance, memory, steps):
     return sj.simulate(scene, 1, steps_per_period=steps, solver="RK4").end.motion.z
 
 
-SURVEY = sj.model.SampledTrack(np.arange(0.0, 20.0, 0.5), 1e-4 * np.sin(np.arange(40.0)), 1e-4 * np.cos(np.arange(40.0)))
+SURVEY = sj.model.SampledTrack(
+    np.arange(0.0, 20.0, 0.5), 1e-4 * np.sin(np.arange(40.0)), 1e-4 * np.cos(np.arange(40.0))
+)
 JOINT = sj.model.LocalTrack([10.0], [-1e-4], 0.3)
 
 

@@ -17,7 +17,8 @@ from ..common import SCALES
 SCENE = sj.paper_scene()
 MOUNTS = [sj.Mount(x=0.5, rail="left", play=np.full(5, 5e-4)), sj.Mount(x=-0.5, rail="left"), sj.Mount(rail="right")]
 SLED = dataclasses.replace(
-    SCENE, slipper=sj.Sled(30.0, (0.2, 3.0, 3.0), MOUNTS, modes=sj.model.Modes([90.0], [0.01], np.ones((1, 3, 3)) / 10))
+    SCENE,
+    slipper=sj.Sled(30.0, (0.2, 3.0, 3.0), MOUNTS, modes=sj.model.Modes([90.0], [0.01], np.ones((1, 3, 3)) / 10)),
 )
 
 

@@ -29,7 +29,9 @@ def two_masses(seconds):
 @pytest.mark.full
 @pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4", IMPLICIT])
 def test_two_masses_swing_as_in_closed_form(solver):
-    run = sj.simulate(FREE, 2, start=sj.Motion(v_z=1.0, sled=sj.model.SledMotion()), steps_per_period=400, solver=solver)
+    run = sj.simulate(
+        FREE, 2, start=sj.Motion(v_z=1.0, sled=sj.model.SledMotion()), steps_per_period=400, solver=solver
+    )
     slipper, sled = two_masses(float(run.time[-1]))
     # measured 3e-9 with RK4 of the 4 mm that they move
     np.testing.assert_allclose([run.end.motion.z, run.end.motion.sled.z], [slipper, sled], rtol=1e-6, atol=1e-12)

@@ -11,10 +11,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import slipperjax as sj
-from slipperjax.orbits.simulate import check_rail
 from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.model.step_size import rounded_steps
+from slipperjax.orbits.simulate import check_rail
 
 from ..common import among
 from ..families import facts_of, irregularity_of, largest, motion_of
@@ -149,7 +149,9 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
     here = at(track, middle).lateral
     assert np.max(np.abs(here - at(HARMONIC, middle).lateral)) < 3e-6  # measured 1.8e-6
     # in a program the same map of samples
-    traced = jax.jit(lambda w: sj.model.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(wave)
+    traced = jax.jit(lambda w: sj.model.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(
+        wave
+    )
     np.testing.assert_allclose(traced, here, atol=1e-15)
 
 

@@ -41,7 +41,11 @@ class Bump(sj.model.AbstractTrack):
 
 def scenes():
     scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
-    laws = (sj.model.HuntCrossley(1e9, 1 / 3, clamp=False), sj.model.HertzSpring(1e7), sj.model.ConstantDamping(1e8, 0.1))
+    laws = (
+        sj.model.HuntCrossley(1e9, 1 / 3, clamp=False),
+        sj.model.HertzSpring(1e7),
+        sj.model.ConstantDamping(1e8, 0.1),
+    )
     memories = (
         sj.model.SmoothSwitch(),
         sj.model.SmoothSwitch(1e-6, relaxation=1e-7),
@@ -50,12 +54,17 @@ def scenes():
     )
     parts = {"track": (sj.model.StraightTrack(), Bump(5.0, (1e-3, 0.3))), "contact": laws, "memory": memories}
     others = [dataclasses.replace(scene, **{name: part}) for name in parts for part in parts[name]]
-    load, friction = sj.model.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]), sj.model.FadingFriction(0.3, 1e6, 0.5)
+    load, friction = (
+        sj.model.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]),
+        sj.model.FadingFriction(0.3, 1e6, 0.5),
+    )
     others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.model.SledMass(100.0, [2e6, 8e6]))]
     others += [dataclasses.replace(scene, speed=sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0]))]
     others += [dataclasses.replace(scene, window=7.7)]
     others += [
-        dataclasses.replace(scene, slipper=sled(), track=sj.model.TwoRails(scene.track, sj.model.StraightTrack(), gauge=1.8))
+        dataclasses.replace(
+            scene, slipper=sled(), track=sj.model.TwoRails(scene.track, sj.model.StraightTrack(), gauge=1.8)
+        )
     ]
     return [scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}), *others]
 
@@ -66,7 +75,9 @@ def sled():
     mounts[1] = dataclasses.replace(mounts[1], section=sj.model.paper_section(1e-3 / 3), length=0.3, name="rear")
     mounts[2] = dataclasses.replace(mounts[2], x=None, play=np.arange(5) * 1e-4 / 3)
     places = [1.2, -1.2, 0.0, -1.2]
-    modes = sj.model.Modes.beam(places, mass=400.0, length=3.0, stiffness=[5e6, 2e6], count=4, places=[[0.5, 0.0, 0.1]])
+    modes = sj.model.Modes.beam(
+        places, mass=400.0, length=3.0, stiffness=[5e6, 2e6], count=4, places=[[0.5, 0.0, 0.1]]
+    )
     return sj.Sled(400.0, (150.0, 300.0, 350.0), mounts, modes=modes)
 
 
@@ -258,7 +269,7 @@ def test_files_are_written_and_read(tmp_path):
     assert eqx.tree_equal(sj.load(str(tmp_path / "a.toml")).start, start)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"bad\.toml is no TOML file in UTF-8"):
-        sj.load(tmp_path / "bad.toml").scene
+        _ = sj.load(tmp_path / "bad.toml").scene
 
 
 LOADS = (
@@ -525,7 +536,7 @@ class Drawn(sj.model.AbstractContactLaw):
 def test_laws_that_a_file_cannot_bring_back_are_refused(tmp_path):
     scene = sj.paper_scene()
     drawn = dataclasses.replace(scene, contact=Drawn(1e8, 3))
-    sj.load(drawn.to_toml(tmp_path / "drawn.toml") and tmp_path / "drawn.toml").scene
+    _ = sj.load(drawn.to_toml(tmp_path / "drawn.toml") and tmp_path / "drawn.toml").scene
     trained = eqx.tree_at(lambda s: s.contact.loss, drawn, jnp.ones(3))
     nets = [eqx.nn.MLP(1, 1, 2, 1, key=jax.random.key(k)) for k in (0, 1)]
     learned = [dataclasses.replace(scene, contact=Learned(1e8, net)) for net in nets]

@@ -239,7 +239,9 @@ def test_beams_have_the_modes_of_textbooks():
         sj.model.Modes.beam([2.0], mass=200.0, length=3.0, stiffness=1e6)
 
 
-BEAM = sj.model.Modes.beam([x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=4, damping=0.0)
+BEAM = sj.model.Modes.beam(
+    [x for x, *_ in CORNERS], mass=400.0, length=4.0, stiffness=(2e6, 1e6), count=4, damping=0.0
+)
 ELASTIC = dataclasses.replace(SLED, modes=BEAM)
 
 

@@ -309,14 +309,14 @@ def test_scene_files_name_a_history_beside_them(tmp_path):
     np.testing.assert_allclose(here.distance, exact.distance, rtol=1e-14)
     (tmp_path / "scene.toml").write_text(f'{scene}scale = "2"\n')
     with pytest.raises(ValueError, match=r"scene\.toml, line 4: `scale` must not be given here"):
-        sj.load(tmp_path / "scene.toml").scene
+        _ = sj.load(tmp_path / "scene.toml").scene
 
 
 def test_faults_of_a_history_are_told_at_once_also_from_a_scene_file(tmp_path):
     history(tmp_path, TIME[[0, 1, 1, 3]], [20.0, np.nan, 200.0, 190.0], head="time [s], speed [m/s]")
     (tmp_path / "scene.toml").write_text('base = "paper"\n[speed]\nfile = "velocity.csv"\n')
     with pytest.raises(ValueError, match=r"velocity\.csv has 2 faults") as told:
-        sj.load(tmp_path / "scene.toml").scene
+        _ = sj.load(tmp_path / "scene.toml").scene
     assert str(told.value).splitlines()[1:] == [
         "  velocity.csv, line 3: `speed` has no number.",
         "  velocity.csv, line 4: time 0.5 s does not exceed 0.5 s of line 3.",

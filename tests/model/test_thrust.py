@@ -154,13 +154,16 @@ def test_faults_of_the_table_are_one_line(old, new, words, tmp_path):
     (tmp_path / "thrust.csv").write_text("time [s], thrust [kN]\n0, 60\n2, 60\n2.1, 0\n")
     (tmp_path / "sled.toml").write_text('base = "paper"\n' + TABLE.replace(old, new))
     with pytest.raises((ValueError, OSError), match=re.escape(words)):
-        sj.load(tmp_path / "sled.toml").scene
+        _ = sj.load(tmp_path / "sled.toml").scene
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: sj.model.RocketSled([0.0, 1.0], [1.0, -1.0], mass=1.0), "`thrust` must be zero or positive, but is -1 N"),
+        (
+            lambda: sj.model.RocketSled([0.0, 1.0], [1.0, -1.0], mass=1.0),
+            "`thrust` must be zero or positive, but is -1 N",
+        ),
         (lambda: sled(brakes=[5]), r"`brakes` must be a list of slipperjax.model.WaterBrake\(...\), but is \[5\]"),
     ],
 )

@@ -95,7 +95,9 @@ def test_tracks_say_whether_they_recur_how_steep_and_how_short_they_are(name):
 
 
 def test_short_waves_get_more_steps():
-    short = lambda ratio: sj.model.default_steps_per_period(sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4))
+    short = lambda ratio: sj.model.default_steps_per_period(
+        sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4)
+    )
     assert [short(ratio) for ratio in (1, 4, 16)] == [40, 40, 160]
 
 
@@ -117,7 +119,9 @@ def test_short_waves_get_more_steps_where_impacts_are_damped():
     """See `slipperjax.model.step_size.damped_waves`."""
     sine = sj.paper_scene(1000.0)
     rail = dataclasses.replace(sine, track=sj.RandomTrack.sled(length=200.0))
-    steps = lambda scene: [sj.model.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)]
+    steps = lambda scene: [
+        sj.model.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)
+    ]
     assert (steps(rail), steps(sine)) == ([120, 200, 320, 480], [40, 40, 40, 80])
 
 
@@ -143,7 +147,9 @@ def test_lateral_and_vertical_are_separate():
         # of the front; the rear is 0.2 m behind
         seen.append(np.asarray(gaps(t))[0] + normals @ shift)
     np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
-    assert np.all(np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion)))
+    assert np.all(
+        np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion))
+    )
 
 
 @pytest.mark.full

@@ -19,7 +19,8 @@ def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.model.Args(scene, 3.0)
     there = sj.paper_scene(float(scene.travel(3.25).speed), memory=memory)
     rates = [
-        jax.tree.leaves(sj.model.vector_field(s).evaluate(0.25, start, sj.model.Args(s, 3.0)).motion) for s in (scene, there)
+        jax.tree.leaves(sj.model.vector_field(s).evaluate(0.25, start, sj.model.Args(s, 3.0)).motion)
+        for s in (scene, there)
     ]
     np.testing.assert_allclose(*rates, rtol=1e-12)
     forces = [sj.model.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
@@ -192,7 +193,7 @@ def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
 def test_bad_programmes_in_files_name_the_line(tmp_path):
     (tmp_path / "scene.toml").write_text('base = "paper"\n[speed]\nstart = "5 m/s"\nstages = [5]\n')
     with pytest.raises(ValueError, match="line 4: `stages` must be a list of tables"):
-        sj.load(tmp_path / "scene.toml").scene
+        _ = sj.load(tmp_path / "scene.toml").scene
 
 
 def test_motions_without_end_need_a_constant_speed_and_no_wear():

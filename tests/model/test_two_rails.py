@@ -12,9 +12,9 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.orbits.simulate import check_rail
 from slipperjax.model import SurveyedRails, SurveyedTrack
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.orbits.simulate import check_rail
 
 from ..common import among
 from ..families import facts_of, irregularity_of, largest, motion_of
@@ -75,7 +75,11 @@ def test_two_rails_are_known_where_both_are():
 def test_a_sum_adds_to_each_rail():
     joints = sj.model.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0)
     pair = sj.model.TwoRails(LEFT, RIGHT, gauge=1.4)
-    for track in (sj.model.SumTrack(pair, joints), sj.model.SumTrack(joints, pair), sj.model.SumTrack(pair, joints).prepared()):
+    for track in (
+        sj.model.SumTrack(pair, joints),
+        sj.model.SumTrack(joints, pair),
+        sj.model.SumTrack(pair, joints).prepared(),
+    ):
         assert float(track.gauge) == 1.4
         for name, rail in pair.rails.items():
             apart = [at(part).vertical for part in (rail, joints)]
@@ -197,7 +201,9 @@ def test_a_number_chooses_one_of_several_pairs():
         for name, rail in pair.rails.items():
             assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-15
         assert largest(at(chosen), at(pair)) < 1e-15
-    again = sj.model.TrackSet([sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.model.TwoRails(sampled(5.0, 70.0), SLED)])
+    again = sj.model.TrackSet(
+        [sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.model.TwoRails(sampled(5.0, 70.0), SLED)]
+    )
     assert (again.begin, again.extent) == (5.0, 60.0)
 
 
@@ -242,7 +248,9 @@ def surveyed(seed, coherence=0.64):
     @jax.jit
     def displacements(seed):
         pair = sj.model.RandomRails(rail, coherence, seed=seed)
-        return [track.irregularity(400.0 + SAMPLES)[:2] for track in (pair.left, sj.model.SumTrack(pair.right, joints))]
+        return [
+            track.irregularity(400.0 + SAMPLES)[:2] for track in (pair.left, sj.model.SumTrack(pair.right, joints))
+        ]
 
     rails = [sj.model.SampledTrack(SAMPLES, *each, ends="error") for each in displacements(float(seed))]
     return sj.model.TwoRails(*rails, gauge=1.4)
@@ -254,7 +262,9 @@ def test_rails_like_a_survey_have_the_coherence_of_its_rails():
     # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
     assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
     opposite = surveyed(0)
-    opposite = sj.model.TwoRails(opposite.left, sj.model.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error"))
+    opposite = sj.model.TwoRails(
+        opposite.left, sj.model.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error")
+    )
     assert float(sj.model.RandomRails.like(opposite).coherence) == 0.0
 
 
@@ -266,7 +276,10 @@ def test_rails_like_a_survey_are_each_like_its_own():
     assert like.rail.lines is None
     np.testing.assert_allclose(like.right_rail.lines.wavelengths, [1.32], rtol=1e-3)  # measured 9e-5
     assert (float(like.gauge), float(like.seed), like.extent, like.end) == (1.4, 7.0, 500.0, 500.0)
-    for wrong, words in ((survey.left, "be two rails such as"), (sj.model.TwoRails(LEFT, RIGHT), "be a rail of samples")):
+    for wrong, words in (
+        (survey.left, "be two rails such as"),
+        (sj.model.TwoRails(LEFT, RIGHT), "be a rail of samples"),
+    ):
         with pytest.raises(ValueError, match=f"`survey` must {words}"):
             sj.model.RandomRails.like(wrong)
     shifted = sj.model.SampledTrack(SAMPLES + 1.0, survey.right.lateral, 0.0, ends="error")
@@ -390,7 +403,7 @@ def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path)
     assert (again.gauge, again.ends) == (1.2, "error")
     (tmp_path / "scene.toml").write_text(lines.replace(table, table + "speed = 3\n"))
     with pytest.raises(ValueError, match=r"scene\.toml, line \d+: `speed` is none of file, sha256, chord, gauge"):
-        sj.load(tmp_path / "scene.toml").scene
+        _ = sj.load(tmp_path / "scene.toml").scene
     path.write_text(path.read_text().replace("gauge [mm]", "gauge  [mm]"))
     with pytest.raises(ValueError, match="`sha256` must be the content with which the scene was made"):
         scene_from_json(text)

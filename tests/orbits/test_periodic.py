@@ -11,11 +11,11 @@ import slipperjax as sj
 from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.orbits.simulate import dynamic_steps, run_eagerly
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.orbits import periodic
 from slipperjax.orbits.signature import Gaps, signature
+from slipperjax.orbits.simulate import dynamic_steps, run_eagerly
 
 from ..common import SCALES
 from .nominal import SCENE, STEPS

@@ -5,9 +5,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import slipperjax as sj
 from slipperjax import plots
 from slipperjax.analysis.environment import vibration_environment
-from slipperjax.plots.environment import environment_summary, environment_table
 from slipperjax.sweeps.environment import _dataset
 from slipperjax.tools.units import STANDARD_GRAVITY as G
 
@@ -66,9 +66,10 @@ def test_shaded_is_what_is_within_6_db():
 
 
 def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
-    plots.report(report, tmp_path / "payload.csv")
+    result = sj.Result(report.assign_attrs(call='{"function": "environment"}'))
+    result.write(tmp_path / "payload.csv")
     table = pd.read_csv(tmp_path / "payload.csv")
-    assert table.columns.tolist() == environment_table(report).columns.tolist()
+    assert table.columns.tolist() == result.tables()["bands"].columns.tolist()
     first = table[: report.sizes["frequency"]]
     assert len(table) == 2 * len(first)
     assert set(first["x [m]"]) == {0.5}
@@ -77,11 +78,11 @@ def test_tables_and_words_have_the_numbers_of_a_report(report, tmp_path):
     shock = report["shock_envelope"].sel(summary="mean", direction="y").isel(place=0) / G
     np.testing.assert_allclose(first["shock response y mean [g]"], shock[1:], rtol=1e-8)
     strongest = float(report["rms"].isel(place=0).sel(direction="z").max()) / G
-    words, shocks, *_ = environment_summary(report)
+    words, shocks, *_ = result.summary()
     assert f" z {strongest:.3g}; of 20 to 2000 Hz x " in words
     assert shocks.startswith("highest shock response ")
     for ending in ("pdf", "xlsx"):
-        assert plots.report(report, tmp_path / f"payload.{ending}").startswith("wrote ")
+        assert result.write(tmp_path / f"payload.{ending}").startswith("wrote ")
 
 
 def test_wrong_reports_are_one_line(report):

@@ -12,11 +12,11 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.model.kinematics import contacts, rail_frame
-from slipperjax.plots.report import summary
 from slipperjax.plots.runs import RunView, peak_of
 from slipperjax.plots.style import by_contact
-from slipperjax.plots.tables import of_hundreds, of_windows
 from slipperjax.plots.trajectories import most_loaded
+from slipperjax.results.run_tables import of_hundreds, of_windows
+from slipperjax.results.runs import summary
 
 from .shown import bar_of, drawn, legend
 from .test_animations import points_of
@@ -126,7 +126,7 @@ def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     each = run["impact_rate"].sum(("end", "point")).values
     assert [patch.get_data()[0].tolist() for patch in axes[5].patches] == each.T.tolist()
     for ending in ("pdf", "csv", "xlsx"):
-        assert plots.report(run, tmp_path / f"sled.{ending}").startswith("wrote ")
+        assert run.write(tmp_path / f"sled.{ending}").startswith("wrote ")
 
 
 @pytest.mark.full

@@ -127,7 +127,9 @@ def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
     @jax.jit
     def is_kept(error):
         before = 0.0, 0.01, state, state, Args(scene)
-        return sj.solvers.AdaptiveSteps(1e-4).adapt_step_size(*before, error, 4.0, (jnp.array(0.01), jnp.array(1.0)))[0]
+        return sj.solvers.AdaptiveSteps(1e-4).adapt_step_size(*before, error, 4.0, (jnp.array(0.01), jnp.array(1.0)))[
+            0
+        ]
 
     assert [bool(is_kept(error)) for error in (small, large)] == [True, False]
 

@@ -119,7 +119,12 @@ def test_derivatives_are_equal_in_both_modes_to_second_order():
 @pytest.mark.full
 @pytest.mark.parametrize(
     "law",
-    [sj.model.Flores(1e8, 0.7, clamp=False), sj.model.Flores(1e8, 0.5), sj.model.ConstantDamping(1e8, 0.5), sj.model.HertzSpring(1e8)],
+    [
+        sj.model.Flores(1e8, 0.7, clamp=False),
+        sj.model.Flores(1e8, 0.5),
+        sj.model.ConstantDamping(1e8, 0.5),
+        sj.model.HertzSpring(1e8),
+    ],
     ids=("Flores", "limited", "constant", "Hertz"),
 )
 def test_laws_converge_to_what_rk4_does(law):
@@ -128,7 +133,9 @@ def test_laws_converge_to_what_rk4_does(law):
     end = lambda n, solver: sj.period_map(scene, state, steps_per_period=n, solver=solver).motion
     exact = end(1600, sj.solvers.RK4())
     apart = lambda motion: float(scaled_size(jax.tree.map(jnp.subtract, motion, exact)))
-    ours, plain = (np.array([apart(end(n, solver)) for n in (50, 100)]) for solver in (sj.solvers.ImpulseRK4(), sj.solvers.RK4()))
+    ours, plain = (
+        np.array([apart(end(n, solver)) for n in (50, 100)]) for solver in (sj.solvers.ImpulseRK4(), sj.solvers.RK4())
+    )
     assert np.mean(np.log(ours / plain)) < np.log(0.3)
     assert ours[-1] < 4e-5
 
@@ -152,7 +159,9 @@ def pressing(memory, mass=14.0):
     force = np.column_stack([0 * PRESSES, 0 * PRESSES, PRESSES])
     slipper = dataclasses.replace(sj.paper_scene().slipper, mass=mass)
     scene = sj.Scene(100.0, slipper, ROOF, sj.model.StraightTrack(), law_of(sj.model.Flores), memory, window=1.0)
-    return dataclasses.replace(scene, load=sj.model.TabulatedLoad(force, time=TIMES)), sj.Motion(z=-0.95e-3, v_z=-0.05)
+    return dataclasses.replace(scene, load=sj.model.TabulatedLoad(force, time=TIMES)), sj.Motion(
+        z=-0.95e-3, v_z=-0.05
+    )
 
 
 def pressed_ends(solver, memory):
@@ -205,7 +214,13 @@ def test_an_impact_without_other_loads_is_the_same_with_both_memories():
     speeds = []
     for memory in (sj.model.EventLatch(), sj.model.PeakRateLatch()):
         scene = sj.Scene(
-            100.0, sj.paper_scene().slipper, ROOF, sj.model.StraightTrack(), law_of(sj.model.Flores), memory, window=1.0
+            100.0,
+            sj.paper_scene().slipper,
+            ROOF,
+            sj.model.StraightTrack(),
+            law_of(sj.model.Flores),
+            memory,
+            window=1.0,
         )
         state = sj.initial_state(scene, sj.Motion(v_z=-0.7))
         speeds.append(sj.period_map(scene, state, steps_per_period=50, solver=sj.solvers.ImpulseRK4()).motion.v_z)
@@ -217,7 +232,13 @@ def test_diffrax_solves_with_it():
     scene = scene_of(NOMINAL)
     state = sj.initial_state(scene, sj.table_2_start())
     solve = diffrax.diffeqsolve(
-        diffrax.ODETerm(sj.model.vector_field(scene)), sj.solvers.ImpulseRK4(), 0.0, 1.0, 0.01, state, args=sj.model.Args(scene)
+        diffrax.ODETerm(sj.model.vector_field(scene)),
+        sj.solvers.ImpulseRK4(),
+        0.0,
+        1.0,
+        0.01,
+        state,
+        args=sj.model.Args(scene),
     )
     ours = sj.period_map(scene, state, steps_per_period=100, solver=sj.solvers.ImpulseRK4())
     for a, b in zip(jax.tree.leaves(solve.ys), jax.tree.leaves(ours), strict=True):

@@ -15,5 +15,7 @@ def test_what_a_scene_lacks_costs_no_state():
     count = lambda s: str(
         jax.make_jaxpr(lambda y: sj.model.vector_field(s)(0.1, y, sj.model.Args(s)))(sj.initial_state(s, start))
     ).count("\n")
-    straight = sj.Scene(plain.speed, plain.slipper, plain.section, sj.model.StraightTrack(), sj.model.HertzSpring(1e8))
+    straight = sj.Scene(
+        plain.speed, plain.slipper, plain.section, sj.model.StraightTrack(), sj.model.HertzSpring(1e8)
+    )
     assert count(straight) < count(spring) < count(plain)

@@ -108,7 +108,12 @@ def test_solvers_that_call_lapack_run_on_one_thread():
     newton = diffrax.Kvaerno5(root_finder=optx.Newton(rtol=1e-9, atol=1e-9))
     for solver in (diffrax.Kvaerno5(), sj.solvers.Latching(newton), diffrax.HalfSolver(diffrax.ImplicitEuler())):
         assert calls_lapack(solver)
-    for solver in (sj.solvers.RK4(), sj.solvers.Latching(diffrax.Dopri8()), sj.solvers.Rodas4(), sj.solvers.TwoStep()):
+    for solver in (
+        sj.solvers.RK4(),
+        sj.solvers.Latching(diffrax.Dopri8()),
+        sj.solvers.Rodas4(),
+        sj.solvers.TwoStep(),
+    ):
         assert not calls_lapack(solver, tangents=True)
     own = sj.solvers.Latching(diffrax.Kvaerno3())
     assert not calls_lapack(own)
@@ -151,7 +156,11 @@ def test_solvers_that_close_no_step_are_refused_for_a_latch(solver, memory):
 
 def test_other_integrators_are_refused_for_a_latch():
     scene = sj.paper_scene()
-    field, state, args = sj.model.vector_field(scene), sj.initial_state(scene, sj.table_2_start()), sj.model.Args(scene)
+    field, state, args = (
+        sj.model.vector_field(scene),
+        sj.initial_state(scene, sj.table_2_start()),
+        sj.model.Args(scene),
+    )
     step = sj.analysis.ode_step(field, dt=0.01, steps=2, args=args)
     for call in (lambda: step(state, 0.0), lambda: field(0.0, state, args)):
         with pytest.raises(RuntimeError, match=NEEDS_ONE_OF_OURS):
@@ -162,7 +171,9 @@ def test_other_integrators_are_refused_for_a_latch():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("part", [sj.model.SmoothSwitch(), sj.model.HertzSpring(1e8)], ids=lambda part: type(part).__name__)
+@pytest.mark.parametrize(
+    "part", [sj.model.SmoothSwitch(), sj.model.HertzSpring(1e8)], ids=lambda part: type(part).__name__
+)
 def test_any_solver_takes_an_ode(part):
     scene = sj.paper_scene()
     name = "memory" if isinstance(part, sj.model.SmoothSwitch) else "contact"

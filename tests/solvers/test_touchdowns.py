@@ -9,7 +9,9 @@ import slipperjax as sj
 from slipperjax.flow import Record
 from slipperjax.model.quantities import Quantity
 
-SCENE = dataclasses.replace(sj.paper_scene(1000.0, memory=sj.model.EventLatch()), track=sj.RandomTrack.sled(length=500.0))
+SCENE = dataclasses.replace(
+    sj.paper_scene(1000.0, memory=sj.model.EventLatch()), track=sj.RandomTrack.sled(length=500.0)
+)
 BY_EVENTS = {0.5: (4.71, 0.05), 0.95: (6.62, 0.16)}
 """Quantiles over 384 rails of the highest force over 400 m after 40 m [kN], and their standard errors.
 

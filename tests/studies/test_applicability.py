@@ -157,7 +157,9 @@ CHANGES = {
     "loads and travel": {
         "none: as many other members": None,
         "gravity": with_number(gravity=G),
-        "1 kN down on the slipper, with gravity": with_part(gravity=G, load=sj.model.AppliedLoad(force=[0.0, 0.0, -1e3])),
+        "1 kN down on the slipper, with gravity": with_part(
+            gravity=G, load=sj.model.AppliedLoad(force=[0.0, 0.0, -1e3])
+        ),
         "100 kg of sled on springs, with gravity": with_part(gravity=G, sled=sj.model.SledMass(**SLED)),
         "friction 0.1": with_part(friction=sj.model.Coulomb(0.1)),
         "friction 0.3": with_part(friction=sj.model.Coulomb(0.3)),

@@ -208,7 +208,7 @@ def test_tables_pictures_and_reports_hold_all_designs(tmp_path):
     assert len(ds.plot()) == 2
     for end in (".pdf", ".csv", ".xlsx"):
         file = tmp_path / f"designs{end}"
-        assert sj.plots.report(ds, file) == f"wrote {file}"
+        assert sj.Result(ds).write(file) == f"wrote {file}"
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "designs.pdf").read_bytes())) == 2
     sheets = pd.read_excel(tmp_path / "designs.xlsx", sheet_name=None)
     assert sheets["summary"]["summary"].tolist() == verdict(ds)

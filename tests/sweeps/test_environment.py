@@ -40,7 +40,7 @@ def rms(values):
 
 
 def first_of(rails):
-    return sj.load(rails, **{"track.seed": 0}).scene
+    return sj.load(rails).sel(**{"track.seed": 0}).scene
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +187,8 @@ def test_wrong_inputs_are_one_line(rails, change, options, words):
 @pytest.mark.full
 def test_places_of_an_elastic_sled_are_those_of_its_modes():
     modes = sj.model.Modes([300.0], [0.0], np.zeros((1, 4, 3)), [PLACE], np.ones((1, 1, 3)))
-    ds = sj.run(in_the_air(modes=modes), length=4.0, record=KEPT, start=sj.Motion(modes=sj.model.ModalMotion([0], [0])))
+    ds = sj.run(
+        in_the_air(modes=modes), length=4.0, record=KEPT, start=sj.Motion(modes=sj.model.ModalMotion([0], [0]))
+    )
     with pytest.raises(ValueError, match=r"`places` must be places of the modes, .* the nearest is 0.1 m away"):
         sj.environment(ds, [(0.5, 0.2, 0.5)])

@@ -134,7 +134,9 @@ def test_adaptive_steps_resolve_a_mode_that_hardly_moves_the_sled():
     want = independent_sled.run(sled, sled.start(z=5e-3), 0.8, tolerance=1e-9)
     assert want.touchdowns.sum() >= 4
     scene = dataclasses.replace(scene_of(sled), window=0.8)
-    options = dict(solver="Tsit5", stepsize_controller=sj.solvers.AdaptiveSteps(1e-5), steps_per_period=400, loads=False)
+    options = dict(
+        solver="Tsit5", stepsize_controller=sj.solvers.AdaptiveSteps(1e-5), steps_per_period=400, loads=False
+    )
     m = sj.simulate(scene, 1, start=sj.Motion(z=5e-3), saves_per_period=1, **options).end.motion
     found = np.array([m.y, m.z, m.v_y, m.v_z, *m.modes.coordinate, *m.modes.rate])
     apart = found - np.concatenate([want.state[:4], want.state[independent_sled.MODES]])

@@ -50,12 +50,12 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     assert eqx.tree_equal(sj.load(tmp_path / "one.nc").scene, SCENE.replace(speed=1250.0))
     assert sj.load(back).start.v_y == 0.4
     for speed in (900.0, pint.Quantity(3240.0, "km/h")):
-        assert eqx.tree_equal(sj.load(ds, speed=speed).scene, SCENE.replace(speed=900.0))
+        assert eqx.tree_equal(sj.load(ds).sel(speed=speed).scene, SCENE.replace(speed=900.0))
     lost = ds.isel(speed=0).drop_vars("speed")
     for wrong, words in (
         (lambda: sj.load(ds).scene, "`speed` must be given, as the result has 2 values"),
-        (lambda: sj.load(ds, speed=901.0).scene, "`speed` must be one of the result's, but is 901"),
-        (lambda: sj.load(ds, length=0.2).scene, "`length` must be one of what was varied"),
+        (lambda: sj.load(ds).sel(speed=901.0).scene, "`speed` must be one of the result's, but is 901"),
+        (lambda: sj.load(ds).sel(length=0.2).scene, "`length` must be one of what was varied"),
         (lambda: sj.load(ds["strobe"] * 2).scene, "no attribute `scene`"),
         (lambda: sj.load(lost).scene, "must have the coordinate `speed`"),
         (lambda: sj.load(3).scene, "must be a TOML or netCDF file"),
@@ -69,7 +69,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
 @pytest.mark.full
 def test_side_by_side_values_choose_one_case():
     ds = swept([1250.0, 1500.0], [0.5, 0.4], [0.0, 0.0], product=False)
-    assert float(sj.load(ds, speed=1250.0).scene.speed) == 1250.0
+    assert float(sj.load(ds).sel(speed=1250.0).scene.speed) == 1250.0
     assert sj.load(ds.isel(case=1)).start.v_y == 0.4
 
 

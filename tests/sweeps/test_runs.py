@@ -11,7 +11,9 @@ import slipperjax as sj
 from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 
 SCENE, STEPS, START = sj.paper_scene(), 50, sj.table_2_start()
-RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.model.Coulomb(0.1))
+RAIL = dataclasses.replace(
+    SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.model.Coulomb(0.1)
+)
 FAST = sj.SpeedProgramme.over_distance([0.0, 100.0, 200.0], [50.0, 800.0, 400.0])
 
 

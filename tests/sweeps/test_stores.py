@@ -81,7 +81,7 @@ def test_a_store_holds_what_the_sweep_gives(tmp_path):
         np.testing.assert_array_equal(values, variable.values)
         assert found[name].attrs == variable.attrs, name
     assert np.isnan(found["v_z"].values[..., plain["v_z"].shape[-1] :]).all()
-    one = sj.load(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3).scene
+    one = sj.load(tmp_path / "map.zarr").sel(speed=1000.0, clearance=0.5e-3).scene
     assert eqx.tree_equal(one, sj.paper_scene(1000.0, 0.5e-3))
 
 
@@ -118,7 +118,9 @@ def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
     scene, grid = sj.paper_scene(), {"speed": np.linspace(1000, 1600, 4), "clearance": np.linspace(5e-4, 15e-4, 3)}
     how = how | dict(steps_per_period=50)
     with sj.sweeps.processes(2) as pool:
-        ds = function(scene, grid=grid, store=sj.sweeps.Store(tmp_path / "map.zarr", tile=4), chunk=8, executor=pool, **how)
+        ds = function(
+            scene, grid=grid, store=sj.sweeps.Store(tmp_path / "map.zarr", tile=4), chunk=8, executor=pool, **how
+        )
     plain = function(scene, grid=grid, **how)
     assert set(ds.variables) == set(plain.variables)
     for name in plain.variables:

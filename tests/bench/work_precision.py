@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..plots.style import png
-from ..tools.files import table_lines, write_each
+from slipperjax.plots.style import png
+from slipperjax.tools.files import table_lines, write_each
 
 
 class Point(NamedTuple):

@@ -18,15 +18,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..flow.period_map import advance, initial_states
-from ..flow.stepping import ConstantSteps, ControlledSteps
-from ..model.layout import coordinates
-from ..model.quantities import COORDINATE_SCALES
-from ..solvers.adaptive import AdaptiveSteps
-from ..sweeps.call import Call
-from ..sweeps.grid import Grid
-from ..sweeps.plan import make_plan
-from ..tools.checks import one_of, whole
+from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
+from slipperjax.model.layout import coordinates
+from slipperjax.model.quantities import COORDINATE_SCALES
+from slipperjax.solvers.adaptive import AdaptiveSteps
+from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.plan import make_plan
+from slipperjax.tools.checks import one_of, whole
+
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points
 

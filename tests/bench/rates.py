@@ -15,18 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.lyapunov import first_tangents
-from ..flow.period_map import advance, advance_tangents, initial_states, tangent_weights
-from ..flow.stepping import ConstantSteps
-from ..model.dang2024 import paper_scene, table_2_start
-from ..solvers.explicit import RK4
-from ..solvers.rosenbrock import Rodas4
-from ..sweeps.grid import Cases
-from ..sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
-from ..tools.checks import one_of, whole
-from ..tools.files import table_lines
-from ..tools.forms import compiler_options
-from ..tools.limits import cores
+from slipperjax.analysis.lyapunov import first_tangents
+from slipperjax.flow.period_map import advance, advance_tangents, initial_states, tangent_weights
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.dang2024 import paper_scene, table_2_start
+from slipperjax.solvers.explicit import RK4
+from slipperjax.solvers.rosenbrock import Rodas4
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
+from slipperjax.tools.checks import one_of, whole
+from slipperjax.tools.files import table_lines
+from slipperjax.tools.forms import compiler_options
+from slipperjax.tools.limits import cores
 
 NOMINAL_STEPS = 50
 """Steps per forcing period: the default of the nominal scene."""

@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 import diffrax
 
-from ..model.contact import AbstractMemory, EventLatch, SmoothSwitch
-from ..model.dang2024 import paper_scene, table_2_start
-from ..model.kinematics import Motion
-from ..model.scene import Scene
-from ..model.step_size import default_steps_per_period
-from ..solvers.explicit import RK4, Tsit5
-from ..solvers.impulse import ImpulseRK4
-from ..solvers.latching import Latching
-from ..solvers.rosenbrock import ROS34PW2, Rodas4
-from ..solvers.simplified_newton import with_root_finder
-from ..solvers.twostep import TwoStep
+from slipperjax.model.contact import AbstractMemory, EventLatch, SmoothSwitch
+from slipperjax.model.dang2024 import paper_scene, table_2_start
+from slipperjax.model.kinematics import Motion
+from slipperjax.model.scene import Scene
+from slipperjax.model.step_size import default_steps_per_period
+from slipperjax.solvers.explicit import RK4, Tsit5
+from slipperjax.solvers.impulse import ImpulseRK4
+from slipperjax.solvers.latching import Latching
+from slipperjax.solvers.rosenbrock import ROS34PW2, Rodas4
+from slipperjax.solvers.simplified_newton import with_root_finder
+from slipperjax.solvers.twostep import TwoStep
 
 
 class Case(NamedTuple):

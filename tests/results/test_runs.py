@@ -5,16 +5,18 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
+import xarray as xr
 
 import slipperjax as sj
 from slipperjax import plots
-from slipperjax.flow.datasets import dataset_of
-from slipperjax.plots.report import MAKERS, _of_run, described, pages_of, summary
+from slipperjax.flow.datasets import run_attributes
 from slipperjax.plots.runs import RunView
-from slipperjax.plots.tables import of_hundreds, of_windows, of_worst, tables
+from slipperjax.results.run_tables import of_hundreds, of_windows, of_worst, tables
+from slipperjax.results.runs import RunKind, described, summary
 
-from .shown import legend
-from .test_runs import BEGIN, WINDOWS, made
+from ..plots.shown import legend
+from ..plots.test_runs import BEGIN, WINDOWS, made
 
 FEET = ("ft", "lbf", "g")
 
@@ -33,7 +35,7 @@ def run(status=0, **variables):
     more["rms_a_z"] = ("stretch", [1.0, 9.80665, 3.0], {"units": "m/s^2"})
     ds = ds.assign(more | variables).assign_coords(direction=["lateral", "vertical"])
     ds["friction_work"].attrs["units"] = "J"
-    return ds
+    return ds.assign_attrs(call='{"function": "run"}')
 
 
 def with_net_loads(ds):
@@ -66,8 +68,6 @@ def test_net_loads_come_first_in_words_tables_and_pictures():
     assert hundreds["peak_slipper_force"].tolist() == [1e3, -6e3, 1e3]
     assert hundreds["peak_slipper_moment y"].tolist() == [-30.0] * 3
     assert of_worst(windows).iloc[0].tolist() == [222.25, 100.0, "lateral", -6e3, "C2", 5e3]
-    _, along, _ = pages_of(_of_run(view))
-    assert legend(along.axes[3]) == ["lateral, 6 kN", "vertical, 1 kN"]
     overview = plots.run_overview(view.ds, scene)
     assert legend(overview[3])[-1] == "-6 kN: lateral, 222.25 m"
     assert overview[3].patches[0].get_data()[0][122] == 6.0
@@ -135,49 +135,47 @@ def test_headers_have_the_units_of_their_numbers():
 
 
 def test_files_hold_what_the_tables_hold(tmp_path):
-    run().to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    ds = dataset_of(tmp_path / "run.nc")
-    wanted = tables(RunView.of(run(), units=FEET))
     base = tmp_path / "run"
-    assert ds.slipper.report(f"{base}.csv", FEET) == f"wrote {base}.csv and {base}_100m.csv"
-    for name, end in (("windows", ".csv"), ("100 m", "_100m.csv")):
+    made = sj.Result(run())
+    made.write(f"{base}.nc")
+    read = sj.load(f"{base}.nc")
+    xr.testing.assert_identical(read.ds, made.ds)
+    wanted = made.tables(FEET)
+    assert list(wanted) == ["windows", "100 m", "worst places"]
+    files = [f"{base}.csv", f"{base}_100m.csv", f"{base}_worstplaces.csv"]
+    assert read.write(files[0], units=FEET) == f"wrote {files[0]}, {files[1]} and {files[2]}"
+    for table, file in zip(wanted.values(), files, strict=True):
         # nine digits are written
-        pd.testing.assert_frame_equal(pd.read_csv(f"{base}{end}"), wanted[name], check_dtype=False, rtol=1e-8)
-    plots.report(ds, f"{base}.xlsx", FEET)
+        pd.testing.assert_frame_equal(pd.read_csv(file), table, check_dtype=False, rtol=1e-8)
+    read.write(f"{base}.xlsx", units=FEET)
     sheets = pd.read_excel(f"{base}.xlsx", sheet_name=None)
     assert list(sheets) == ["summary", *wanted]
     for name, table in wanted.items():
         pd.testing.assert_frame_equal(sheets[name], table, check_dtype=False, rtol=1e-12)
     words = sheets["summary"]["summary"].tolist()
-    assert words[0] == "status: finite"
+    assert words == made.summary(FEET)
     assert "highest single contact point 1124 lbf at C2 (rear), 729.99 ft and 100 m/s" in words
+    read.write(f"{base}.mat")
+    matlab = scipy.io.loadmat(f"{base}.mat", simplify_cells=True)
+    np.testing.assert_array_equal(matlab["peak_force"], made["peak_force"])
+    assert matlab["point"].tolist() == made["point"].values.tolist()
+    assert matlab["attributes"]["window_m"] == 1.0
 
 
 @pytest.mark.full
-def test_pages_have_whole_fonts_and_lines_instead_of_pixels():
-    content = MAKERS[".pdf"](_of_run(RunView.of(run(), sj.paper_scene())))
+def test_pages_have_whole_fonts(tmp_path):
+    sj.Result(run()).write(tmp_path / "run.pdf")
+    content = (tmp_path / "run.pdf").read_bytes()
     assert b"/Type3" not in content  # outlines, which cannot be searched
-    assert b"/Subtype /Image" not in content
-    assert len(re.findall(rb"/Type /Page\b", content)) == 3
+    assert len(re.findall(rb"/Type /Page\b", content)) == 2
 
 
-def test_pages_show_the_envelope_of_points_impacts_and_spectra():
-    text, along, spectra = pages_of(_of_run(RunView.of(run(), sj.paper_scene(), FEET)))
-    lines = text.texts[-1].get_text().splitlines()
-    assert lines[:2] == ["status: finite", "328.08 to 1148.29 ft in 2.5 s, speed 100 m/s"]
-    assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in lines
-    force, impacts = along.axes[3:5]
-    assert legend(force)[0] == "C2, 1124 lbf"
-    values, edges, _ = force.patches[0].get_data()
-    # windows are joined by two, and the highest stays
-    assert (len(values), np.nanmax(values)) == (125, pytest.approx(5e3 / 4.4482216152605))
-    assert edges[[0, -1]] == pytest.approx([100 / 0.3048, 350 / 0.3048])
-    per = [6.0 * sum(range(a, b)) * 100 / (b - a) for a, b in ((0, 100), (100, 200), (200, 250))]
-    assert impacts.patches[0].get_data()[0] == pytest.approx(per)
-    mean, highest = (patch.get_data()[0] for patch in spectra.axes[0].patches)
-    assert highest[1:3] == pytest.approx(np.array([3.0, 40.0]) / 9.80665)
-    # a stretch without a band is no zero
-    assert mean[1:3] == pytest.approx(np.sqrt([(1 + 9) / 2, (4 + 1600 + 36) / 3]) / 9.80665)
+def test_reports_say_the_run_its_worst_places_and_its_scene():
+    ds = run().assign_attrs(run_attributes(sj.paper_scene(), sj.table_2_start(), {"function": "run"}))
+    words = RunKind().report(ds, FEET)
+    assert words[:2] == ["status: finite", "328.08 to 1148.29 ft in 2.5 s, speed 100 m/s"]
+    assert "Worst places, 32.81 ft apart or more" in words
+    assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in words
 
 
 def test_a_lost_run_has_no_numbers_anywhere():
@@ -188,9 +186,7 @@ def test_a_lost_run_has_no_numbers_anywhere():
     assert windows.pop("status").unique().tolist() == ["derailed"]
     assert (windows.pop("point") == "").all()
     assert windows.isna().all(axis=None)
-    text, along = pages_of(_of_run(view))
-    assert "Worst places" not in text.texts[-1].get_text()
-    assert not any("force" in ax.get_ylabel() for ax in along.axes)
+    assert not any("Worst places" in line for line in RunKind().report(run(2)))
 
 
 def test_windows_that_are_lost_are_named_and_left_out():
@@ -218,12 +214,12 @@ def test_scenes_are_told_in_a_user_s_units():
 
 def test_wrong_files_and_units_are_one_line(tmp_path):
     for wrong, words in (
-        (dict(file=tmp_path / "run.docx"), "`file` must end in one of .pdf, .csv, .xlsx, but is 'run.docx'"),
-        (dict(file=tmp_path / "run"), "`file` must end in one of"),
-        (dict(file=tmp_path / "run.csv", units=["foo"]), "`units` must be units of .* but has 'foo'"),
+        (dict(path="run.docx"), "`paths` must end in one of .nc, .png, .svg, .pdf, .csv, .xlsx, .mat, but is"),
+        (dict(path="run"), "`paths` must end in one of"),
+        (dict(path="run.csv", units=["foo"]), "`units` must be units of .* but has 'foo'"),
     ):
         with pytest.raises(ValueError, match=words):
-            plots.report(**{"ds": run()} | wrong)
+            sj.Result(run()).write(tmp_path / wrong.pop("path"), **wrong)
     assert not list(tmp_path.iterdir())
 
 

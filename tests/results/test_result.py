@@ -1,0 +1,102 @@
+"""What all results can do: words, parts, pictures and files."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.model.quantities import SECTIONS
+from slipperjax.plots import sweeps
+from slipperjax.results.kinds import KINDS
+
+
+def over(*dims, **variables):
+    """A sweep over some parameters, with variables over these and further dimensions."""
+    sizes = [2] * len(dims)
+    data = {name: ((*dims, *more), np.zeros([*sizes, *[2] * len(more)])) for name, more in variables.items()}
+    data |= {"status": (dims, np.zeros(sizes, int)), "steps_per_period": (dims, np.full(sizes, 40))}
+    return sj.Result(xr.Dataset(data, attrs={"call": '{"function": "sweep"}'}))
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Replaces each picture by its name; gives what was asked of them."""
+    asked = []
+    named = [(names, count, draw.__name__) for names, count, draw in sweeps.PICTURES]
+    note = lambda name: lambda ds, **options: np.array(asked.append((name, options)))
+    monkeypatch.setattr(sweeps, "PICTURES", tuple((names, count, note(name)) for names, count, name in named))
+    monkeypatch.setattr(sweeps, "quantity_map", note("quantity_map"))
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("result", "name"),
+    [
+        (over(contact_force=["time"]), "overview"),
+        (over("speed", "length", regime=[], exponent=[], kind=[], period=[]), "regime_map"),
+        (over("speed", regime=[], exponent=[]), "exponents"),
+        (over("speed", "length", kind=[], period=[]), "attractor_map"),
+        (over("speed", **{name: ["crossing"] for name in SECTIONS}, strobe=["strobe_period"]), "bifurcations"),
+        (over("speed", strobe=["strobe_period"], peak_force=["end", "point"]), "quantity_map"),
+    ],
+)
+def test_each_sweep_has_its_picture(result, name, drawn):
+    result.plot()
+    assert drawn == [(name, {"name": "peak_force"} if name == "quantity_map" else {})]
+
+
+def test_a_variable_is_drawn_in_place_of_what_fits(drawn):
+    over("speed", regime=[], exponent=[]).plot(show="exponent")
+    assert drawn == [("quantity_map", {"name": "exponent"})]
+
+
+def test_sweeps_over_many_parameters_say_that_no_picture_fits():
+    with pytest.raises(ValueError, match=r"`result` must have a picture that fits, but is over .*\.isel"):
+        over("speed", "length", "mass", kind=[]).plot()
+
+
+def test_results_are_at_hand_as_their_datasets_are():
+    result = over("speed", peak_force=["point"])
+    assert (result["peak_force"].dims, result.sizes["speed"]) == (("speed", "point"), 2)
+    assert "peak_force" in result
+    assert list(result) == list(result.ds)
+    assert len(result) == len(result.ds)
+    assert {"peak_force", "summary", "isel"} <= set(dir(result))
+    # parts are results, and all else is what xarray makes of it
+    part = result.isel(speed=1)
+    assert isinstance(part, sj.Result)
+    assert part.status == sj.Status.FINITE
+    assert result.status.dims == ("speed",)
+    assert isinstance(result.max(), xr.Dataset)
+    for again in (copy.copy(result), pickle.loads(pickle.dumps(result))):
+        xr.testing.assert_identical(again.ds, result.ds)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = result.nothing
+
+
+def test_results_say_themselves_and_what_they_have():
+    text = repr(over("speed", peak_force=["point"]))
+    assert text.splitlines() == [
+        "Result",
+        "  2 cases, 40 steps per period",
+        "  0 cases flagged",
+        "  variables peak_force, status, steps_per_period; dimensions speed: 2, point: 2",
+    ]
+    html = over("speed", peak_force=["point"])._repr_html_()
+    assert "2 cases, 40 steps per period" in html
+    assert "peak_force" in html
+
+
+def test_datasets_of_other_functions_are_refused():
+    with pytest.raises(ValueError, match=r"`source` must be a result of slipperjax, but is a dataset with no attr"):
+        sj.load(xr.Dataset())
+    with pytest.raises(ValueError, match=r"`result` must be of one of simulate, .* but is 'tomorrow'"):
+        sj.load(xr.Dataset(attrs={"call": '{"function": "tomorrow"}'})).summary()
+
+
+def test_each_question_has_a_kind_of_result():
+    questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "optimise_design", "fit"}
+    assert questions | {"periodic_orbit", "continue_orbit", "continue_event"} == set(KINDS)
