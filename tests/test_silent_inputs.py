@@ -196,7 +196,10 @@ UNITS = {
     "thrust in kg": (lambda: sled(thrust=array([9.0, 9.0, 0.0], "kg")), REFUSED),
     "a unit of nobody": (lambda: sj.paper_scene(speed=array(900.0, "furz")), REFUSED),
     "a temperature": (lambda: sj.paper_scene(speed=array(900.0, "degC")), REFUSED),
-    "a case by its speed": (lambda: sj.load(swept([250.0, 300.0])).sel(speed=array(900.0, "km/h")).scene.speed, 250.0),
+    "a case by its speed": (
+        lambda: sj.load(swept([250.0, 300.0])).sel(speed=array(900.0, "km/h")).scene.speed,
+        250.0,
+    ),
     "a result in km/h": (lambda: sj.load(swept([900.0, 1080.0], units="km/h")).sel(speed=900.0).scene, REFUSED),
 }
 """What has a unit is converted, and another kind of unit refused."""

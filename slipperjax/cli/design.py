@@ -18,6 +18,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
+    Default,
     Measure,
     app,
     bounds,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..design.objectives import Objective
     from ..design.optimise import Design
 
+OPTIMISE = "design.optimise.optimise_design"
 TRIAL_PATIENCE = 20.0
 """Seconds that an interrupted command waits for the trial that is being judged."""
 AROUND = {1: 11, 2: 5, 3: 3}
@@ -77,7 +79,7 @@ SPEED = Measure(PARAMETERS["speed"])
     "--robust",
     click.Choice(["worst", "mean"]),
     "Minimise the objective at its worst speed, or its mean.",
-    default="worst",
+    default=Default(OPTIMISE, "robust"),
 )
 @option(
     "--constraint",
@@ -91,11 +93,18 @@ SPEED = Measure(PARAMETERS["speed"])
     "--starts",
     COUNT,
     "Number of starting designs: the scene's own, if within the bounds, then good ones far from each other.",
-    default=5,
+    default=Default(OPTIMISE, "starts"),
 )
-@option("--max-trials", COUNT, "Maximum number of designs tried from each start.", default=60)
-@option("--transient", FROM_ZERO, "Forcing periods simulated before a periodic orbit is searched.", default=200)
-@option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=0)
+@option(
+    "--max-trials", COUNT, "Maximum number of designs tried from each start.", default=Default(OPTIMISE, "max_trials")
+)
+@option(
+    "--transient",
+    FROM_ZERO,
+    "Forcing periods simulated before a periodic orbit is searched.",
+    default=Default(OPTIMISE, "transient"),
+)
+@option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=Default(OPTIMISE, "seed"))
 @option("--check/--no-check", None, "Simulate a grid of designs around the best one.", default=True)
 @option(
     "--margins/--no-margins",

@@ -16,6 +16,7 @@ from .options import (
     INPUT,
     LOST,
     Case,
+    Default,
     app,
     begin,
     bounds,
@@ -28,6 +29,8 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..fitting.method import AbstractFitMethod
+
+FIT = "fitting.fit.fit"
 
 
 @app.command()
@@ -47,8 +50,13 @@ if TYPE_CHECKING:
 )
 @option("--starts", COUNT, "Of trajectories: searches at once.", default=16)
 @option("--window", COUNT, "Of trajectories: forcing periods after which a motion begins anew; default: never.")
-@option("--confidence", click.FloatRange(0.0, 1.0, True, True), "Probability of the intervals.", default=0.9)
-@option("--seed", FROM_ZERO, "Random seed of the first points.", default=0)
+@option(
+    "--confidence",
+    click.FloatRange(0.0, 1.0, True, True),
+    "Probability of the intervals.",
+    default=Default(FIT, "confidence"),
+)
+@option("--seed", FROM_ZERO, "Random seed of the first points.", default=Default(FIT, "seed"))
 @begin
 @result("fit")
 @takes_case

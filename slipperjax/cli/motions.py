@@ -21,6 +21,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
+    Default,
     app,
     begin,
     bounds,
@@ -37,6 +38,10 @@ if TYPE_CHECKING:
 
 Bounds = tuple[str, float | str, float | str]
 """Parameter, lower and upper bound in its display unit or as texts with a unit."""
+CONTINUE = "orbits.branches.continue_orbit"
+period = option(
+    "--period", COUNT, "Forcing periods after which the motion repeats.", default=Default(CONTINUE, "period")
+)
 SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches leave: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
@@ -48,7 +53,7 @@ BRANCH_PATIENCE = 10.0
 
 
 @app.command()
-@option("--periods", COUNT, "Forcing periods to simulate.", default=60)
+@option("--periods", COUNT, "Forcing periods to simulate.", default=Default("orbits.simulate.simulate", "periods"))
 @option("--saves-per-period", COUNT, "Saved states per forcing period.")
 @option("--probe", FROM_ZERO, "Periods rerun at half the step to estimate the error; 0: none.", default=4)
 @begin
@@ -93,7 +98,7 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
 
 
 @app.command()
-@option("--period", COUNT, "Forcing periods after which the motion repeats.", default=1)
+@period
 @option(
     "--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default: 60, then 240 if it fails."
 )
@@ -131,9 +136,9 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
     help="File of a branch to extend: one that was interrupted, ended after --points, or reached a bound that "
     "--over now moves.",
 )
-@option("--period", COUNT, "Forcing periods after which the motion repeats.", default=1)
+@period
 @option("--transient", FROM_ZERO, "Forcing periods simulated before the first motion.", default=60)
-@option("--points", COUNT, "Maximum number of points in each direction.", default=400)
+@option("--points", COUNT, "Maximum number of points in each direction.", default=Default(CONTINUE, "points"))
 @option(
     "--switch",
     click.Choice(SWITCHED),

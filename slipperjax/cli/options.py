@@ -3,6 +3,7 @@
 Commands import what they need when they are called: help is quick.
 """
 
+import ast
 import dataclasses
 import functools
 import importlib
@@ -52,6 +53,39 @@ def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) 
 def flag(name: str, text: str) -> Adds:
     """Return an option without a value."""
     return click.option(name, is_flag=True, help=text)
+
+
+class Default:
+    """The default of an argument of a function of the package, which stands there alone: commands know no other.
+
+    It is read from the source, because importing the function would take long.
+    """
+
+    def __init__(self, function: str, argument: str):
+        """**Arguments:** `function`: its module and its name, such as sweeps.sweep.sweep."""
+        self.function = function
+        self.argument = argument
+
+    def __call__(self) -> object:
+        return _defaults(self.function)[self.argument]
+
+    def __str__(self) -> str:
+        return str(self())
+
+
+@functools.cache
+def _defaults(function: str) -> dict[str, object]:
+    """Return the defaults of the arguments of a function that are written as numbers, texts or tuples of these."""
+    module, _, name = function.rpartition(".")
+    source = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py").read_text()
+    named = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
+    arguments = named[name].args
+    positional = arguments.posonlyargs + arguments.args
+    pairs = [
+        *zip(reversed(positional), reversed(arguments.defaults), strict=False),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
+    ]
+    return {one.arg: ast.literal_eval(value) for one, value in pairs if isinstance(value, ast.Constant | ast.Tuple)}
 
 
 class Group(click.Group):
@@ -188,15 +222,6 @@ def parameters_of(quantities: Mapping[str, Quantity]) -> str:
 def bounds(name: str, text: str, **more: object) -> Adds:
     """Return an option that takes a parameter and its bounds."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
-
-
-def out(default: str | None, text: str, *endings: str) -> Adds:
-    """Return the option --out, a path without ending; one of `endings` is dropped, because the command adds it."""
-
-    def without(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
-        return path.with_suffix("") if path is not None and path.suffix.lower() in endings else path
-
-    return option("--out", FILE, text, default=default, callback=without)
 
 
 def result(default: str | None, text: str = "") -> Adds:

@@ -22,6 +22,7 @@ from .options import (
     LOST,
     VALUE,
     Case,
+    Default,
     app,
     begin,
     given,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 FURTHER = "-environment"
 """Added to the names of files with the vibration environment of a run."""
+COMPARE = "sweeps.compare.compare"
 SEPARATOR = "\t"
 """Between the words of --over, which may have spaces in them."""
 
@@ -67,15 +69,15 @@ class _Comparing(click.Command):
     "--rails",
     COUNT,
     "With --over: number of rails, the survey first, or seeds of a random one; the median takes 8, 0.95 takes 80.",
-    default=80,
+    default=Default(COMPARE, "rails"),
 )
-@option("--starts", COUNT, "With --over: number of starts on each rail.", default=1)
+@option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
 @option(
     "--quantiles",
     float,
     "With --over: share of the runs below what is compared; the last one decides; repeat for several.",
     multiple=True,
-    default=[0.5, 0.95],
+    default=Default(COMPARE, "quantiles"),
 )
 @option("--store", FILE, "With --over: keep runs in this store, from which the same command goes on.")
 @result("run")

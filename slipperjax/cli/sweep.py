@@ -25,6 +25,7 @@ from .options import (
     VALUE,
     Adds,
     Case,
+    Default,
     app,
     begin,
     flag,
@@ -41,8 +42,15 @@ if TYPE_CHECKING:
 
 Axis = tuple[str, float | str, float | str, int]
 """Parameter, first and last value in its display unit or as texts with a unit, number of values."""
-PERIODS = {"exponents": 500, "orbits": 1, "motion": MIN_TEST}
-"""Default of --periods by the record; 10 for all others."""
+SWEEP = "sweeps.sweep.sweep"
+LYAPUNOV_SWEEP = "sweeps.sweep.lyapunov_sweep"
+ORBIT_SWEEP = "sweeps.sweep.orbit_sweep"
+PERIODS = {
+    "exponents": Default(LYAPUNOV_SWEEP, "periods"),
+    "orbits": Default(ORBIT_SWEEP, "period"),
+    "motion": lambda: MIN_TEST,
+}
+"""Default of --periods by the record; for all others it is that of `sweep`."""
 
 
 def axis(name: str, text: str, **more: object) -> Adds:
@@ -58,15 +66,22 @@ over = axis(
 log = option(
     "--log", str, "Space this parameter of --over or --by logarithmically; repeat for several.", multiple=True
 )
-transient = option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=300)
+
+
+def transient(function: str) -> Adds:
+    """Return the option for the periods before the recorded ones, whose default is that of a function."""
+    default = Default(function, "transient")
+    return option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=default)
+
+
 show = option("--show", str, "Variable to draw; default: what suits the record.")
 
 
 @app.command()
 @over
 @log
-@transient
-@option("--periods", COUNT, "Forcing periods to record.", default=10)
+@transient(SWEEP)
+@option("--periods", COUNT, "Forcing periods to record.", default=Default(SWEEP, "periods"))
 @begin
 @result("bifurcation")
 @takes_case
@@ -82,9 +97,16 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path
 @over
 @axis("--by", "Second parameter, like --over: draws a regime map.")
 @log
-@option("--count", COUNT, "Number of exponents to compute, the largest first.", default=1)
-@transient
-@option("--periods", COUNT, "Forcing periods over which exponents are averaged.", default=500)
+@option(
+    "--count", COUNT, "Number of exponents to compute, the largest first.", default=Default(LYAPUNOV_SWEEP, "count")
+)
+@transient(LYAPUNOV_SWEEP)
+@option(
+    "--periods",
+    COUNT,
+    "Forcing periods over which exponents are averaged.",
+    default=Default(LYAPUNOV_SWEEP, "periods"),
+)
 @begin
 @option("--certify/--no-certify", None, "Check every exponent by independent estimates.", default=True)
 @option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
@@ -114,7 +136,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     "peak_force, rms; repeat for several. Default: sections.",
     multiple=True,
 )
-@transient
+@transient(SWEEP)
 @option(
     "--periods",
     COUNT,
@@ -154,7 +176,8 @@ def sweep(
 
     # the first record with a default of its own decides on the periods
     names = record or ("sections",)
-    periods = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
+    usual = next((PERIODS[name] for name in names if name in PERIODS), Default(SWEEP, "periods"))
+    periods = periods or usual()
     # one record is given by itself, as in scripts
     records = names[0] if len(names) == 1 else list(names)
     if records == "orbits":

@@ -35,7 +35,7 @@ def sweep(
     *,
     product: bool = True,
     record: str | AbstractOutput | Sequence[str | AbstractOutput] = "sections",
-    transient: int = 200,
+    transient: int = 300,
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     refine: int = 1,

@@ -31,8 +31,12 @@ def parsed(name: str, value: object, unit: str) -> float:
     words = _QUANTITY.fullmatch(value if isinstance(value, str) else "")
     if words is None:
         raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
-    value = float(words[1]) / float(words[2] or 1)
-    return value * unit_factor(name, words[3].strip(), unit)
+    return _number(words) * unit_factor(name, words[3].strip(), unit)
+
+
+def _number(words: re.Match[str]) -> float:
+    """Return the number of a text, which may be a fraction."""
+    return float(words[1]) / float(words[2] or 1)
 
 
 MEANT = {("g", "m/s^2"): "g", ("g0", "m/s^2"): "g", ("mil", "m"): "thou", ("lb", "N"): "lbf", ("kg", "N"): "kgf"}
@@ -118,7 +122,7 @@ def _angles(one: Any) -> tuple[float, float]:
 def in_unit(value: Any, unit: str) -> Any:
     """Return what has a unit of its own as numbers in `unit`, also in lists; other values as they are.
 
-    Quantities of pint, and of libraries like it, have units; `xarray.DataArray` and series of pandas in their
+    Texts such as "1.5 mm" have units; so have quantities of pint, and of libraries like it; `xarray.DataArray` and series of pandas in their
     attribute `units`; durations of Python, NumPy and pandas count in seconds. Numbers under the mask of a masked
     array are NaN.
 
@@ -126,6 +130,9 @@ def in_unit(value: Any, unit: str) -> Any:
     """
     if type(value) in (list, tuple):
         return type(value)(in_unit(part, unit) for part in value)
+    if isinstance(value, str):
+        words = _QUANTITY.fullmatch(value)
+        return value if words is None else _number(words) * _factor_of_text(words[3].strip(), unit)
     plain, own = _parted(value)
     if own is None:
         return unmasked(plain)
