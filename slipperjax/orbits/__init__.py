@@ -7,6 +7,7 @@ from .critical import (
     critical_orbit as critical_orbit,
     event_sensitivities as event_sensitivities,
 )
+from .own_branches import branch_result as branch_result
 from .periodic import PeriodicOrbit as PeriodicOrbit
 from .signature import Signature as Signature, Touchdown as Touchdown
 from .simulate import Peak as Peak, Probe as Probe, Trajectory as Trajectory

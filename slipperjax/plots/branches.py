@@ -57,9 +57,11 @@ def branches(
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
-    check_quantity(quantity)
     these = list(ds) if isinstance(ds, list | tuple) else [ds]
     points = _datasets([*others, *these], "continue_orbit", "stable", "event_point")
+    # systems of one's own have other numbers
+    if any(quantity not in one or one[quantity].dims != ("point",) for one in points):
+        check_quantity(quantity)
     names = {varied_names(one)[0] for one in points}
     if len(names) > 1:
         raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")

@@ -24,7 +24,8 @@ class PointsKind(Kind):
         columns |= {str(name): array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
         # a column for each multiplier and each number of the state
         for name in ("multiplier_real", "multiplier_imag", "state"):
-            columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
+            if name in ds:
+                columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
         return {"points": pd.DataFrame(columns, index=ds["point"].to_index())}
 
 
@@ -65,6 +66,13 @@ class BranchKind(PointsKind):
 
     def plot(self, ds: xr.Dataset, **options: Any) -> Any:
         return branches(ds, **options)
+
+
+class OwnBranchKind(BranchKind):
+    """A branch of a system of one's own."""
+
+    def plot(self, ds: xr.Dataset, quantity: str = "state_0", **options: Any) -> Any:
+        return branches(ds, quantity, **options)
 
 
 class CurveKind(PointsKind):

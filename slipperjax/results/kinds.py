@@ -4,7 +4,7 @@ import xarray as xr
 
 from ..flow.datasets import load_call
 from ..tools.checks import require
-from .branches import BranchKind, CurveKind
+from .branches import BranchKind, CurveKind, OwnBranchKind
 from .comparisons import ComparisonKind
 from .designs import DesignKind
 from .environments import EnvironmentKind
@@ -19,6 +19,7 @@ KINDS: dict[str, Kind] = {
     "periodic_orbit": OrbitKind(),
     "continue_orbit": BranchKind(),
     "continue_event": CurveKind(),
+    "continue_motion": OwnBranchKind(),
     "sweep": SweepKind(),
     "follow": SweepKind(),
     "run": RunKind(),

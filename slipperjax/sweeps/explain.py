@@ -77,7 +77,7 @@ def explain(
     ds = xr.Dataset()
     for _ in range(2):
         begin = time.perf_counter()
-        ds = function(scene, grid=cases.part(cases.spread(LARGEST_CHUNK)), **options)
+        ds = function(scene, grid=cases.part(cases.spread(LARGEST_CHUNK)), **options).ds
         seconds.append(time.perf_counter() - begin)
     of_store: dict[str, object] = {}
     if target is not None:

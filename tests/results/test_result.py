@@ -99,4 +99,4 @@ def test_datasets_of_other_functions_are_refused():
 
 def test_each_question_has_a_kind_of_result():
     questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "optimise_design", "fit"}
-    assert questions | {"periodic_orbit", "continue_orbit", "continue_event"} == set(KINDS)
+    assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
