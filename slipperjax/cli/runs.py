@@ -96,8 +96,9 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     from ..sweeps.windows import AccelerationHistory, default_records
 
     file = case.file
+    path = click.get_current_context().params["scene"]
     if file is None or file.run is None:
-        raise ValueError("Argument `FILE` must be a TOML file with a table [run], but has none.")
+        raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], but is {path}.")
     # options that the user gave override the file
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file

@@ -47,7 +47,7 @@ class DesignKind(Kind):
         trials, starts = ds.sizes["trial"], ds["start_end"].sizes["start"]
         lines.append(f"{trials} trials from {starts} starts, {ds.attrs['cost_periods']:.3g} forcing periods")
         lines += self.tables(ds, units)["cases"].to_string(index=False).splitlines()
-        if "margin_event" in ds:
+        if "margin_label" in ds:
             lines += [NEAREST, *_margins(ds)]
         return lines
 

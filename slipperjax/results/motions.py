@@ -41,7 +41,7 @@ class MotionKind(Kind):
         return lines
 
     def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-        return {"motion": shown_columns(ds, "time", units)}
+        return {"motion": shown_columns(ds, "time", units=units)}
 
     def plot(self, ds: xr.Dataset, **options):
         return overview(ds, **options)

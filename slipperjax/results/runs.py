@@ -14,7 +14,8 @@ from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import PARTS, Scene
 from ..model.travel import LEAST_SPEED, SpeedProgramme
 from ..plots.runs import PEAKS, RunView, edges_of, in_hundredths, main_peak, peak_of, run_overview, speed_name
-from ..plots.style import AXES
+from ..plots.style import AXES, shown_columns
+from ..plots.sweeps import of_sweep
 from ..tools.units import STANDARD_GRAVITY
 from .kind import Kind, Units
 from .run_tables import APART, tables, words
@@ -36,10 +37,12 @@ class RunKind(Kind):
         return summary(RunView.of(ds, units=units))
 
     def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
+        if ds["status"].ndim:
+            return {"runs": shown_columns(ds, *map(str, ds["status"].dims), units=units)}
         return tables(RunView.of(ds, units=units))
 
     def plot(self, ds: xr.Dataset, **options: Any) -> Any:
-        return run_overview(ds, **options)
+        return of_sweep(ds, **options) if ds["status"].ndim else run_overview(ds, **options)
 
     def report(self, ds: xr.Dataset, units: Units = None) -> list[str]:
         view = RunView.of(ds, units=units)

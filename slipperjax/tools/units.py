@@ -123,7 +123,8 @@ def in_unit(value: Any, unit: str) -> Any:
     """Return what has a unit of its own as numbers in `unit`, also in lists; other values as they are.
 
     Texts such as "1.5 mm" have units; so have quantities of pint, and of libraries like it; `xarray.DataArray` and
-    series of pandas in their attribute `units`; durations of Python, NumPy and pandas count in seconds. Numbers under the mask of a masked
+    series of pandas in their attribute `units`; durations of Python, NumPy and pandas count in seconds. Numbers under
+    the mask of a masked
     array are NaN.
 
     **Raises:** `TypeError` for a quantity of another kind, and for dates.

@@ -142,19 +142,20 @@ def test_a_trajectory_is_written_and_drawn(file, tmp_path, capsys):
     name, when = f"{'ABCDEFGHIJ'[point]}{end + 1}", float(ds["peak_period"].values[end, point])
     assert error == ""
     case = "speed 1000 m/s, clearance 1 mm, length 0.2 m, from the scene file's start"
-    assert text.startswith(f"wrote {out}.nc and {out}.png\n{case}; 50 steps per period; status: finite; highest ")
-    assert f" {peak.max():.0f} N at {name}, period {when:.3f}; half the step changes the motion by " in text
+    assert text.startswith(f"wrote {out}.nc and {out}.png\n{case}\nstatus: finite\n50 steps per period\n")
+    force = f"highest single contact point {peak.max() / 1e3:.4g} kN at {name}, forcing period {when:.2f}\n"
+    assert f"{force}half the step changes the motion by " in text
     assert share(picture(out, 7.2, 9.4), COLORS["blue"]) > 1e-3
     # a bad one is said without its force, by the same program
     text, error = call([*words, "--stiffness", "1e13"], capsys, 1)
     assert f"{out}.nc and {out}.png will be replaced\n" in error
-    assert text.endswith(f"; 50 steps per period; status: {Status.NOT_FINITE}\n")
+    assert text.endswith(f"\nstatus: {Status.NOT_FINITE}\n50 steps per period\n")
     # a rail without waves has no periods, but places
     rail = tmp_path / "rail.csv"
     rows = [f"{k / 2},{np.sin(k / 4):.4f}" for k in range(40, 130)]
     rail.write_text("\n".join(["distance [m],vertical [mm]", *rows]))
     text, _ = call([*words, "--rail", rail], capsys)
-    words = r"; 50 steps per 8 m; .* \d+ N at \w\d, [234]\d\.\d* m; half the step changes the motion by \S+ per 8 m"
+    words = r"\n50 steps per 8 m\n.* kN at \w\d, [234]\d\.\d* m\nhalf the step changes the motion by \S+ per 8 m"
     assert re.search(words, text)
 
 
@@ -163,8 +164,8 @@ def test_sections_are_written_and_drawn_in_a_new_folder(file, tmp_path, capsys):
     out = tmp_path / "deep" / "fig"
     text, _ = call(["bifurcation", "--over", "speed", 900, 1000, 2, *file, *TEN, "--out", out], capsys)
     case = "clearance 1 mm, length 0.2 m, from the scene file's start"
-    assert f"\n{case}; 2 cases, 10 + 10 periods, 100 steps per period: " in text
-    assert re.search(r"; 0 cases flagged; half the step changes the motion by \S+ scales at most\n$", text)
+    assert f"\n{case}\n2 cases, 10 + 10 periods, 100 steps per period\n0 cases flagged\n" in text
+    assert re.search(r"\nhalf the step changes the motion by \S+ scales at most\n\S+ s with compiling\n$", text)
     assert dataset(out)["speed"].values.tolist() == [900, 1000]
     assert equal(sj.load(f"{out}.nc").sel(speed=900.0).scene, sj.paper_scene(900.0).replace(mass=21.0))
     assert share(picture(out, 7.2, 4.6), COLORS["blue"]) > 0
@@ -175,7 +176,7 @@ def test_an_orbit_is_written(tmp_path, capsys):
     out = tmp_path / "orbit"
     text, _ = call(["orbit", "--steps-per-period", STEPS, "--out", out], capsys)  # by the programs of tests/orbits
     case = "speed 1250 m/s, clearance 1 mm, length 0.2 m, from Table 2's start"
-    assert f"wrote {out}.nc and {out}.png\n{case}; period 1, stable, largest exponent -0.04" in text
+    assert f"wrote {out}.nc and {out}.png\n{case}\nperiod 1, stable, largest exponent -0.04" in text
     ds = dataset(out)
     assert ds.attrs["stable"] == 1
     np.testing.assert_allclose(ds["y"][-1], ds["y"][0], rtol=1e-9)
@@ -189,8 +190,9 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     data = {name: (("section.play.2", "crossing"), np.ones((4, 2))) for name in SECTIONS}
     data |= {f"{name}_period": v for name, v in data.items()}
     data |= {"status": ("section.play.2", [0, 1, 3, 3]), "steps_per_period": ("section.play.2", [50, 50, 100, 150])}
-    made = xr.Dataset(data, {"section.play.2": values}, {"settled": 310, "measured": 10})
-    sweep = replaced("sweeps.sweep.sweep", return_value=made)
+    call_made = {"call": '{"function": "sweep"}'}
+    made = xr.Dataset(data, {"section.play.2": values}, call_made | {"settled": 310, "measured": 10})
+    sweep = replaced("sweeps.sweep.sweep", return_value=sj.Result(made))
     out = tmp_path / "fig"
     words = ["bifurcation", "--over", "section.play.2", 4e-4, 7e-4, 4, "--out", out]
     text, _ = call(words, capsys)
@@ -199,8 +201,8 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     assert (options["transient"], options["periods"]) == (300, 10)
     # the clearance depends on what is varied
     case = "speed 1250 m/s, length 0.2 m, from Table 2's start"
-    assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
-    assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.TOO_FEW_STEPS})\n")
+    assert f"\n{case}\n4 cases, 310 + 10 periods, 50 to 150 steps per period\n" in text
+    assert f"\n3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.TOO_FEW_STEPS})\n" in text
     xr.testing.assert_identical(dataset(out), made)
     made["status"][:] = int(Status.NOT_FINITE)
     assert "4 cases flagged" in call(words, capsys, 1)[0]
@@ -221,8 +223,9 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
         "status": (dims, np.reshape([0, 0, 0, 1], shape)),
         "steps_per_period": (dims, np.reshape([50, 100, 250, 50], shape)),
     }
-    made = xr.Dataset(data, {"speed": [10.0, 20.0], "roll_amplitude": np.radians([0.1, 0.2])})
-    sweep = replaced("sweeps.sweep.lyapunov_sweep", return_value=made)
+    axes_made = {"speed": [10.0, 20.0], "roll_amplitude": np.radians([0.1, 0.2])}
+    made = xr.Dataset(data, axes_made, {"call": '{"function": "sweep"}'})
+    sweep = replaced("sweeps.sweep.lyapunov_sweep", return_value=sj.Result(made))
     out = tmp_path / "map"
     axes = ["--over", "speed", 10, 20, 2, "--by", "roll_amplitude", 0.1, 0.2, 2]
     text, _ = call(["lyapunov", *axes, "--count", 2, "--periods", 40, "--out", out], capsys)
@@ -230,9 +233,9 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
     assert grid["roll_amplitude"] == pytest.approx(np.radians([0.1, 0.2]))
     wanted = dict(count=2, transient=300, periods=40, certify=True, orbits=True, steps_per_period=None)
     assert {name: options[name] for name in wanted} == wanted
-    assert "\nclearance 1 mm, length 0.2 m, from Table 2's start; 4 cases, 50 to 250 steps per period: " in text
-    assert "; 1 cases flagged (1 not finite" in text
-    assert text.endswith("; 1 periodic, 0 regular, 2 chaotic, 1 unresolved, 0 transient chaos\n")
+    assert "\nclearance 1 mm, length 0.2 m, from Table 2's start\n4 cases, 50 to 250 steps per period\n" in text
+    assert "\n1 cases flagged (1 not finite" in text
+    assert "\n1 periodic, 0 regular, 2 chaotic, 1 unresolved, 0 transient chaos\n" in text
     xr.testing.assert_identical(dataset(out), made)
     # the case without an exponent, a quarter of the map
     assert share(picture(out, 3.5, 3.3), COLORS["grey"]) > 0.02

@@ -47,7 +47,8 @@ def interruption(branch):
 
 def test_files_of_another_kind_are_refused(tmp_path, capsys):
     other = tmp_path / "other.nc"
-    xr.Dataset({"v_z": (("clearance", "crossing"), [[1.0]])}, {"clearance": [1e-3]}).to_netcdf(other)
+    made = xr.Dataset({"v_z": (("clearance", "crossing"), [[1.0]])}, {"clearance": [1e-3]})
+    made.assign_attrs(call='{"function": "sweep"}').to_netcdf(other)
     for arguments, words in (
         ([*OVER[:-1], "--brute", other], "`brute` must be swept over speed"),
         ([*OVER[:-1], "--brute", BRANCH], "`brute` must be"),
@@ -74,7 +75,7 @@ def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     assert error.splitlines()[-1].startswith("branch over speed: 1 points")
     found = sj.load(f"{out}.nc")
     case = f"clearance 1 mm, length 0.2 m, from {BRANCH}"
-    assert text == f"{found.summary()}\n{case}\nwrote {out}.nc and {out}.png\n"
+    assert text.splitlines() == [*found.summary(), case, f"wrote {out}.nc and {out}.png"]
     assert float(found.ds["speed"].max()) == pytest.approx(1110.1)
     assert [event.label for event in found.events] == ["EP", "PD", "EP"]
     np.testing.assert_allclose(found.ds["v_z"][:15], branch.ds["v_z"][:15], rtol=1e-13)  # measured 2e-16
@@ -85,9 +86,10 @@ def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, re
     switched = replaced(SWITCH, return_value=OrbitBranch(branch.ds.assign_attrs(orbit_period=2)))
     drawn = []
     draw = importlib.import_module("slipperjax.plots.branches").branches  # whose name in plots is the function's
-    replaced("plots.branches.branches", lambda ds, *more: drawn.append((len(ds), *more)) or draw(ds, *more))
+    note = lambda ds, quantity, **more: drawn.append((quantity, more)) or draw(ds, quantity, **more)
+    replaced("results.branches.branches", note)
     values = {"v_y": (("speed", "crossing"), [[2.2], [2.3]]), "status": ("speed", [0, 0])}
-    brute = xr.Dataset(values, {"speed": [1090.0, 1110.0]})
+    brute = xr.Dataset(values, {"speed": [1090.0, 1110.0]}, {"call": '{"function": "sweep"}'})
     brute.to_netcdf(tmp_path / "brute.nc")
     out = tmp_path / "run"
     options = ["--switch", "PD", "--switch", "BP", "--points", 3, "--brute", tmp_path / "brute.nc"]
@@ -96,11 +98,11 @@ def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, re
     ((_, event), asked) = switched.call_args
     assert (event.label, asked["points"]) == ("PD", 3)
     assert f"wrote {out}.nc and {out}.png\nPD1 at 1095.9" in text
-    assert text.endswith(f"wrote {out}_PD1.nc and {out}.png\n")
+    assert text.endswith(f"wrote {out}_PD1.nc\nwrote {out}.png\n")
     assert names(tmp_path) == ["brute.nc", "run.nc", "run.png", "run_PD1.nc"]
     assert sj.load(f"{out}_PD1.nc").period == 2
-    assert [one[:2] for one in drawn] == [(1, "v_y"), (2, "v_y")]
-    xr.testing.assert_identical(drawn[0][2].load(), brute)
+    assert [(quantity, len(more["others"])) for quantity, more in drawn] == [("v_y", 0), ("v_y", 1)]
+    xr.testing.assert_identical(drawn[0][1]["brute"].load(), brute)
 
 
 def test_options_reach_the_branch(room, tmp_path, capsys):
@@ -115,7 +117,7 @@ def test_options_reach_the_branch(room, tmp_path, capsys):
     # the more demanding bound's, for both
     most = max(sj.model.default_steps_per_period(sj.paper_scene(1240.0, c)) for c in (0.5e-3, 1e-3, 2e-3))
     assert how["steps_per_period"] == more["steps_per_period"] == FINER * most
-    assert names(tmp_path) == ["run.nc", "run.png"]
+    assert names(tmp_path) == ["run.nc"]
 
 
 def test_no_first_motion_is_exit_code_1(room, tmp_path, capsys):
@@ -164,7 +166,7 @@ def test_a_signal_while_points_are_computed_is_heard_at_the_next(branch, room, t
     kept = f"{branch.ds.sizes['point']} points were finished: wrote {out}_partial.nc and {out}_partial.png"
     assert error == f"{out}.nc will be replaced\n{waited}\n{kept}\ninterrupted\n"
     assert (tmp_path / "run.nc").read_bytes() == b"old"
-    kept = sj.load(f"{out}_partial.nc").points
+    kept = sj.load(f"{out}_partial.nc").ds
     xr.testing.assert_identical(kept.load().drop_attrs(), branch.ds.load().drop_attrs())
 
 

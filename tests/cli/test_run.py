@@ -50,6 +50,10 @@ def file(tmp_path):
     return path
 
 
+def result(**options):
+    return sj.Result(made(**options).assign_attrs(call='{"function": "run"}'))
+
+
 def numbers(text, pattern):
     """Gives the numbers that stand where a pattern has (..)."""
     found = re.search(pattern.replace("(..)", r"([-+.\de]+)"), text)
@@ -104,12 +108,12 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
 
 @pytest.mark.full
 def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
-    ran = replaced("sweeps.runs.run", return_value=made())
+    ran = replaced("sweeps.runs.run", return_value=result())
     file.write_text(FILE + 'units = ["ft", "lbf"]\n')
     out = tmp_path / "sled"
     text, _ = call(["run", file, *(f"--out={out}{end}" for end in (".csv", ".pdf", ".xlsx", ".nc", "_2.5"))], capsys)
     written = ["sled.csv", "sled.nc", "sled.pdf", "sled.toml", "sled.xlsx", "sled_100m.csv", "sled_2.5.nc"]
-    assert names(tmp_path) == [*written, "sled_2.5.png"]
+    assert names(tmp_path) == sorted([*written, "sled_2.5.png", "sled_worstplaces.csv"])
     # units are not of the simulation, but of what is told and written, then and later
     assert "units" not in ran.call_args[1]
     assert numbers(text, r"highest single contact point (..) lbf at .*, (..) ft and") == [1124.0, 729.99]
@@ -128,14 +132,14 @@ def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replac
 
 
 def test_a_lost_or_interrupted_run_is_no_result(file, tmp_path, capsys, replaced):
-    ran = replaced("sweeps.runs.run", return_value=made(status=1))
+    ran = replaced("sweeps.runs.run", return_value=result(status=1))
     text, _ = call(["run", file, "--out", tmp_path / "run.csv"], capsys, 1)
     assert text.splitlines()[2:] == [f"status: {sj.Status.NOT_FINITE}"]
     assert (tmp_path / "run.csv").read_text().splitlines()[1] == "100,101,0.01,100,not finite,,,"
     ran.side_effect = sj.Interrupted(None, 0, 1)
     _, error = call(["run", file, "--out", tmp_path / "other"], capsys, 130)
     assert error == "0 of 1 cases were finished: nothing is written\ninterrupted\n"
-    assert names(tmp_path) == ["run.csv", "run_100m.csv", "sled.toml"]
+    assert names(tmp_path) == ["run.csv", "run_100m.csv", "run_worstplaces.csv", "sled.toml"]
 
 
 def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
@@ -252,7 +256,7 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     out = tmp_path / "designs"
     words = ["run", file, "--over", "clearance", "0.8", "1/8 in", "--rails", "1", "--starts", "80"]
     text, _ = call([*words, f"--out={out}.nc", f"--out={out}.xlsx"], capsys)
-    better, heading, *each = text.splitlines()[3:]
+    better, heading, *each = text.splitlines()[2:]
     assert " lbf in the 95 % quantile, " in better
     assert heading == "greatest net force of a slipper on 1 rail from 80 starts each:"
     assert [line.partition(":")[0] for line in each] == ["clearance 0.8 mm", "clearance 3.175 mm"]
@@ -285,8 +289,9 @@ def test_a_table_of_places_is_an_environment_beside_the_run(file, tmp_path, caps
     table = '\n[environment]\nplaces = { unit = "mm", values = [[100, 0, 40]] }\nhigh = "200 Hz"\nlow = "40 Hz"\n'
     file.write_text(FILE.replace("steps_per_period = 60", "steps_per_period = 200") + table)
     text, _ = call(["run", file, "--out", tmp_path / "a.nc", "--out", tmp_path / "a.csv"], capsys)
-    assert names(tmp_path) == ["a-environment.csv", "a-environment.nc", "a.csv", "a.nc", "a_100m.csv", "sled.toml"]
-    ds = dataset(tmp_path / "a")
+    written = ["a-environment.csv", "a-environment.nc", "a.csv", "a.nc", "a_100m.csv", "a_worstplaces.csv"]
+    assert names(tmp_path) == [*written, "sled.toml"]
+    ds = sj.load(tmp_path / "a.nc")
     assert ds["body_acceleration"].sizes["sample"] == 8 * 64  # of windows of 8 m
     report = dataset(tmp_path / "a-environment")
     again = sj.environment(ds, **sj.load(file).environment)
