@@ -1,6 +1,6 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -27,6 +27,10 @@ from .style import (
 EVENT_MARKERS = {"LP": "D", "BP": "s", "PD": "^", "NS": "o", "GR": "|", "MX": "x"}
 """Markers of events; ends on a bound have none."""
 EVENT_NAMES = {label: text.partition(":")[0] for label, text in MEANINGS.items()} | {"MX": "no convergence"}
+CROWD = 4
+"""Events that are a crowd where they are close to each other."""
+CROWDED = 0.2
+"""Share of the axis within which they are."""
 DASHED = (0, (3.0, 1.4))
 """Line style of unstable motions; stable ones are solid."""
 
@@ -72,7 +76,9 @@ def branches(
     periods = [int(one.attrs["orbit_period"]) for one in points]
     # one colour for each period that occurs
     colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
-    with drawing(ax, points[0], 3.5, 2.9) as ax:
+    own = ax is None
+
+    def draw(ax: Axes) -> None:
         if brute is not None:
             bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, label="from simulation")
         # the lines of all branches, with their events
@@ -84,16 +90,68 @@ def branches(
             style = dict(color=colors[period], zorder=3, solid_capstyle="butt")
             ax.plot(*joined(x, threads, stable), lw=1.3, label=f"{of}stable", **style)
             ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, label=f"{of}unstable", **style)
-            for label, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
-                # an event has as many values as its orbit has crossings
-                values = threads[np.isfinite(threads[:, k]), k]
-                if label in EVENT_MARKERS and len(values):
-                    text = f"{label} {EVENT_NAMES[label]}"
-                    ax.plot(np.full(len(values), x[k]), values, label=text, **_marker(label, colors[period]))
+            for label, x_at, values in _events_of(one, x, threads):
+                text = f"{label} {EVENT_NAMES[label]}"
+                ax.plot(np.full(len(values), x_at), values, label=text, **_marker(label, colors[period]))
+
+    with drawing(ax, points[0], 3.5, 2.9) as ax:
+        draw(ax)
         ax.set(xlabel=axis_label(name, points[0]), ylabel=axis_label(quantity, points[0]))
         ax.margins(x=0.03, y=0.08)
         legend_above(ax)
+        places = [
+            (x_at, values)
+            for one, threads in zip(points, lines, strict=True)
+            for _, x_at, values in _events_of(one, shown(one, name), threads)
+        ]
+        if own:
+            _enlarge_crowd(ax, draw, places)
     return ax
+
+
+def _events_of(ds: xr.Dataset, x: np.ndarray, threads: np.ndarray) -> Iterator[tuple[str, float, np.ndarray]]:
+    """Yield label, parameter and values of each event of a branch that has a marker.
+
+    **Arguments:** `x`: the parameter at its points; `threads`: of `_lines_of`, both in display units.
+    """
+    for label, k in zip(ds["event_label"].values.astype(str), ds["event_point"].values, strict=True):
+        # an event has as many values as its orbit has crossings
+        values = threads[np.isfinite(threads[:, k]), k]
+        if label in EVENT_MARKERS and len(values):
+            yield label, float(x[k]), values
+
+
+def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], None], places: list[tuple[float, np.ndarray]]) -> None:
+    """Draw the part where most events are once more, larger, where these are `CROWD` or more close to each other.
+
+    **Arguments:** `draw`: draws everything into Axes; `places`: parameter and values of each event.
+    """
+    low, high = ax.get_xlim()
+    width = CROWDED * (high - low)
+    at = np.array([x for x, _ in places])
+    # the events within a width of each
+    near = np.array([(at >= x) & (at <= x + width) for x in at]).reshape(len(at), len(at))
+    if not len(at) or near.sum(axis=1).max() < CROWD or np.ptp(at) <= width:
+        return
+    crowd = near[np.argmax(near.sum(axis=1))]
+    values = np.concatenate([one for (_, one), inside in zip(places, crowd, strict=True) if inside])
+    reach = 0.15 * max(np.ptp(at[crowd]), 0.2 * width)
+    tall = 0.25 * max(np.ptp(values), 0.02 * np.ptp(ax.get_ylim()))
+    # above the crowd there is room where values are low, below it where they are high
+    up = values.mean() < np.mean(ax.get_ylim())
+    left = at[crowd].mean() < (low + high) / 2
+    inset = ax.inset_axes((0.12 if left else 0.52, 0.5 if up else 0.12, 0.36, 0.4))
+    limits = ax.get_xlim(), ax.get_ylim()
+    draw(inset)
+    if (legend := inset.get_legend()) is not None:
+        legend.remove()
+    inset.set(
+        xlim=(at[crowd].min() - reach, at[crowd].max() + reach), ylim=(values.min() - tall, values.max() + tall)
+    )
+    inset.set(xlabel="", ylabel="")
+    inset.tick_params(labelsize=5)
+    ax.set(xlim=limits[0], ylim=limits[1])
+    ax.indicate_inset_zoom(inset, edgecolor="black", lw=0.5)
 
 
 def check_quantity(quantity: str) -> None:
@@ -216,7 +274,7 @@ def _datasets(ds: object, source: str, *names: str) -> list[xr.Dataset]:
 def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
     """Return a quantity along a branch as lines (lines, points) [display unit]; NaN where a line is absent."""
     if name in SECTIONS:
-        check_dataset(ds, "continue_orbit", name, f"{name}_period")
+        ds = check_dataset(ds, "continue_orbit", name, f"{name}_period")
         velocity = ds[name].transpose("point", "crossing").values
         time = ds[f"{name}_period"].transpose("point", "crossing").values
         return crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
@@ -224,7 +282,7 @@ def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
         start = ds["strobe"].isel(strobe_period=0)
         coordinate = name.removeprefix("start_")
         return COORDINATES[coordinate].shown(start.sel(coordinate=coordinate).values)[None]
-    check_dataset(ds, "continue_orbit", name)
+    ds = check_dataset(ds, "continue_orbit", name)
     return shown(ds, name)[None]
 
 

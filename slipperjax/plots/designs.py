@@ -204,7 +204,8 @@ def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
     ax.plot(x, lowest, lw=1.2, color=line_color(0), drawstyle="steps-post", label="lowest")
     _scatter_trials(ds, ax, x, total)
     mark_cases(ax, x[np.isnan(total)], "no motion")
-    ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds))
+    # from the beginning of the work, of which the first designs take much
+    ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds), xlim=(0, 1.03 * x.max()))
     fit_scale(ax, total)
     legend_above(ax)
 
@@ -252,7 +253,7 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
     **Raises:** `ValueError` for another kind of dataset.
     """
     ds = _design(ds)
-    check_dataset(ds, "optimise_design with margins", "margin_label")
+    ds = check_dataset(ds, "optimise_design with margins", "margin_label")
     margins = ds[[name for name, values in ds.data_vars.items() if values.dims == ("margin",)]]
     margins = margins.rename({name: str(name).removeprefix("margin_") for name in margins.data_vars})
     cases = list(dict.fromkeys(margins["case"].values))

@@ -31,8 +31,6 @@ from .style import (
     legend_patch,
     line_color,
     mark_cases,
-    name_case,
-    rows_of,
     shown,
     status_of,
     swept,
@@ -83,7 +81,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: o
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
-    check_dataset(ds, "sweep or follow", section)
+    ds = check_dataset(ds, "sweep or follow", section)
     swept(ds[section], "crossing", "direction")
     with drawing(ax, ds) as ax:
         for k, met in enumerate(Met.each(ds)):
@@ -104,18 +102,21 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarr
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, "sweep or follow", *SECTIONS)
+    ds = check_dataset(ds, "sweep or follow", *SECTIONS)
     drawn = Met.each(ds)
     if followed is not None:
-        check_dataset(followed, "follow", "direction", argument="followed")
+        followed = check_dataset(followed, "follow", "direction", argument="followed")
         # followed motions beneath, those from one start above
         drawn = [*Met.each(followed), *(met._replace(label=met.label or "from one start") for met in drawn)]
-    with rows_of(2, 3, height=4.6) as axes:
-        name_case(axes[0].figure, ds, full=True)
+    # one width for one abscissa: of six places the third is empty
+    with page(2, 3, 4.6, ds, sharex=True) as places:
+        places[0, 2].remove()
+        axes = np.delete(places.ravel(), 2)
         for section, ax in zip(SECTIONS, axes, strict=True):
             for k, met in enumerate(drawn):
                 _draw_dots(met, section, ax, **_dot(k))
-            ax.sharex(axes[0])
+        axes[0].set_xlabel("")
+        axes[1].set_xlabel("")
         legend_above(axes[0])
     return axes
 
@@ -223,7 +224,7 @@ def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     **Raises:** `ValueError` where `ds` is not swept over two parameters.
     """
-    check_dataset(ds, "lyapunov_sweep", "regime")
+    ds = check_dataset(ds, "lyapunov_sweep", "regime")
     over = swept(ds["regime"], count=2)
     with drawing(ax, ds, 3.5, 3.3) as ax:
         # a cross on each case that is unsure
@@ -264,7 +265,7 @@ def attractor_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     **Raises:** `ValueError` where `ds` is not swept over two parameters.
     """
-    check_dataset(
+    ds = check_dataset(
         ds,
         "lyapunov_sweep, or of a sweep with `kind` and `period` of its attractors",
         "kind",
@@ -300,7 +301,7 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     **Raises:** `ValueError` where `ds` is not over two numbers.
     """
-    check_dataset(ds, "slipperjax.sweeps.groups", "basin", "basin_period", "share")
+    ds = check_dataset(ds, "slipperjax.sweeps.groups", "basin", "basin_period", "share")
     over = swept(ds["basin"], count=2)[::-1]
     numbers = ds["basin"].transpose(*over).values
     # the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; further ones are grey
@@ -337,7 +338,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = Non
 
     **Raises:** `ValueError` for a name that is no variable with numbers, or more than two parameters.
     """
-    check_dataset(ds, "sweep", name)
+    ds = check_dataset(ds, "sweep", name)
     if ds[name].dtype.kind not in "fiub":
         raise ValueError(f"Argument `name` must be a variable with numbers, but {name} has {ds[name].dtype}.")
     over = parameters_of(ds)
@@ -382,7 +383,7 @@ def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
-    check_dataset(ds, "lyapunov_sweep", "regime")
+    ds = check_dataset(ds, "lyapunov_sweep", "regime")
     (over,) = swept(ds["regime"])
     x = shown(ds, over)
     y, error = (ds[name].isel(count=0).values for name in ("exponent", "stderr"))

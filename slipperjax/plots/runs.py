@@ -444,7 +444,7 @@ def passing(
     with drawing(ax, runs[0].drop_vars(speed_name(runs[0])), 3.5, 2.7) as ax:
         style = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
-            check_dataset(
+            brute = check_dataset(
                 brute,
                 "follow over the speed",
                 quantity,

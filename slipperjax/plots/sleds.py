@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 
 from ..model.kinematics import contact_points
 from ..model.scene import Scene, check_scene
@@ -16,7 +17,6 @@ from .sections import RAIL_STYLE, SLIPPER_STYLE
 from .style import (
     check_dataset,
     color_bar,
-    color_norm,
     drawing,
     legend_above,
     name_label,
@@ -51,7 +51,8 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
             q = view.quantity(name)
             force = abs(view.ds[name])
             values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
-            by_force = ScalarMappable(color_norm(values))
+            # from zero, so that the differences of one run do not look larger than they are
+            by_force = ScalarMappable(Normalize(0.0, float(np.nanmax(values))))
             color_bar(ax, by_force, name_label(q))
             colors = by_force.to_rgba(values)
             names = [f"{name}\n{value:.4g} {q.display_unit}" for name, value in zip(names, values, strict=True)]

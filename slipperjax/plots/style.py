@@ -330,7 +330,8 @@ def page(
         if ds is not None:
             name_case(figure, ds, full=full)
         yield axes
-        letter(np.ravel(axes))
+        # panels that were removed have no figure
+        letter([ax for ax in np.ravel(axes) if ax.figure is not None])
 
 
 @contextmanager
@@ -353,7 +354,7 @@ def page_width() -> float:
     return _look.get().width or PAGE
 
 
-def letter(axes: np.ndarray) -> None:
+def letter(axes: Sequence[Axes] | np.ndarray) -> None:
     """Write (a), (b) and so on at the upper left corners of several panels, where letters are wanted."""
     if not _look.get().letters or len(axes) == 1:
         return
@@ -514,7 +515,7 @@ def _content(figure: Figure, **options: Any) -> bytes:
 
 
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
-    """Return the fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
+    """Return the fixed parameters of a dataset, as in "speed 1250 m/s, clearance 1 mm, length 0.2 m".
 
     Parameters are read from the attributes, and from coordinates with one value, such as those of one case of a
     sweep. Those that vary or are absent are left out.
@@ -538,7 +539,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
             q = PARAMETERS[name]
             value = _number(ds, q)
             if value is not None:
-                stated = with_unit(f"${q.symbol}$ = {float(q.shown(value)):.4g}", q.display_unit)
+                stated = with_unit(f"{q.name.replace('_', ' ')} {plain_number(q.shown(value))}", q.display_unit)
                 lines[-1].append(stated.replace(" degrees", "°"))
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
@@ -546,8 +547,17 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
         words = re.sub("(?<=[a-z])(?=[A-Z])", " ", ds.attrs["track"]).lower()
         lines[-1].append(f"on {words}" if words.endswith("s") else f"on a {words}")
     if full and len(waves):
-        lines[-1].append(f"$L_X$ = {' and '.join(f'{w:.4g}' for w in waves)} m")
+        lines[-1].append(f"wavelength {' and '.join(f'{w:.4g}' for w in waves)} m")
     return "\n".join(", ".join(line) for line in lines if line)
+
+
+def plain_number(value: float) -> str:
+    """Return a number of four digits, with a power of ten as matplotlib writes it."""
+    digits, power, exponent = f"{float(value):.4g}".partition("e")
+    if not power:
+        return digits
+    tens = f"$10^{{{int(exponent)}}}$"
+    return tens if digits == "1" else f"{digits} $\\times$ {tens}"
 
 
 def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:

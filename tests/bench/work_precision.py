@@ -109,7 +109,7 @@ def draw(
     points: list[Point],
     *,
     shown: Mapping[str, str] = SHOWN,
-    error: str = "error [1 mm, 10 mrad, 1 m/s, 10 rad/s]",
+    error: str = "error of the motion [scales]",
 ) -> np.ndarray:
     """Draw error against cost with a panel per scene and at most eight methods.
 
