@@ -128,7 +128,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
 
 def _keep_units(result: "Result", case: Case) -> None:
     """Put the units of the scene's file into a result: reports of it have them later, too."""
-    from ..plots.runs import UNITS
+    from ..plots.style import UNITS
 
     assert case.file is not None
     result.attrs[UNITS] = json.dumps(case.file.units)

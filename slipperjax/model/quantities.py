@@ -27,6 +27,8 @@ KINDS = {
     "s": "time",
 }
 """Kinds of quantities whose unit users may choose, by SI unit; g is one of acceleration."""
+OF_FEET = ("ft/s", "in")
+"""Units of speeds and of small lengths that come with feet, unless others are given."""
 LONG = 0.1
 """Unit of length above which units are for distances along the rail [m]; smaller ones are for displacements."""
 
@@ -94,7 +96,7 @@ class ShownUnits:
     def of(self, q: Quantity) -> Quantity:
         """Return a quantity with the display unit that is wanted for it."""
         kind = q.unit, q.unit == "m" and q.per_shown > LONG
-        for unit in self.units:
+        for unit in (*self.units, *(OF_FEET if "ft" in self.units else ())):
             if _kind(unit) == kind:
                 return replace(q, shown_unit=unit)
         return q

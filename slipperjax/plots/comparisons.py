@@ -1,6 +1,5 @@
 """Designs compared over the same rails and starts: their values in words, and their picture."""
 
-import json
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,8 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..model.quantities import Quantity, ShownUnits
-from .runs import UNITS
-from .style import check_dataset, line_color, name_label, page, quantity_of, with_unit
+from .style import check_dataset, line_color, name_label, page, quantity_of, shown_units, with_unit
 
 SOURCE = "slipperjax.compare"
 """What makes such datasets."""
@@ -30,7 +28,7 @@ class Comparison(NamedTuple):
     def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
         """Return the comparison of a dataset; `units`: as for `comparison`."""
         ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
-        chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
+        chosen = shown_units(ds) if units is None else ShownUnits(units)
         dims = ds["best"].dims
         # every parameter that differs from design to design
         along = [str(name) for name, values in ds.coords.items() if values.dims and set(values.dims) <= set(dims)]

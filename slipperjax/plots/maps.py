@@ -31,6 +31,7 @@ from .style import (
     legend_patch,
     line_color,
     mark_cases,
+    page,
     shown,
     status_of,
     swept,

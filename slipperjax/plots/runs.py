@@ -20,6 +20,7 @@ from .branches import DASHED, joined, stable_parts
 from .style import (
     COLORS,
     FLAGGED_LABEL,
+    UNITS,
     axis_label,
     by_contact,
     by_load,
@@ -36,14 +37,13 @@ from .style import (
     quantity_of,
     set_log_ticks,
     shown,
+    shown_units,
     typeset,
     with_unit,
 )
 
 RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
-UNITS = "shown_units"
-"""Attribute of a run's dataset with the units of the scene's file in JSON."""
 DISTANCE = Quantity("distance", "m", "distance along the rail")
 
 
@@ -71,10 +71,12 @@ class RunView(NamedTuple):
         require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=over)
         if scene is None and "scene" in ds.attrs:
             scene = scene_of(ds)
-        chosen = ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")) if units is None else units)
+        chosen = shown_units(ds) if units is None else ShownUnits(units)
         codes = _codes(ds)
         ds = _stretches_of(ds.drop_vars("window_status", errors="ignore"))
-        return cls(_kept(ds, is_lost(codes)), codes, scene, units_along(scene, chosen))
+        # titles have these units, too
+        ds = _kept(ds, is_lost(codes)).assign_attrs({UNITS: json.dumps(list(chosen.units))})
+        return cls(ds, codes, scene, units_along(scene, chosen))
 
     @property
     def status(self) -> Status:

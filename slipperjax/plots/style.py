@@ -1,6 +1,7 @@
 """Style, colours, labels with display units, titles that state the case, and pictures as files."""
 
 import io
+import json
 import re
 import string
 import textwrap
@@ -61,6 +62,8 @@ AXES = {"y": "lateral", "z": "vertical"}
 
 FLAGGED_LABEL = "not trusted"
 """Legend entry of cases that are left out because of their status."""
+UNITS = "shown_units"
+"""Attribute of a result with the units of the scene's file in JSON."""
 NOT_RUN_LABEL = "not computed yet"
 """Legend entry of cases that a store does not have yet; they are left white."""
 
@@ -530,6 +533,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
         rows[0] += ["mass", "gravity"]
         rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
     lines = []
+    units = shown_units(ds)
     if not has_one_scene(ds):
         ds = ds.drop_attrs(deep=False)
     # lines of the title, without what varies
@@ -539,6 +543,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
             q = PARAMETERS[name]
             value = _number(ds, q)
             if value is not None:
+                q = units.of(q)
                 stated = with_unit(f"{q.name.replace('_', ' ')} {plain_number(q.shown(value))}", q.display_unit)
                 lines[-1].append(stated.replace(" degrees", "°"))
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
@@ -549,6 +554,11 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     if full and len(waves):
         lines[-1].append(f"wavelength {' and '.join(f'{w:.4g}' for w in waves)} m")
     return "\n".join(", ".join(line) for line in lines if line)
+
+
+def shown_units(ds: xr.Dataset) -> ShownUnits:
+    """Return the units in which a result is shown, those of the file of its scene."""
+    return ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")))
 
 
 def plain_number(value: float) -> str:
