@@ -26,7 +26,9 @@ MAY_BE_HEAVY += (
     "tools.progress",
     "tools.tables",
     "flow.datasets",
+    "orbits.branches",
     "orbits.critical",
+    "orbits.own_branches",
 )
 
 

@@ -84,7 +84,8 @@ def fit(
     from ..fitting.trajectories import Trajectories
 
     sensors = case.file.sensors if case.file else []
-    require(sensors, "FILE", "have tables [sensors.NAME]", shown="none")
+    path = click.get_current_context().params["scene"]
+    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
     unknowns: dict[str, tuple[float, float]] = {}
     for name, low, high in fit:
         require(name not in unknowns, "--fit", "name each parameter once", name)

@@ -108,9 +108,10 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
     further = None
-    if file.environment is not None:
+    places = file.environment
+    if places is not None:
         # before a long run
-        check_environment(case.scene, **file.environment)
+        check_environment(case.scene, **places)
         further = files.named(FURTHER)
         history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
         options["record"] = [*default_records(case.scene), history]
@@ -120,8 +121,8 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # of a lost run nothing but its status is said
-    if further is not None and not lost:
-        report = environment(ran, **file.environment)
+    if further is not None and places is not None and not lost:
+        report = environment(ran, **places)
         said(further.write(report), *report.summary())
     return LOST if lost else 0
 

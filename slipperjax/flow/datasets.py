@@ -32,7 +32,6 @@ from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, readable
-from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractOutput, History, HistoryValues
 from .status import MEANINGS
@@ -40,6 +39,8 @@ from .status import MEANINGS
 if TYPE_CHECKING:
     import xarray as xr
 
+READ_AT_ONCE = 1e8
+"""Largest dataset that is read from a file at once [bytes]."""
 SCENE_NUMBER = "scene_number"
 """Coordinate of a checksum of the scene in a result's attributes."""
 
@@ -212,6 +213,11 @@ def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
     return scene, State(motion, finite("start.memory", optional=True)(description.get("memory")))
 
 
+def function_of(ds: "xr.Dataset") -> str:
+    """Return the name of the function that made a result."""
+    return str(_described(ds, "call").get("function"))
+
+
 def load_call(ds: "xr.Dataset") -> dict[str, Any]:
     """Return the call that made a result: the function's name as `function`, and its arguments by name.
 
@@ -235,18 +241,19 @@ def load_call(ds: "xr.Dataset") -> dict[str, Any]:
 
 
 def read_dataset(path: Path) -> "xr.Dataset":
-    """Return the dataset of a netCDF file.
+    """Return the dataset of a netCDF file; the variables of one larger than `READ_AT_ONCE` are read as they are used.
 
-    **Raises:** `ValueError` for another file, or one that does not fit into memory; `OSError` for one that cannot be
-    read.
+    **Raises:** `ValueError` for another file; `OSError` for one that cannot be read.
     """
     import xarray as xr
 
     check_file(path)
-    with readable(path, "netCDF file"), xr.open_dataset(path, engine="h5netcdf") as ds:
-        refuse_impossible(f"the variables of {path}", float(ds.nbytes), 0.0)
-        # read before the file is closed
-        return ds.load()
+    with readable(path, "TOML file or netCDF file"):
+        ds = xr.open_dataset(path, engine="h5netcdf")
+        if ds.nbytes > READ_AT_ONCE:
+            return ds
+        with ds:
+            return ds.load()
 
 
 def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:

@@ -268,7 +268,7 @@ class Scene(ShapeChecked):
         return scene
 
     def to_toml(self, file: str | Path | None = None, *, start: eqx.Module | None = None) -> str:
-        """Return the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
+        """Return the scene as TOML text, exact to the last bit, which `slipperjax.load` reads.
 
         **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add, of the slipper or
         a rigid sled.

@@ -267,7 +267,7 @@ class _Settings:
                 until=labels(until),
             )
         found = OrbitBranch(self.dataset(branch))
-        found.__dict__["branch"] = branch  # fills the cached property, so that points are not evaluated anew
+        found.branch = branch  # fills the cached property, so that points are not evaluated anew
         return finished(found)
 
     def dataset(self, branch: Branch):

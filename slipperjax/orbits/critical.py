@@ -3,12 +3,12 @@
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array
 
 from ..analysis.arclength import Pace, check_within
@@ -48,6 +48,9 @@ from .motions import ScenePath, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 from .simulate import dynamic_steps
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def critical_orbit(
@@ -112,7 +115,7 @@ def event_sensitivities(
     branch: OrbitBranch,
     event: BranchEvent,
     names: Sequence[str],
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Differentiate the parameter's value at a fold, flip or Neimark-Sacker by other parameters of the scene.
 
     **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
@@ -162,6 +165,8 @@ def event_sensitivities(
         "relative": column("parameter", relative, "", "relative change per relative change"),
     }
     coords = {"parameter": list(names), "gradient_unit": ("parameter", units)}
+    import xarray as xr  # here, because importing it takes long
+
     return xr.Dataset(
         data,
         coords,

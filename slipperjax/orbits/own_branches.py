@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
-import xarray as xr
 
 from ..analysis.arclength import Node
 from ..analysis.continuation import Branch
@@ -65,6 +64,8 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
         "ended": list(branch.ended),
         "orbit_period": int(getattr(branch.equations, "intervals", 1)),
     }
+    import xarray as xr  # here, because importing it takes long
+
     return Result(xr.Dataset(data | _events(branch, nodes, of(name)), coords, attrs))
 
 

@@ -48,9 +48,9 @@ class BranchKind(PointsKind):
             f"{int(np.sum(ds['stable'].values))} stable, from {first} to {last} {varied.display_unit}",
             f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
         ]
-        for _, event in events_of(ds).iterrows():
+        for event in events_of(ds).to_dict("records"):
             error = varied.shown(event["high"] - event["low"]) / 2
-            real, imag = event["multiplier_real"], event["multiplier_imag"]
+            real, imag = float(event["multiplier_real"]), float(event["multiplier_imag"])
             # grazings and ends have no critical multiplier
             critical = "" if np.isnan(real) else f"{real:.5f}" + (f"{imag:+.5f}i" if imag else "")
             sure = f"{error:.0e}" if event["converged"] else "unsure"

@@ -2,7 +2,7 @@
 
 import xarray as xr
 
-from ..flow.datasets import load_call
+from ..flow.datasets import function_of
 from ..tools.checks import require
 from .branches import BranchKind, CurveKind, OwnBranchKind
 from .comparisons import ComparisonKind
@@ -35,6 +35,6 @@ def kind_of(ds: xr.Dataset) -> Kind:
 
     **Raises:** `ValueError` for a dataset that no function of slipperjax made.
     """
-    function = load_call(ds)["function"]
+    function = function_of(ds)
     require(function in KINDS, "result", f"be of one of {', '.join(KINDS)}", function)
     return KINDS[function]

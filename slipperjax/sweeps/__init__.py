@@ -15,7 +15,6 @@ from .store import (
     StoreStatus as StoreStatus,
     WorkerLost as WorkerLost,
     check_store as check_store,
-    open_store as open_store,
     processes as processes,
     store_status as store_status,
 )

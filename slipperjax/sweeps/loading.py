@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..flow.datasets import load_call, read_dataset
+from ..flow.datasets import function_of, read_dataset
 from ..model.scene_files import SceneFile, scene_from_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.critical import OrbitCurve
@@ -54,6 +54,6 @@ def _scene_file(path: Path) -> SceneFile:
 
 def _result(ds: "xr.Dataset") -> Result:
     """Return the result of a dataset, of the class that its function returns."""
-    function = load_call(ds)["function"]
+    function = function_of(ds)
     kinds: dict[str, type[Result]] = {"continue_orbit": OrbitBranch, "continue_event": OrbitCurve}
     return kinds.get(function, Result)(ds)

@@ -303,11 +303,12 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     works = scene.friction is not None or not scene.wear.by_friction
     require(works, "scene", "have friction, by whose work slippers wear", shown="none")
     nothing = np.zeros_like(np.asarray(scene.play))
-    if not (hasattr(earlier, "data_vars") and "play" in earlier):
+    ds = getattr(earlier, "ds", earlier)
+    if not (isinstance(ds, xr.Dataset) and "play" in ds):
         return nothing
     # wear by distance follows from where the run is, so that only the rest is carried over
     by_distance = play_added(scene, jnp.asarray(nothing), begin)
-    return earlier["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
+    return ds["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
 @jit

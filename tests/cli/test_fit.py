@@ -39,7 +39,7 @@ def test_a_record_tells_the_parameters_of_a_scene(files, tmp_path, capsys):
     bounds = ["--fit", "stiffness", 3e7, 3e8, "--fit", "restitution", 0.5, 0.99, "--fit", "clearance", 0.5, 2]
     out = tmp_path / "found"
     text, _ = call([*files, *bounds, "--starts", 4, "--out", out], capsys)
-    assert "Fit(status: converged, 90 % intervals," in text
+    assert "status: converged\n90 % intervals:\n" in text
     assert "speed 1250 m/s, length 0.2 m" in text
     assert {"found.nc", "found.png"} <= set(names(tmp_path))
     ds = dataset(out)

@@ -107,14 +107,15 @@ def partial():
     values = np.where(np.arange(4) < 3, 1.0, np.nan)
     data = {name: (("speed", "crossing"), np.stack([values, values], axis=1)) for name in SECTIONS}
     data |= {"status": ("speed", [0, 0, 0, int(Status.NOT_RUN)]), "steps_per_period": ("speed", [50] * 4)}
-    return xr.Dataset(data, {"speed": [1e3, 1.1e3, 1.2e3, 1.3e3]}, {"transient": 2})
+    attrs = {"transient": 2, "call": '{"function": "sweep"}'}
+    return sj.Result(xr.Dataset(data, {"speed": [1e3, 1.1e3, 1.2e3, 1.3e3]}, attrs))
 
 
 def test_finished_cases_get_a_name_of_their_own(partial, replaced, tmp_path, capsys):
     replaced("sweeps.sweep.sweep", side_effect=sj.Interrupted(partial, 3, 4))
     fig = tmp_path / "fig"
     (tmp_path / "fig.nc").write_bytes(b"old")
-    _, error = call([*FOUR, f"{fig}.nc"], capsys, 130)
+    _, error = call([*FOUR, fig], capsys, 130)
     kept = f"3 of 4 cases were finished: wrote {fig}_partial.nc and {fig}_partial.png"
     assert error == f"{fig}.nc will be replaced\n{kept}\ninterrupted\n"
     assert (tmp_path / "fig.nc").read_bytes() == b"old"
@@ -125,8 +126,8 @@ def test_finished_cases_get_a_name_of_their_own(partial, replaced, tmp_path, cap
 def test_files_are_replaced_even_where_they_are_open(partial, replaced, tmp_path, capsys):
     replaced("sweeps.sweep.sweep", return_value=partial)
     fig = tmp_path / "fig"
-    for ending, picture in ((".nc", ".png"), (".pdf", ".pdf")):  # known endings are not repeated
-        assert f"wrote {fig}.nc and {fig}{picture}\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
+    assert f"wrote {fig}.nc and {fig}.png\n" in call([*FOUR, fig], capsys)[0]
+    assert f"wrote {fig}.pdf\n" in call([*FOUR, f"{fig}.pdf"], capsys)[0]
     assert names(tmp_path) == ["fig.nc", "fig.pdf", "fig.png"]
     partial.attrs["transient"] = 5
     with xr.open_dataset(f"{fig}.nc", engine="h5netcdf") as held:

@@ -74,7 +74,7 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     ("`saves_per_period` must divide steps_per_period = 100", lambda: sweep(record="history", saves_per_period=7)),
     # parameters and parts of the scene
     *((f"`speed` must be positive, but is {words}", lambda v=v: sj.paper_scene(speed=v))
-      for v, words in ((None, "None"), (INF, "inf"), (1 + 2j, r"\(1"), ("4500 km/h", "'4500 km/h', not a number"))),
+      for v, words in ((None, "None"), (INF, "inf"), (1 + 2j, r"\(1"), ("4500 kg", "'4500 kg', not a number"))),
     (r"`speed` must be of shape \(\), but has shape \(2,\)", lambda: sj.paper_scene(speed=[1.0, 2.0])),
     ("`wavelengths` must be a sequence of one or more", lambda: sj.paper_scene(wavelengths=8.0)),
     ("`clamp` must be True or False, but is 'no'", lambda: sj.paper_scene(clamp="no")),
@@ -217,7 +217,7 @@ REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
     ("--speed", ["simulate", "--speed"]),
     ("`clearance` must be in a unit like m, but is in 'kg'", ["simulate", "--clearance", "1 kg"]),
     ("No such file", ["simulate", "--scene", "/no/scene.toml"]),
-    ("/proc is no zarr store", ["simulate", "--scene", "/proc"]),
+    ("/proc: must be a store of slipperjax", ["simulate", "--scene", "/proc"]),
     ("no TOML file or netCDF file", ["simulate", "--scene", "/proc/version"]),
     ("`path` must be a path", ["simulate", "--scene", "a\0b"]),
     *((f"--out must name files, as ./result does, but is the folder '{out}'", ["simulate", "--out", out])

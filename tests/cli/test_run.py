@@ -1,8 +1,10 @@
 """The command `run`: what it reads, computes, writes and prints."""
 
+import collections
 import dataclasses
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -119,6 +121,20 @@ def test_the_ending_decides_what_is_written(file, tmp_path, capsys, replaced):
     assert numbers(text, r"highest single contact point (..) lbf at .*, (..) ft and") == [1124.0, 729.99]
     sj.load(f"{out}.nc").write(tmp_path / "again.csv")
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "sled.csv").read_text()
+
+
+def test_a_file_and_its_survey_are_read_once(file, tmp_path, capsys, replaced, monkeypatch):
+    replaced("sweeps.runs.run", return_value=result())
+    survey = tmp_path / "survey.csv"
+    survey.write_text(
+        "\n".join(["distance [m],vertical [mm]", *(f"{k / 4},{np.sin(k / 40):.4f}" for k in range(800))])
+    )
+    file.write_text(FILE + '[track]\nfile = "survey.csv"\n')
+    counts = collections.Counter()
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: counts.update([path.name]) or read(path))
+    call(["run", file, "--out", tmp_path / "run.csv"], capsys)
+    assert counts == {"sled.toml": 1, "survey.csv": 1}
 
 
 def test_other_endings_are_refused_before_the_run(file, tmp_path, capsys, replaced):

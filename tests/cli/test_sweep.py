@@ -14,8 +14,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli import main
-from slipperjax.cli.sweep import summary
 from slipperjax.flow.status import ASKED
+from slipperjax.results.sweeps import SweepKind
 from slipperjax.sweeps.store import Archive
 
 from .commands import TEN, call, error_of
@@ -47,7 +47,7 @@ def stored(folder):
 
 
 def test_a_map_is_stored_and_drawn(stored, capsys):
-    ds = sj.sweeps.open_store(stored)
+    ds = sj.load(stored)
     assert dict(ds["status"].sizes) == {"speed": 5, "start_v_y": 4}
     assert ds["start_v_y"].values == pytest.approx(np.linspace(0.4, 0.5, 4))
     assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
@@ -126,7 +126,7 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder, monkeypatch, capsys):
     _, error = call(["sweep", *words], capsys, 130)
     assert " of 64 cases were finished: kept in" in error
     assert "the same command goes on" in error
-    assert 0 < int((sj.sweeps.open_store(folder / "c.zarr")["status"] == 0).sum()) < 64
+    assert 0 < int((sj.load(folder / "c.zarr")["status"] == 0).sum()) < 64
 
 
 def test_chaos_stands_with_its_least_mean_life_in_a_line():
@@ -134,15 +134,15 @@ def test_chaos_stands_with_its_least_mean_life_in_a_line():
     data = {"regime": ("speed", regimes), "status": ("speed", [0] * 3), "steps_per_period": ("speed", [50] * 3)}
     ds = xr.Dataset(data)
     told = "1 periodic, 0 regular, 2 chaotic{}, 0 unresolved, 0 transient chaos"
-    assert told.format("") in summary(ds, 1.0)
+    assert told.format("") in "; ".join(SweepKind().summary(ds))
     with_life = told.format(" (mean life 3365 periods or more)")
-    assert with_life in summary(ds.assign(least_mean_life=("speed", life)), 1.0)
+    assert with_life in "; ".join(SweepKind().summary(ds.assign(least_mean_life=("speed", life))))
     # the error of a case that is lost says nothing, and statuses come before all numbers
     part = ds.drop_vars("regime").assign(status=("speed", [0, 4, 6]), probe_error=("speed", [0.01, 7e5, 0.2]))
-    words = summary(part, 1.0)
+    words = "; ".join(SweepKind().summary(part))
     assert words.endswith("; half the step changes the motion by 2.0e-01 scales at most")
     assert "; 2 cases flagged (1 pressed in: " in words
-    assert told.format("") in summary(ds.assign(least_mean_life=("speed", [np.nan] * 3)), 1.0)
+    assert told.format("") in "; ".join(SweepKind().summary(ds.assign(least_mean_life=("speed", [np.nan] * 3))))
 
 
 DASK = """

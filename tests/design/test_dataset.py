@@ -68,7 +68,7 @@ def test_tables_have_prefixes_and_units(best):
 
 
 def test_a_file_has_the_best_design_as_its_scene(best, tmp_path):
-    best.to_netcdf(tmp_path / "design.nc")
+    best.write(tmp_path / "design.nc")
     with xr.open_dataset(tmp_path / "design.nc", engine="h5netcdf") as ds:
         xr.testing.assert_equal(ds.load(), best.ds)
     scene = sj.load(tmp_path / "design.nc").isel(case=1).scene

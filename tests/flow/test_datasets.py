@@ -1,7 +1,6 @@
 """Datasets and their scenes."""
 
 import tracemalloc
-from unittest import mock
 
 import equinox as eqx
 import h5netcdf
@@ -45,9 +44,6 @@ def test_scenes_are_read_without_the_results_beside_them(tmp_path):
     assert eqx.tree_equal(sj.load(tmp_path / "run.nc").start, start)
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
-    little = mock.patch("slipperjax.tools.limits.available_memory", return_value=1e9)
-    with little, pytest.raises(ValueError, match=r"run\.nc need about 1.6 GB of memory"):
-        sj.flow.dataset_of(tmp_path / "run.nc")
 
 
 @pytest.mark.full
@@ -64,7 +60,7 @@ def test_attributes_of_other_kinds_are_one_line(name, wrong):
 @pytest.mark.full
 def test_joined_results_of_several_scenes_have_none(tmp_path):
     one, other = (
-        sj.sweep(sj.paper_scene(clearance=c), {"speed": speeds}, transient=0, periods=1, steps_per_period=50)
+        sj.sweep(sj.paper_scene(clearance=c), {"speed": speeds}, transient=0, periods=1, steps_per_period=50).ds
         for c, speeds in ((1e-3, [1000.0, 1100.0]), (2e-3, [1300.0, 1400.0]))
     )
     clearance = lambda scene: float(PARAMETERS["clearance"].of(scene))
@@ -76,7 +72,7 @@ def test_joined_results_of_several_scenes_have_none(tmp_path):
     joined.to_netcdf(tmp_path / "joined.nc")
     for mixed in (joined, joined.isel(speed=[3]), beside, beside.isel(play=1), tmp_path / "joined.nc"):
         with pytest.raises(ValueError, match="`source` must be of one scene: these are joined from several"):
-            _ = sj.load(mixed).sel(speed=1400.0).scene
+            _ = sj.load(mixed).scene
         with pytest.raises(ValueError, match="joined from several"):
             _ = sj.load(mixed).start
     assert clearance(sj.load(joined.isel(speed=slice(2))).sel(speed=1100.0).scene) == 1e-3

@@ -13,7 +13,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli.options import FILE as FILE_OPTION
-from slipperjax.flow.datasets import load_units
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, Quantity, ShownUnits
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.tools.checks import finite, positive
@@ -181,7 +180,7 @@ def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
     scene.to_toml("~/again.toml")
     assert (tmp_path / "again.toml").is_file()
     with pytest.raises(ValueError, match=f"{tmp_path}/none.zarr: must be a store of slipperjax"):
-        sj.sweeps.open_store("~/none.zarr")
+        sj.load("~/none.zarr")
     assert sj.sweeps.Store("~/none.zarr").path == tmp_path / "none.zarr"
     assert FILE_OPTION.convert("~/run", None, None) == tmp_path / "run"
 
@@ -484,10 +483,10 @@ def test_modes_in_a_file_are_those_at_the_mounts_by_name(tmp_path):
 def test_units_of_reports_are_no_arguments_of_a_run(tmp_path):
     file = tmp_path / "sled.toml"
     file.write_text('base = "paper"\n[run]\nlength = "1 km"\nunits = ["ft", "g"]\n')
-    assert load_units(file) == ("ft", "g")
+    assert sj.load(file).units == ("ft", "g")
     assert sj.load(file).run == {"length": 1000.0}
     file.write_text('base = "paper"\n[run]\nlength = "1 km"\n')
-    assert load_units(file) == ()
+    assert sj.load(file).units == ()
 
 
 def test_each_unit_is_for_its_kind_of_quantity():

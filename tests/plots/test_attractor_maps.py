@@ -47,7 +47,7 @@ def test_cases_have_names_and_a_legend_of_the_kinds_that_occur():
     names = motions_of(attractor_map(), "clearance", "speed")
     assert names.tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
-        ["other periods", "unresolved", "status not 0", "period 3"],
+        ["other periods", "unresolved", "not trusted", "period 3"],
     ]
     # cases that a store lacks are white
     ds = attractor_map()
@@ -63,10 +63,10 @@ def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
     ds = measured()
     assert motions_of(ds, "clearance", "speed").tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
-        ["transient chaos", "chaotic", "status not 0", "regular"],
+        ["transient chaos", "chaotic", "not trusted", "regular"],
     ]
     kinds, exponents = plots.attractor_map(ds), plots.regime_map(ds)
-    for ax, color in ((kinds, MOTION_COLORS["status not 0"]), (exponents, COLORS["grey"])):
+    for ax, color in ((kinds, MOTION_COLORS["not trusted"]), (exponents, COLORS["grey"])):
         mesh = ax.collections[0]
         mesh.update_scalarmappable()
         assert to_hex(mesh.get_facecolors()[6]) == color
@@ -84,7 +84,7 @@ def test_basins_are_named_by_their_motion_and_share():
     of_each = {"basin_period": ("attractor", [1, 2, 0]), "share": ("attractor", [0.5, 1 / 6, 1 / 6])}
     data = {"basin": (dims, basin), "status": (dims, np.where(basin < 0, 2, 0)), **of_each}
     ax = plots.basin_map(xr.Dataset(data, grid))
-    assert legend(ax) == ["period 1: 50%", "period 2: 17%", "no period: 17%", "status not 0"]
+    assert legend(ax) == ["period 1: 50%", "period 2: 17%", "no period: 17%", "not trusted"]
     assert labels(ax) == ("start $V_Y$ [m/s]", "start $V_Z$ [m/s]")
     many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
     nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)

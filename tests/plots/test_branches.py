@@ -152,7 +152,7 @@ def test_a_branch_lies_over_dots_of_simulations():
     (dots,) = marked(ax, ".")
     np.testing.assert_allclose(dots.get_xydata(), [[1, 1], [1, 2], [2, 3]])
     assert dots.get_zorder() < min(line.get_zorder() for line in ax.lines if line.get_linestyle() == "-")
-    assert legend(ax) == ["from simulation", "status not 0", "stable", "unstable", "LP fold"]
+    assert legend(ax) == ["from simulation", "not trusted", "stable", "unstable", "LP fold"]
     check_legend_fits(plots.branches([branch(), branch(period=2)], "v_y", simulated()))
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import slipperjax as sj
 from slipperjax import plots
@@ -32,12 +31,12 @@ def design(monkeypatch):
 
 
 def surroundings(ds):
-    """A grid of the same bowl, with a column of designs without a motion."""
+    """A design with a grid of the same bowl around it, with a column of designs without a motion."""
     axes = {name: np.linspace(*BOX[name], 9) for name in ds["variable"].values.tolist()}
     mesh = np.meshgrid(*[np.linspace(0, 1, 9)] * len(axes), indexing="ij")
     total = 16e3 * (1 + sum((m - middle) ** 2 for m, middle in zip(mesh, (2 / 7, 0.5, 0.5), strict=False)))
     total[-1] = NAN
-    return xr.Dataset({"total": (tuple(axes), total)}, axes)
+    return ds.assign(around_total=(tuple(axes), total)).assign_coords(axes)
 
 
 def panel(number, *arguments, **options):
@@ -96,19 +95,19 @@ def test_progress_is_the_lowest_that_violates_nothing_and_sensitivities_are_rela
 
 def test_surroundings_are_a_map_near_the_best_design(design):
     ds = design()
-    ax = panel(4, ds, surroundings(ds))
+    ax = panel(4, surroundings(ds))
     (mesh,) = ax.collections
     assert np.ma.count_masked(mesh.get_array()) == 9
     assert legend(ax) == ["best"]
     assert float(mesh.get_array()[4, 2]) == pytest.approx(16, rel=0.01)  # kN
     assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
     ds = design(*BOX)
-    assert panel(4, ds, surroundings(ds)).collections[0].get_array().shape == (9, 9)
+    assert panel(4, surroundings(ds)).collections[0].get_array().shape == (9, 9)
 
 
 def test_one_variable_has_the_objective_upwards(design):
     ds = design("section.points.D.1")
-    _, trials, _, _, near = plots.design_overview(ds, surroundings(ds))
+    _, trials, _, _, near = plots.design_overview(surroundings(ds))
     for ax in (trials, near):
         assert labels(ax) == ("section.points.D.1 [m]", f"{SMOOTH}\nworst of 3 cases")
         assert "best" in legend(ax)
@@ -116,7 +115,7 @@ def test_one_variable_has_the_objective_upwards(design):
 
 
 def margins():
-    """Events on both sides of two parameters of two cases; one side of one has none."""
+    """Variables of events on both sides of two parameters of two cases; one side of one has none."""
     rows = [
         (2, "clearance", -1, "GR", 0.9e-3, -0.10),
         (2, "clearance", 1, "", 1.2e-3, 0.20),
@@ -127,12 +126,12 @@ def margins():
     ]
     names = ("case", "parameter", "direction", "label", "value", "relative")
     columns = zip(names, zip(*rows, strict=True), strict=True)
-    return xr.Dataset({name: ("margin", list(column)) for name, column in columns})
+    return {f"margin_{name}": ("margin", list(column)) for name, column in columns}
 
 
 def test_a_page_has_margins_to_events_and_a_title(design):
     ds = design()
-    axes = plots.design_overview(ds, surroundings(ds), margins=margins())
+    axes = plots.design_overview(surroundings(ds).assign(margins()))
     assert axes[0].figure.get_suptitle().endswith("kN, worst of 3 cases")
     ax = axes[5]
     bars = sorted(float(line.get_xdata()[1]) for line in ax.lines if line.get_linewidth() == 3.5)
@@ -146,10 +145,8 @@ def test_a_page_has_margins_to_events_and_a_title(design):
 def test_what_cannot_be_drawn_is_named(design):
     ds = design()
     for draw, words in (
-        (lambda: plots.design_overview(surroundings(ds)), "with `trial_design`, but has"),
-        (lambda: panel(4, ds, ds), "`surroundings` must be .*, with `total`, but has"),
-        (lambda: plots.design_margins(ds, ds), "event_margins"),
-        (lambda: panel(4, ds, surroundings(ds).rename(clearance="mass", length="gravity")), "over some of clearance"),
+        (lambda: plots.design_overview(ds.drop_vars("trial_design")), "with `trial_design`, but has"),
+        (lambda: plots.design_margins(ds), "with `margin_label`"),
     ):
         with pytest.raises(ValueError, match=words):
             draw()

@@ -94,14 +94,14 @@ def test_any_parameter_is_drawn_in_its_display_unit(over):
     assert drawn(line)[:, 1] == pytest.approx([0, 20, 21, 22])
     assert labels(ax) == (axis_label(over), r"$\omega_X$ [rad/s]")
     assert drawn(marks)[:, 0] == pytest.approx(shown[[1, 3]])
-    assert legend(ax) == ["status not 0"]
+    assert legend(ax) == ["not trusted"]
     assert ax.get_ylim()[1] < 30  # what is left out does not stretch the axis
 
 
 def test_followed_motions_and_flagged_cases_are_in_the_legend():
     way = [(0, 0, 0, 1), (0, 0, 0, 0)]
     axes = plots.bifurcations(sections(status=(2, 0, 0, 0)), followed=followed(way))
-    assert legend(axes[0]) == ["followed up", "status not 0", "followed down", "from one start"]
+    assert legend(axes[0]) == ["followed up", "not trusted", "followed down", "from one start"]
     for ax in axes:
         up, down, start = marked(ax, ".")
         assert [len(drawn(line)) for line in (up, down, start)] == [6, 10, 9]
@@ -235,14 +235,14 @@ def test_an_overview_shows_everything_and_names_a_bad_status():
 
 def test_titles_state_the_fixed_parameters_in_display_units():
     ds = xr.Dataset(attrs={"speed [m/s]": 1250.0, "clearance [m]": 1e-3, "length [m]": 0.2, "restitution": 0.9})
-    assert case_title(ds) == "$V$ = 1250 m/s, $C$ = 1 mm, $L$ = 0.2 m"
+    assert case_title(ds) == "speed 1250 m/s, clearance 1 mm, length 0.2 m"
     more = {"roll_amplitude [rad]": np.radians(0.2), "wavelengths [m]": [10.0, 12.0]}
     _, second = case_title(ds.assign_attrs(more), full=True).splitlines()
-    assert second == r"$c_r$ = 0.9, $A_R$ = 0.2°, $L_X$ = 10 and 12 m"
+    assert second == "restitution 0.9, roll amplitude 0.2°, wavelength 10 and 12 m"
     varied = xr.Dataset(coords={"speed": [1.0, 2.0]}, attrs={"clearance [m]": 2e-3})
-    assert case_title(varied) == "$C$ = 2 mm"
+    assert case_title(varied) == "clearance 2 mm"
     for one in (varied.isel(speed=1), varied.isel(speed=[1])):  # a grid of one value has a dimension
-        assert case_title(one) == "$V$ = 2 m/s, $C$ = 2 mm"
+        assert case_title(one) == "speed 2 m/s, clearance 2 mm"
 
 
 def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title():
@@ -257,7 +257,7 @@ def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title():
         assert draw(ds, ax) is ax
         assert ax.figure.get_suptitle() == ""
         new = draw(ds, None).figure
-        assert new.get_suptitle() == "$L$ = 0.2 m"
+        assert new.get_suptitle() == "length 0.2 m"
         new.canvas.draw()  # labels can be typeset
 
 

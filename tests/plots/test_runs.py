@@ -87,7 +87,7 @@ def test_windows_with_a_status_are_shaded_and_lost_ones_are_not_drawn():
     highest, _ = heights(force)[0]
     assert np.isnan(highest).tolist() == ((codes == 3) | (codes == 2)).tolist()
     # the highest force was in a lost window, and stretches with such have no numbers
-    assert legend(force)[-2:] == ["1 kN: A1, 222 m", "status not 0"]
+    assert legend(force)[-2:] == ["1 kN: A1, 222 m", "not trusted"]
     assert np.isnan(heights(force)[1][0]).tolist() == [True, True, False]
     # the title alone tells a status of the whole run, of which nothing is drawn but the speed
     speed, force, impacts, _ = plots.run_overview(made(status=2))

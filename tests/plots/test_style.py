@@ -8,6 +8,7 @@ import pytest
 
 from slipperjax import plots
 from slipperjax.plots.style import COLORS, FILES
+from slipperjax.plots.sweeps import of_sweep
 
 from .shown import drawn, legend, marked
 from .test_plots import LINE, followed, measured, sections, trajectory
@@ -25,15 +26,15 @@ def named():
     return sections().assign_attrs({"length [m]": 0.2})
 
 
-def test_panels_have_letters_in_their_corners_and_no_place_is_empty():
+def test_panels_have_letters_in_their_corners_and_one_width():
     figure = plots.bifurcations(named())[0].figure
     assert letters(figure) == [(f"({name})", (0, 1)) for name in "abcde"]
     figure.draw_without_rendering()
     boxes = [ax.get_position() for ax in figure.axes]
-    # both rows reach from side to side
-    for row in (boxes[:2], boxes[2:]):
-        assert row[0].x0 < 0.15
-        assert row[-1].x1 > 0.95
+    # each is as wide as the one above it, so that speeds can be compared
+    for above, below in zip(boxes[:2], boxes[2:], strict=False):
+        assert (above.x0, above.x1) == pytest.approx((below.x0, below.x1))
+    assert boxes[4].x1 > 0.95
     assert letters(plots.exponents(measured(LINE)).figure) == []
 
 
@@ -47,7 +48,7 @@ def test_titles_letters_widths_and_settings_are_as_asked_also_within_one_another
         # what means nothing is told all the same
         assert plots.overview(trajectory(status=2))[0, 0].figure.get_suptitle().startswith("status: ")
     figure = plots.bifurcations(named())[0].figure
-    assert (figure.get_suptitle(), figure.get_figwidth()) == ("$L$ = 0.2 m", 7.2)
+    assert (figure.get_suptitle(), figure.get_figwidth()) == ("length 0.2 m", 7.2)
 
 
 def test_lines_take_the_colours_of_a_cycle_also_in_axes_of_another_style():
@@ -85,8 +86,8 @@ def test_files_keep_text_and_fonts():
 def test_numbers_of_both_ways_are_curves_over_the_parameter():
     ds = followed([(0, 0, 0, 1), (0,) * 4]).drop_vars(["v_y", "v_z", "w_x", "w_y", "w_z"])
     ds["impulse"] = (("direction", "clearance"), [[1.0, 2.0, 3.0, 4.0], [1.0, 2.5, 3.5, 4.0]])
-    ax = ds.plot()
+    ax = of_sweep(ds)
     up, down = (line for line in ax.lines if line.get_linestyle() == "-")
-    assert legend(ax) == ["followed up", "status not 0", "followed down"]
+    assert legend(ax) == ["followed up", "not trusted", "followed down"]
     np.testing.assert_array_equal(drawn(up)[:, 1], [1.0, 2.0, 3.0, np.nan])
     np.testing.assert_allclose(drawn(down), np.stack([[0.5, 1, 1.5, 2], [1.0, 2.5, 3.5, 4.0]], axis=1))

@@ -154,7 +154,7 @@ def test_files_hold_what_the_tables_hold(tmp_path):
         pd.testing.assert_frame_equal(sheets[name], table, check_dtype=False, rtol=1e-12)
     words = sheets["summary"]["summary"].tolist()
     assert words == made.summary(FEET)
-    assert "highest single contact point 1124 lbf at C2 (rear), 729.99 ft and 100 m/s" in words
+    assert "highest single contact point 1124 lbf at C2 (rear), 729.99 ft and 328.1 ft/s" in words
     read.write(f"{base}.mat")
     matlab = scipy.io.loadmat(f"{base}.mat", simplify_cells=True)
     np.testing.assert_array_equal(matlab["peak_force"], made["peak_force"])
@@ -173,7 +173,7 @@ def test_pages_have_whole_fonts(tmp_path):
 def test_reports_say_the_run_its_worst_places_and_its_scene():
     ds = run().assign_attrs(run_attributes(sj.paper_scene(), sj.table_2_start(), {"function": "run"}))
     words = RunKind().report(ds, FEET)
-    assert words[:2] == ["status: finite", "328.08 to 1148.29 ft in 2.5 s, speed 100 m/s"]
+    assert words[:2] == ["status: finite", "328.08 to 1148.29 ft in 2.5 s, speed 328.1 ft/s"]
     assert "Worst places, 32.81 ft apart or more" in words
     assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in words
 

@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.plots.comparisons import comparison, table, verdict
+from slipperjax.plots.comparisons import comparison
+from slipperjax.results.comparisons import table, verdict
 from slipperjax.sweeps import over_rails
 from slipperjax.sweeps.compare import _compared, _numbers
 from slipperjax.sweeps.grid import Grid

@@ -50,7 +50,7 @@ def test_stores_hold_sleds(tmp_path):
         again = sj.sweep(scene, SPEEDS, **options)
         # measured: equal bits with JAX 0.10, 1.3e-12 with 0.12, which compiles tiles of one case otherwise
         np.testing.assert_allclose(ds["peak_force"], again["peak_force"], rtol=1e-11)
-        np.testing.assert_array_equal(sj.sweeps.open_store(path)["peak_force"], ds["peak_force"])
+        np.testing.assert_array_equal(sj.load(path)["peak_force"], ds["peak_force"])
         assert repr(sj.load(path).sel(speed=300.0).scene) == repr(scene)
 
 

@@ -1,0 +1,45 @@
+"""Branches of systems of one's own as results."""
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+import slipperjax as sj
+from slipperjax import analysis
+
+from ..plots.shown import labels, legend
+
+HENON = lambda a: lambda s, k: jnp.stack([a - s[0] ** 2 + 0.3 * s[1], s[0]])
+"""Its fixed point x = (sqrt(0.49 + 4 a) - 0.7) / 2 flips at a = 0.3675."""
+
+
+@pytest.fixture(scope="module")
+def branch():
+    motions = analysis.PeriodicMotions(HENON, jnp.zeros(2), 1.0)
+    return analysis.continue_motion(motions, (jnp.full(2, 0.3), 0.25), (0.0, 0.6))
+
+
+def test_a_branch_says_lists_draws_and_writes_itself(branch, tmp_path):
+    found = sj.orbits.branch_result(branch, {"a": "m", "state_0": "m"})
+    a, x = found["a"].values, found["state_0"].values
+    np.testing.assert_allclose(x, (np.sqrt(0.49 + 4 * a) - 0.7) / 2, atol=1e-8)  # measured 3e-11
+    assert found["stable"].values.tolist() == branch.stable.tolist()
+    events = found.tables()["events"]
+    assert events["label"].tolist() == ["EP", "PD", "EP"]
+    assert events["value"][1] == pytest.approx(0.3675, abs=1e-8)
+    assert [line.split()[0] for line in found.summary()[2:]] == ["EP", "PD", "EP"]
+    ax = found.plot()
+    assert labels(ax) == ("a [m]", "state 0 [m]")
+    assert legend(ax) == ["stable", "unstable", "PD flip"]
+    found.write(tmp_path / "henon.nc", tmp_path / "henon.csv", tmp_path / "henon.png")
+    again = sj.load(tmp_path / "henon.nc")
+    assert again.summary() == found.summary()
+    table = pd.read_csv(tmp_path / "henon.csv")
+    np.testing.assert_allclose(table["state_0"], x, rtol=1e-8)
+    assert pd.read_csv(tmp_path / "henon_events.csv")["label"].tolist() == ["EP", "PD", "EP"]
+
+
+def test_wrong_branches_are_one_line(branch):
+    with pytest.raises(ValueError, match="`units` must name a and some of state_0, state_1, but is"):
+        sj.orbits.branch_result(branch, {"b": "m"})
