@@ -207,7 +207,7 @@ def follow_branch(
                 continue
             said(f"{place}:", *other.summary())
             # all of them in the first picture
-            said(own.write(other, drawn=False), other.write(*files.pictures, others=drawn, **picture))
+            said(own.write(other, drawn=False), other.write(*files.pictures, others=tuple(drawn), **picture))
             drawn.append(other)
     return 0
 

@@ -52,7 +52,7 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
             force = abs(view.ds[name])
             values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
             # from zero, so that the differences of one run do not look larger than they are
-            by_force = ScalarMappable(Normalize(0.0, float(np.nanmax(values))))
+            by_force = ScalarMappable(Normalize(0.0, float(np.max(values[np.isfinite(values)], initial=0.0))))
             color_bar(ax, by_force, name_label(q))
             colors = by_force.to_rgba(values)
             names = [f"{name}\n{value:.4g} {q.display_unit}" for name, value in zip(names, values, strict=True)]

@@ -36,6 +36,8 @@ def surroundings(ds):
     mesh = np.meshgrid(*[np.linspace(0, 1, 9)] * len(axes), indexing="ij")
     total = 16e3 * (1 + sum((m - middle) ** 2 for m, middle in zip(mesh, (2 / 7, 0.5, 0.5), strict=False)))
     total[-1] = NAN
+    units = dict(zip(ds["variable"].values.tolist(), ds["variable_unit"].values.tolist(), strict=True))
+    axes = {name: (name, values, {"units": units[name]}) for name, values in axes.items()}
     return ds.assign(around_total=(tuple(axes), total)).assign_coords(axes)
 
 
