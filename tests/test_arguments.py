@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax import analysis, design, fitting, flow, model, orbits, plots, sweeps
+from slipperjax import analysis, design, fitting, flow, model, orbits, plots, results, solvers, sweeps
 
 SCENE = sj.paper_scene()
 RAIL = sj.RandomTrack.sled(length=250.0)
@@ -110,13 +110,11 @@ NOT_ASKED = {
     "sensitivities": ["names"],
     # a context, which answers where it is entered
     "styled": None,
-    # has none for all that is no TOML file
-    "load_environment": ["source"],
 }
 """Arguments by function that need not answer, or None for all of them."""
 NAMED = {"Store": {"path": "store"}, "sensitivities": {"objectives": "objective"}}
 """Other names of arguments in their errors."""
-ROOMS = (sj, analysis, design, fitting, flow, model, orbits, plots, sweeps)
+ROOMS = (sj, analysis, design, fitting, flow, model, orbits, plots, results, solvers, sweeps)
 WRONG = (object(), [[1.0], [1.0, 2.0]])
 
 

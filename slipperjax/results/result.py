@@ -12,6 +12,7 @@ from ..flow.status import Interrupted, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
+from ..tools.checks import require
 from ..tools.files import write_each
 from .writing import contents_of
 
@@ -107,6 +108,8 @@ class Result(AbstractResult):
     """
 
     def __init__(self, ds: "xr.Dataset"):
+        # known by what it has, because xarray takes long to import
+        require(hasattr(ds, "data_vars") and hasattr(ds, "attrs"), "ds", "be an xarray.Dataset", ds)
         self._ds = ds
 
     @property

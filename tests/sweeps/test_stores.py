@@ -233,7 +233,7 @@ def test_what_has_another_mark_or_none_is_no_store_of_ours(stored, content):
         content = json.dumps(group).encode()
     file.write_bytes(content)
     before = files(stored)
-    for function in (sj.sweeps.open_store, store_status, check_store, call, lambda path: call(path, fresh=True)):
+    for function in (sj.load, store_status, check_store, call, lambda path: call(path, fresh=True)):
         with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
             function(stored)
     assert files(stored) == before
@@ -306,7 +306,7 @@ def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
 @pytest.mark.parametrize("name", ["v_z", "speed"])
 def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, name):
     shutil.rmtree(stored / name)
-    for ask in (call, sj.sweeps.open_store, check_store):
+    for ask in (call, sj.load, check_store):
         with pytest.raises(ValueError, match=f"must be whole, but is without {name}: start over"):
             ask(stored)
 

@@ -80,6 +80,8 @@ def test_cycles_are_no_radians(given, unit, exact):
         (datetime.timedelta(minutes=1), "s", 60.0),
         (pd.Timedelta("3 ms"), "s", 3e-3),
         (pd.Series(pd.to_timedelta([0, 1], unit="s")), "s", [0.0, 1.0]),
+        ("900 km/h", "m/s", 250.0),
+        (["1/16 in", "1 mm"], "m", [1.5875e-3, 1e-3]),
         # whose own unit counts
         (of_unit(np.array([1, 2], "timedelta64[s]"), "ns"), "s", [1.0, 2.0]),
     ],
@@ -93,6 +95,8 @@ def test_what_has_a_unit_is_converted(given, unit, exact):
     [
         (of_unit(900.0, "kg"), "m/s"),
         (of_unit(900.0, "kg"), ""),
+        ("900 kg", "m/s"),
+        ("900", "m/s"),
         (of_unit(1.0, "seconds since 2026-01-01"), "s"),
         (np.timedelta64(1, "s"), "m"),
         (np.array(["2026-01-01"], "datetime64[s]"), "s"),
