@@ -13,7 +13,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..tools.checks import require
-from ..tools.files import write_each
+from ..tools.files import first_ones, write_each
 from .writing import contents_of
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class Result(AbstractResult):
         ds = self.ds
         # a count of values for each dimension
         over = ", ".join(f"{name}: {size}" for name, size in ds.sizes.items())
-        has = f"variables {', '.join(map(str, ds.data_vars))}; dimensions {over or 'none'}"
+        has = f"variables {first_ones(list(map(str, ds.data_vars)))}; dimensions {over or 'none'}"
         return f"{super().__repr__()}\n  {has}"
 
     def _repr_html_(self) -> str:
