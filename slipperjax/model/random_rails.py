@@ -240,7 +240,7 @@ class RandomTrack(AbstractRail):
             own["ramp"] = survey.ramp
         own |= options
         if found.multiple.size:
-            # whole numbers of them fit into a rail that repeats
+            # a rail that repeats has a whole number of each wave
             length = in_unit(own["length"], "m") if own["ends"] == "repeat" else np.inf
             own.setdefault("lines", _lines(found, tuple(channels), length))
         return cls(**own)
@@ -278,33 +278,36 @@ class RandomTrack(AbstractRail):
 
     @with_standard_promotion
     def spline(self, correlation: Float[Array, ""] | None = None) -> SplineTrack:
-        """Return this seed's rail as a spline, or with a `correlation` [1] the one of a rail beside it: its deviates
-        are those of this rail times the correlation, and others of the same seed."""
-        # eight samples in the shortest wave: the spline changes that wave by a thousandth
+        """Return this seed's rail as a spline, or with a `correlation` [1] a second rail.
+
+        Random numbers of the second rail: `correlation` times the numbers of this rail, plus a share of further
+        numbers of the same seed.
+        """
+        # with eight samples in the shortest wave, the spline changes this wave by a thousandth
         count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
         wavenumbers = np.arange(count // 2 + 1) / self.length
         inside = (wavenumbers >= 1 / self.band[1]) & (wavenumbers <= 1 / self.band[0])
         first, last = np.flatnonzero(inside)[[0, -1]]
         k = jnp.asarray(wavenumbers[first : last + 1])
         spacing = self.length / count
-        # a spline with coefficients that are a wave is that wave, times this
+        # a spline whose coefficients are a wave of amplitude 1 is the same wave with this amplitude
         share = (2 + jnp.cos(2 * jnp.pi * spacing * k)) / 3
 
         def coefficients(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
-            """Return the coefficients of one direction, with one at each end that belongs to the neighbours."""
+            """Return the coefficients of one direction, with further ones beyond both ends: those of a repetition."""
             if spectrum is None:
                 return jnp.zeros(count + 3)
-            # amplitudes of the variance in each wavenumber's share of the band
+            # amplitudes from the variance in each wavenumber's share of the band
             waves = jnp.sqrt(spectrum.density(k) / self.length) / share * (deviates[0] - 1j * deviates[1])
             every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
             around = jnp.fft.irfft(every, n=count) * count / 2
             return jnp.concatenate([around[-1:], around, around[:2]])
 
         seed, is_rail = chosen(self)
-        # a key for each direction, so that none depends on which others there are
+        # each direction has its own key, so that it does not depend on which other directions there are
         deviates = [normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3]]
         if correlation is not None:
-            # further keys of the seed, which leave the first as they are
+            # further keys of the seed, which do not change the first keys
             others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[3:]]
             apart = jnp.sqrt(1 - correlation**2)
             deviates = [correlation * one + apart * other for one, other in zip(deviates, others, strict=True)]
@@ -319,7 +322,7 @@ class RandomTrack(AbstractRail):
             rows = [row + line for row, line in zip(rows, self._line_coefficients(spacing, count), strict=True)]
         # a number that chooses no rail gives NaN
         rail = jnp.where(is_rail, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
-        # distances to the nearer end of the rail, also of the coefficients beyond it
+        # distance of each coefficient, also of those beyond the rail, to the nearer end of the rail
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
@@ -328,7 +331,7 @@ class RandomTrack(AbstractRail):
         return SplineTrack(first, jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
 
     def _line_coefficients(self, spacing: float, count: int) -> list[Array]:
-        """Return the coefficients of the lines' spline in the directions that the rail has."""
+        """Return the spline coefficients of the lines, for each direction that the rail has."""
         lines = self.lines
         assert lines is not None  # where this is called
         # as for the random waves
@@ -340,8 +343,8 @@ class RandomTrack(AbstractRail):
         return [waves.lateral, waves.vertical, *roll]
 
     def rms(self, power: int = 0) -> Irregularity:
-        """Return the root mean squares of the displacements [m] and the roll [rad] that spectra and lines have, or of
-        their derivatives of the order `power`."""
+        """Return the root mean squares of displacements [m] and roll [rad], of spectra and lines together, or of the
+        derivatives of the order `power`."""
         random = self._random_rms(power)
         lines = self.lines
         if lines is None:
@@ -354,14 +357,14 @@ class RandomTrack(AbstractRail):
         )
 
     def _random_rms(self, power: int) -> Irregularity:
-        """Return the root mean squares that the spectra alone have, see `rms`."""
+        """Return the root mean squares of the spectra without lines, see `rms`."""
         of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
         return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
     @property
     def steepest_slope(self):
-        """Four times the greater root mean square slope [1], the same for all seeds: of normal deviates one in 30,000
-        is greater. Slopes of lines are added, which joints have at once."""
+        """Four times the greater root mean square slope [1], the same for all seeds: one normal deviate in 30,000 is
+        greater. The steepest slope of the lines is added, because joints have all their lines at once."""
         slope = self._random_rms(1)
         steepest = 4.0 * jnp.maximum(slope.lateral, slope.vertical)
         return steepest if self.lines is None else steepest + self.roughness * self.lines.steepest_slope
@@ -369,18 +372,18 @@ class RandomTrack(AbstractRail):
     @property
     @at_once
     def shortest_wavelength(self):
-        """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
+        """Wavelength of a sine with the same root mean squares of slope and curvature [m], see `SampledTrack`."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
         return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)
 
 
 class _Beside(AbstractRail):
-    """A rail beside a random rail of the same seed, whose displacements are correlated with it."""
+    """The second of two random rails of one seed, whose displacements are correlated with those of the first."""
 
     rail: RandomTrack
-    """Its spectra and the seed."""
+    """Spectra of this rail, with the seed of the pair."""
     correlation: Float[Array, ""]
-    """Correlation of each wave with that of the other rail [1]."""
+    """Correlation of each wave with the same wave of the first rail [1]."""
 
     @property
     def ends(self):
@@ -414,27 +417,26 @@ class RandomRails(AbstractTwoRails):
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred pairs of rails
     ```
 
-    The left rail is the `RandomTrack` of the same seed. Within each rail lateral and vertical are correlated as
-    `RandomTrack.coherence` says. Left and right are in phase; lateral, vertical and roll have one coherence.
+    The left rail is the `RandomTrack` of the same seed. Within each rail `RandomTrack.coherence` correlates lateral
+    and vertical. Left and right are in phase, with the same coherence for lateral, vertical and roll.
     """
 
     chosen_by: ClassVar = "seed"
     rail: RandomTrack
-    """Spectra, length and ends of both rails, or of the left one; its own seed is 0."""
+    """Spectra, length and ends of both rails, or of the left rail; the seed of this track must be 0."""
     coherence: Float[Array, ""] = field("", share)
     """Magnitude squared coherence of left and right at all wavelengths of the band, |S_LR|^2 / (S_L S_R) [1]: the
-    square of the correlation of their waves. 0 for independent rails, 1 for equal ones."""
+    square of the correlation of their waves. 0 for independent rails, 1 for equal rails."""
     gauge: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_GAUGES, default=None)
-    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+    """Distance between the axes of the undisturbed rails [m]; None: each rail is where its mounts are."""
     seed: Float[Array, ""] = field("", whole_number, default=0)
-    """Number of the pair, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
+    """Number of the pair, a whole number of 0 or more [1]; another number that is traced gives NaN."""
     right_rail: RandomTrack | None = None
-    """The same of the right rail where its spectra are others; None for those of the left."""
+    """Spectra, length and ends of the right rail where its spectra differ; None: the right rail is like the left."""
 
     @classmethod
     def like(cls, survey: AbstractTwoRails, *, seed: int = 0, **options: object) -> "RandomRails":
-        """Return rails of the spectra and lines of both rails of a survey, see `RandomTrack.like`, and their
-        coherence.
+        """Return rails with the spectra, lines and coherence of both rails of a survey, see `RandomTrack.like`.
 
         ```python
         survey = sj.load_rail("both.csv")
@@ -442,13 +444,13 @@ class RandomRails(AbstractTwoRails):
         ds = sj.sweep(scene, {"track.seed": range(200)})
         ```
 
-        The coherence is one number: the square of the mean real coherence of lateral and of vertical over the waves
-        of the spectra, without their lines; zero where left and right are rather in opposite phase.
+        The coherence is one number: the square of the mean real coherence of lateral and of vertical, over the waves
+        of the spectra without lines; zero where this mean is negative, as for left and right in opposite phase.
 
         **Arguments:** `survey`: two rails of samples at the same distances; `seed`: number of the pair; `options`:
         fields of `RandomTrack` for both rails.
 
-        **Raises:** `ValueError` as `RandomTrack.like`, and for rails with samples at other distances.
+        **Raises:** `ValueError` as `RandomTrack.like`, and for rails whose samples are at different distances.
         """
         instance("survey", survey, AbstractTwoRails, "two rails such as slipperjax.load_rail returns")
         left, right = (RandomTrack.like(rail, **options) for rail in survey.rails.values())
@@ -483,12 +485,12 @@ class RandomRails(AbstractTwoRails):
         return _Beside(rail, jnp.sqrt(self.coherence))  # pyright: ignore[reportCallIssue] - `ends` is a property
 
     def _of_pair(self, rail: RandomTrack) -> RandomTrack:
-        """Return a rail with the seed of the pair, which is NaN where the rail has another one of its own."""
+        """Return a rail with the seed of the pair; the seed is NaN where the rail's own seed is not 0."""
         return eqx.tree_at(lambda track: track.seed, rail, jnp.where(rail.seed == 0, self.seed, jnp.nan))
 
 
 def _lines(found: RailStatistics, channels: tuple[str, ...], length: float) -> FourierTrack:
-    """Return the lines of a survey as sines, which recur after a length [m] if it is finite."""
+    """Return the lines of a survey as sines that recur after a length [m], unless the length is infinite."""
     least = found.fundamental
     if length < np.inf:
         least = np.round(least * length) / length

@@ -83,7 +83,7 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def origin(self) -> Real:
-        """Distance at which runs begin unless told otherwise [m]: where the rail does, or else zero."""
+        """Distance at which runs begin by default [m]: the beginning of the rail, or else zero."""
         begin = self.begin
         return begin if is_traced(begin) or np.isfinite(begin) else 0.0
 
@@ -135,8 +135,10 @@ class AbstractTrack(ShapeChecked):
 
 
 def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """Return the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
-    is none. Traced numbers may be any, and the rail of such a one is NaN."""
+    """Return the number that chooses one of many rails, as an index, and whether a rail has this number.
+
+    The index is 0 where no rail has the number. A traced number is not checked; a wrong one gives a rail of NaN.
+    """
     number = getattr(track, track.chosen_by)
     check = track.check_of(track.chosen_by)
     assert check is not None  # of each such track
@@ -146,7 +148,7 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
 
 def greatest(values: Sequence[Real]) -> Real:
     """Return the greatest of some numbers, which may be traced."""
-    # Python's own, where it can be, compiles nothing
+    # Python's `max` compiles nothing
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
 
@@ -157,13 +159,15 @@ PLAUSIBLE_GAUGES = 0.1, 10.0
 
 
 def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
-    """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
-    is none up to 100. A length of zero goes with all."""
-    # on the host where nothing is traced, which compiles nothing
+    """Return the least count, up to 100, for which count * `unit` is a whole multiple of each of `lengths`.
+
+    Infinite where there is no such count. A length of zero fits to each count.
+    """
+    # on the host where nothing is traced, so that nothing is compiled
     traced = is_traced((unit, lengths))
     xp = jnp if traced else np
     counts = xp.arange(1.0, 101.0)
-    # a count fits where it makes whole numbers of all lengths
+    # a count fits where count * unit is a whole multiple of all lengths
     each = xp.ravel(xp.asarray(lengths))
     times = xp.outer(counts, xp.asarray(unit) / xp.where(each > 0, each, 1.0))
     nearest = xp.round(times)
@@ -172,7 +176,7 @@ def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
 
 
 def on_host(values: Array | np.ndarray) -> Array | np.ndarray:
-    """Return an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
+    """Return an array as one of NumPy, so that nothing is compiled; a traced array as it is."""
     return values if is_traced(values) else np.asarray(values)
 
 

@@ -1,4 +1,4 @@
-"""Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
+"""Runs over a length of rail, one or many, at a speed that may change, with records of each window of distance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,23 +54,23 @@ from .windows import (
 )
 
 LEAST_STEPS_PER_WINDOW = 4
-"""Fewest integration steps in a window, from which its curves are made."""
+"""Fewest integration steps in a window; the curves of a window are made from its steps."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
 
 
 @dataclass(frozen=True)
 class RunCall(AbstractCall):
-    """Arguments of `run` besides its scene, grid and start."""
+    """Arguments of `run` other than scene, grid and start."""
 
     length: float
     begin: float
     window: float
     probe: int
     only: bool
-    """Whether it is one run, without a grid."""
+    """Whether there is only one run, without a grid."""
     worn: np.ndarray | None
-    """Play that earlier work has opened at each face [m]; None where slippers do not wear."""
+    """Play that earlier wear has opened at each face [m]; None where slippers do not wear."""
 
 
 def run(
@@ -104,41 +104,42 @@ def run(
 
     **Arguments:**
 
-    - `grid`: values by parameter name as for `sweep`, such as `{"track.seed": range(200)}`, "speed.scale" of a
-        programme, or none for one run.
-    - `length`: how far to travel [m], rounded up to whole windows; `begin`: where the run begins [m], by default
-        where the rail does.
-    - `speed`: a programme, or a constant speed [m/s]; by default that of the scene.
-    - `window`: length of rail of which each record is one value [m].
-    - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
-        `slipperjax.sweeps.windows.WINDOW_RECORDS`. By default what reports of track tests show, see below.
-    - `start`: as for `simulate`, at the place where the run begins, but by default "rest", on the rail, see
-        `AtRest`; or, without a store, an earlier run, which this one continues from its state at `begin`, by default
-        at its end.
-    - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
-        same all the way; by default those that the least speed of each window needs, times `refine`.
-        Cases that need nearly the same steps share the larger ones, in one batch.
-    - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
-        track or 8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
-        a tenth the status says so.
+    - `grid`: values by parameter name, as for `sweep`, such as `{"track.seed": range(200)}`; the scale of a speed
+        programme is "speed.scale". None for one run.
+    - `length`: distance to travel [m], rounded up to whole windows; `begin`: distance at which the run begins [m], by
+        default the beginning of the rail.
+    - `speed`: a programme, or a constant speed [m/s]; by default the speed of the scene.
+    - `window`: length of rail for which a record gives one value [m].
+    - `record`: records of numbers, or their names in `slipperjax.flow.RECORDS` and
+        `slipperjax.sweeps.windows.WINDOW_RECORDS`, kept for each window. By default the values that reports of track
+        tests show, see below.
+    - `start`: as for `simulate`, at `begin`, but by default "rest" on the rail, see `AtRest`. Without a store, also
+        an earlier run: the new run continues from the earlier run's state at `begin`, by default from its end.
+    - `steps_per_period`: integration steps per wavelength of the track (per 8 m on a track without waves), constant
+        along the run; by default the steps that the least speed of each window needs, times `refine`. Cases that need
+        nearly the same number of steps share the larger number, in one batch.
+    - `probe`: number of stretches at whose start half the step measures the error, over a wavelength of the track or
+        8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; the status reports an error above
+        a tenth.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
-    **Returns:** a `Result` over the grid with `status`, 0 where nothing is wrong, and
+    **Returns:** a `Result` over the grid with `status`, which is 0 where nothing is wrong, and
 
-    - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
-      `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
-      `Status.TOO_SLOW` where it does: by default net loads of each slipper, those of greatest magnitude with their
-      signs, `peak_slipper_force` [N], its place `peak_slipper_distance` [m], `peak_slipper_moment` [N m] and with
-      gravity or a load `static_ratio` [1]; of each point `peak_force` [N], its place `peak_distance` [m],
-      `contact_fraction` [1], `impacts`, the number of touchdowns, and `impulse` [N s]; `drive_force` [N], greatest
-      accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
+    - over `distance`, the travel at the end of each window [m], by default:
+      net loads of each slipper, the signed values of greatest magnitude: `peak_slipper_force` [N], its place
+      `peak_slipper_distance` [m], `peak_slipper_moment` [N m], and with gravity or a load `static_ratio` [1];
+      for each point `peak_force` [N], its place `peak_distance` [m], `contact_fraction` [1], the number of touchdowns
+      `impacts`, and `impulse` [N s]; `drive_force` [N]; greatest accelerations, `peak_a_y` and others; with friction
+      `friction_work` [J]; with a sled `spring_force` [N]. Coordinates are `speed` in the middle of the window [m/s]
+      and `seconds` from the beginning to the end of the window [s]. For a programme that gives times,
+      `window_status` is `Status.TOO_SLOW` where the sled is at rest or too slow;
     - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
-      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; of the
-      windows' highest forces `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from which a
-      run can go on; with wear `play` [m].
+      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; percentiles
+      of the windows' highest forces, `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from
+      which a run can continue; with wear `play` [m].
 
-    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted` after
-    Ctrl-C, with the finished runs.
+    **Raises:** `ValueError` that names the wrong argument, before anything is compiled; `Interrupted` after Ctrl-C,
+    with the finished runs.
     """
     scene = at_speed(scene, speed)
     origin, first = beginning(scene, known("begin", begin), "rest" if start is None else start)
