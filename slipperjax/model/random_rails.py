@@ -1,7 +1,7 @@
-"""Random rails from spectra of their displacement, for which each seed is one rail.
+"""Random rails from spectra of their displacement; each seed is one rail.
 
 All spectra here are one-sided densities by wavenumber in cycles per metre: the variance between two wavenumbers is
-the integral of the density between them. Published ones in rad/m are converted: S(cycles/m) = 2 pi S(rad/m).
+the integral of the density between them. Published spectra in rad/m are converted: S(cycles/m) = 2 pi S(rad/m).
 """
 
 import abc
@@ -54,10 +54,10 @@ class AbstractSpectrum(ShapeChecked):
 
     def rms(self, band: tuple[float, float], power: int = 0) -> Float[Array, ""]:
         """Return the root mean square over a band of wavelengths [m]: of the displacement [m], or with a `power` of
-        its derivative of that order by distance [m^(1 - power)]."""
+        the displacement's derivative of that order by distance [m^(1 - power)]."""
         k = jnp.geomspace(1 / band[1], 1 / band[0], 4001)
         values = self.density(k) * (2 * jnp.pi * k) ** (2 * power)
-        # over the logarithm of k, in which spectra change slowly
+        # over the logarithm of k, because spectra change slowly with it
         return jnp.sqrt(jnp.trapezoid(values * k, jnp.log(k)))
 
 
@@ -74,7 +74,7 @@ class PowerLawSpectrum(AbstractSpectrum):
 
 
 class CornerSpectrum(AbstractSpectrum):
-    """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the railways' form."""
+    """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the form that railways use."""
 
     amplitude: Float[Array, ""] = field("m^2 rad/m", not_negative)
     """A [m^2 rad/m], for a one-sided density per rad/m."""
@@ -94,13 +94,13 @@ class TableSpectrum(AbstractSpectrum):
     wavenumber: Float[Array, " rows"] = field("cycles/m", positive)
     """Wavenumbers, rising [cycles/m]."""
     values: Float[Array, " rows"] = field("m^2 per cycle/m", positive)
-    """One-sided densities there [m^2 per cycle/m]."""
+    """One-sided densities at these wavenumbers [m^2 per cycle/m]."""
 
     def __check_init__(self):
         check_table(self, "wavenumber", "values", least=2)
 
     def density(self, wavenumber):
-        # zero has no logarithm, and is outside of the table
+        # zero has no logarithm; it is outside of the table
         k = jnp.where(wavenumber > 0, wavenumber, self.wavenumber[0])
         value = jnp.exp(jnp.interp(jnp.log(k), jnp.log(self.wavenumber), jnp.log(self.values)))
         inside = (wavenumber >= self.wavenumber[0]) & (wavenumber <= self.wavenumber[-1])
@@ -115,41 +115,42 @@ class RandomTrack(AbstractRail):
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred rails
     ```
 
-    With one length and band, a seed gives the same deviates for every roughness and spectrum, so that designs are
+    For one length and band, a seed gives the same deviates for every roughness and spectrum, so that designs are
     compared on the same rails.
     """
 
     chosen_by: ClassVar = "seed"
     lateral: AbstractSpectrum | None
-    """Spectrum of the lateral displacement; None for none."""
+    """Spectrum of the lateral displacement; None: no displacement."""
     vertical: AbstractSpectrum | None
-    """Spectrum of the vertical displacement; None for none."""
+    """Spectrum of the vertical displacement; None: no displacement."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
     band: tuple[float, float] = eqx.field(
         static=True, converter=converted("band", "m"), default=(0.4, 100.0), metadata={"unit": "m"}
     )
-    """Shortest and longest wavelength [m], by default those of a sled track's published spectrum."""
+    """Shortest and longest wavelength [m], by default of the published spectrum of a sled track."""
     length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = field("", whole_number, default=0)
-    """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
+    """Number of the rail, a whole number of 0 or more [1]; another number that is traced gives NaN."""
     roughness: Float[Array, ""] = field("", not_negative, default=1.0)
     """Factor of all displacements [1]."""
     coherence: Float[Array, ""] | None = field("", correlation, default=None)
-    """Correlation of the lateral with the vertical displacement [1]; None for none."""
+    """Correlation of the lateral with the vertical displacement [1]; None: no correlation."""
     ends: str = eqx.field(static=True, default="straight")
-    """How the rail goes on beyond its ends, see `SampledTrack`."""
+    """How the rail continues beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
-    """Length of the ramps at the ends of a rail that goes on straight [m]."""
+    """Length of the ramps at the ends of a rail that continues straight [m]."""
     lines: FourierTrack | None = None
-    """Sines that all seeds have, by the distance from the rail's beginning, such as of joints; None for none."""
+    """Sines that all seeds have, by the distance from the rail's beginning, such as joints; None: no sines."""
     first: float = eqx.field(static=True, converter=converted("first", "m"), default=0.0, metadata={"unit": "m"})
     """Distance at which the rail begins [m]."""
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: object) -> "RandomTrack":
-        """Return a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
+        """Return a rail with the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25
+        m."""
         # A of the vertical and of the lateral alignment [m^2 rad/m]
         amplitudes = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
         vertical, lateral = amplitudes[one_of("disturbance", disturbance, tuple(amplitudes))]
@@ -175,7 +176,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def sled(cls, **options: object) -> "RandomTrack":
-        """Return a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
+        """Return a rail with a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
         100 m.
 
         A fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.2015.06.028.
@@ -194,18 +195,19 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def spectrum(cls, wavenumber: Numbers, density: Numbers, **options: object) -> "RandomTrack":
-        """Return a rail of a table in both directions, its band that of the table.
+        """Return a rail with a tabulated spectrum in both directions, in the band of the table.
 
         **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].
         """
         spectrum = TableSpectrum(wavenumber, density)
-        # the highest wavenumber is that of the shortest wave
+        # the highest wavenumber belongs to the shortest wave
         band = tuple(1 / float(k) for k in (spectrum.wavenumber[-1], spectrum.wavenumber[0]))
         return cls(**{"band": band, "vertical": spectrum, "lateral": spectrum, **options})
 
     @classmethod
     def like(cls, survey: SampledTrack, **options: object) -> "RandomTrack":
-        """Return a rail of a survey's own spectra, from an eighth of its length to three samples, and coherence.
+        """Return a rail with a survey's own spectra, from an eighth of its length to three samples, and its
+        coherence.
 
         ```python
         survey = sj.load_rail("survey.csv")
@@ -213,12 +215,12 @@ class RandomTrack(AbstractRail):
         track = sj.model.TrackSet([survey, *(dataclasses.replace(alike, seed=seed) for seed in range(1, 200))])
         ```
 
-        Narrow peaks of the spectra, such as those of joints that recur, are not random: they become the `lines`, with
-        the survey's amplitudes and phases, and so all seeds have joints of one shape at the survey's places. A rail
-        that repeats has a whole number of them; another `length` of such a rail needs another call.
+        Narrow peaks of the spectra, such as those of recurring joints, are not random. They become the `lines`, with
+        the survey's amplitudes and phases, so that all seeds have joints of one shape at the survey's places. A rail
+        that repeats has a whole number of these waves; another `length` of such a rail needs another call.
 
-        **Arguments:** `survey`: a rail of samples; `options`: fields of `RandomTrack`, by default where the survey
-        begins, its length and its ends.
+        **Arguments:** `survey`: a rail of samples; `options`: fields of `RandomTrack`, by default with the survey's
+        beginning, length and ends.
 
         **Raises:** `ValueError` for a rail without samples, or with fewer than 256.
         """
@@ -231,7 +233,7 @@ class RandomTrack(AbstractRail):
         begin, end = survey.bounds
         length = float(end - begin)
         found = statistics_of(np.stack(list(channels.values())), length / (count - 1))
-        # a channel of zeros has no logarithms
+        # a channel of zeros has no logarithm
         spectra = [TableSpectrum(found.wavenumber, np.fmax(density, 1e-40)) for density in found.density]
         band = (1 / float(found.wavenumber[-1]), 1 / float(found.wavenumber[0]))
         own = {"band": band, "length": length, "first": float(begin), "ends": survey.ends}
@@ -312,7 +314,7 @@ class RandomTrack(AbstractRail):
             apart = jnp.sqrt(1 - correlation**2)
             deviates = [correlation * one + apart * other for one, other in zip(deviates, others, strict=True)]
         vertical, lateral, roll = deviates
-        # the lateral deviates share a part with the vertical ones
+        # lateral and vertical deviates have a common part
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
@@ -334,7 +336,7 @@ class RandomTrack(AbstractRail):
         """Return the spline coefficients of the lines, for each direction that the rail has."""
         lines = self.lines
         assert lines is not None  # where this is called
-        # as for the random waves
+        # as in `spline` for the random waves
         share = (2 + jnp.cos(2 * jnp.pi * spacing / lines.wavelengths)) / 3
         sizes = {name: getattr(lines, name) for name in ("lateral", "vertical", "roll")}
         larger = {name: size / share for name, size in sizes.items() if size is not None}
