@@ -212,9 +212,9 @@ def _computed(
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
-    """Return how many windows a run has.
+    """Return the number of windows of a run.
 
-    **Raises:** `ValueError` where the rail ends before the run. A warning says where the rail is known no further.
+    **Raises:** `ValueError` where the rail ends before the run. A warning says where the rail is not known further.
     """
     # rounding must not add a window, nor end the rail too early
     windows = int(np.ceil(length / window * (1 - 1e-12)))
@@ -228,7 +228,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 
 
 def _records(scene: Scene, record: object) -> RecordSet:
-    """Return the records that a user chose for each window, and those of each stretch and of the whole run."""
+    """Return the records that a user chose for each window, and the records of each stretch and of the whole run."""
     if record is None:
         record = default_records(scene)
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
@@ -240,7 +240,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
         require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
     records: list[AbstractRecord] = list(map(PerWindow, known))
     names = {one.name for one in records}
-    # each variable once, of windows where the user asks for that
+    # each variable once, for windows where the user asks for this
     records += [RECORDS[name] for name in PER_STRETCH if name not in names]
     records += [ThirdOctaves(), StateNumbers()]
     if scene.wear is not None:
@@ -259,17 +259,17 @@ def _step_profiles(
     if call.steps_per_period is None:
         edges = call.begin + window * np.arange(windows + 1)
         needed = cases.of_each(_steps_along, jnp.asarray(edges))
-        # slow places of a run may take many, but not the fastest one
+        # slow places of a run may take many steps, but not the fastest place
         rounded_steps(needed.min(axis=1), cases.wavelengths())
         steps = call.refine * rounded_up(needed)
     else:
         steps = np.full((cases.count, windows), given_steps(call.steps_per_period))
-    # from steps per wavelength to steps per window; rounding must not add one
+    # from steps per wavelength to steps per window; rounding must not add a step
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
     profiles = np.maximum(per_window, LEAST_STEPS_PER_WINDOW)
     different, which = np.unique(profiles, axis=0, return_inverse=True)
     which = np.ravel(which)
-    # steps that are given are not changed
+    # given steps are not changed
     return joint_profiles(different, which) if call.steps_per_period is None else (different, which)
 
 
@@ -277,8 +277,8 @@ def _step_profiles(
 def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Array) -> jax.Array:
     """Return steps per reference length that each window needs, at its least speed, (cases, windows).
 
-    **Arguments:** `starts`: unused, but with an axis of cases even where the scenes are all the same; `edges`: places
-    between which the windows are [m].
+    **Arguments:** `starts`: unused, but with an axis of cases even where all scenes are the same; `edges`: places
+    between the windows [m].
     """
 
     def one(scene: Scene, start: Motion | State) -> jax.Array:
@@ -292,13 +292,13 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Arra
 
 def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
     """Return the same scenes with windows as their unit of travel."""
-    # the window is shared; `is_leaf` finds its place, which is None before
+    # the window is shared; `is_leaf` finds its place, where there was None
     put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
     return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
 
 def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
-    """Return the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
+    """Return the play that wear before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
         return None
     works = scene.friction is not None or not scene.wear.by_friction
@@ -307,22 +307,22 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     ds = getattr(earlier, "ds", earlier)
     if not (isinstance(ds, xr.Dataset) and "play" in ds):
         return nothing
-    # wear by distance follows from where the run is, so that only the rest is carried over
+    # wear by distance follows from the place of the run, so that only the rest is carried over
     by_distance = play_added(scene, jnp.asarray(nothing), begin)
     return ds["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
 @jit
 def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
-    """Return the same scenes with this play more at each face, (cases, *slippers, faces) [m]."""
+    """Return the same scenes with this additional play at each face, (cases, *slippers, faces) [m]."""
     plays = scenes.map(with_more_play, play)
-    # what is shared keeps no play, which differs from case to case
+    # shared values have no play, because it differs from case to case
     return Batched(scenes.varied.with_play(plays), scenes.shared.with_play(None))
 
 
 def _probed_length(scene: Scene) -> float:
-    """Return the length of travel over which errors are measured [m]: a wavelength of the track, or 8 m at most of
-    rails without, which may be one long wave that repeats."""
+    """Return the length of travel over which errors are measured [m]: a wavelength of the track. At most 8 m on rails
+    without waves, because these may be one long wave that repeats."""
     wavelength = float(np.max(scene.wavelength))
     return wavelength if hasattr(scene.track, "wavelengths") else min(wavelength, DEFAULT_WAVELENGTH)
 
@@ -353,7 +353,7 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     over = (*dims, "distance") if differ else "distance"
     joined = lambda a: of_grid(a) if differ else a[0]
-    name = "speed_along" if "speed" in cases.axes else "speed"  # which may be an axis of the grid
+    name = "speed_along" if "speed" in cases.axes else "speed"  # `speed` may be an axis of the grid
     coords[name] = column(over, joined(speed), "m/s", "travelling speed")
     coords["seconds"] = column(over, joined(seconds), "s", "time")
     if stands is not None:
@@ -368,8 +368,8 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
 def _times(
     scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Real
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
-    """Return speeds in the middle of windows [m/s], times at their ends [s], and whether the sled stands in them;
-    (cases, windows). The last is None where the programme has no times, by which sleds stand.
+    """Return speeds in the middle of windows [m/s], times at their ends [s], and whether the sled is at rest or too
+    slow in them; (cases, windows). The last is None where the programme has no times, because only times show this.
 
     **Arguments:** `ends`: the place where the run begins, and the end of each window [m].
     """
@@ -387,7 +387,8 @@ def _times(
 
 
 def _with_rates(ds: xr.Dataset) -> xr.Dataset:
-    """Add what follows from windows, stretch by stretch: rates of impacts, and percentiles of the highest forces."""
+    """Add values that follow from windows, for each stretch: rates of impacts, and percentiles of the highest
+    forces."""
     which = np.arange(ds.sizes["distance"]) // STRETCH
     stretch = ds["distance"].copy(data=ds["stretch"].values[which]).rename("stretch")
     if "impacts" in ds:
