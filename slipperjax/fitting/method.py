@@ -1,4 +1,4 @@
-"""What a fit is asked, what a method of fitting answers, and what all methods have in common."""
+"""The problem of a fit, the answer of a method of fitting, and common parts of all methods."""
 
 import abc
 from collections.abc import Callable
@@ -22,18 +22,18 @@ from .unknowns import Unknown
 
 @dataclass(frozen=True)
 class Problem:
-    """What a fit is asked, checked."""
+    """The checked problem of a fit."""
 
     scene: Scene
     rig: Rig
     unknowns: tuple[Unknown, ...]
     runs: tuple[MeasuredRun, ...]
     origin: float
-    """Forcing periods from distance zero to where runs begin."""
+    """Forcing periods from distance zero to the beginning of runs."""
     lead: int
-    """Forcing periods before that in which the model runs already; none where the rail begins."""
+    """Forcing periods that the model runs before this beginning; zero where the rail begins."""
     steps: int | None
-    """Per forcing period; None for what the scene needs."""
+    """Steps per forcing period; None for the number that the scene needs."""
     solver: diffrax.AbstractSolver
     start: Motion | State
     seed: int
@@ -60,7 +60,7 @@ class Problem:
 
     @property
     def own(self) -> Float[np.ndarray, " parameters"]:
-        """Levels of the values that scene and sensors have."""
+        """Levels of the values of scene and sensors."""
         return np.array([float(one.level(one.own)) for one in self.unknowns])
 
     def values(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
@@ -68,14 +68,14 @@ class Problem:
         return np.stack([one.value(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
 
     def needed(self, levels: Float[np.ndarray, " parameters"]) -> int:
-        """Return the steps per period that runs need."""
+        """Return the number of steps per period that runs need."""
         own = dict(zip(self.names, self.values(levels), strict=False))
         return max(default_steps_per_period(scene.replace(**own)) for scene in self.scenes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior(abc.ABC):
-    """What is known of the parameters after a fit, by their levels, see `Unknown`."""
+    """What is known about the parameters after a fit, by their levels, see `Unknown`."""
 
     level: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
