@@ -87,7 +87,7 @@ class Posterior(abc.ABC):
     step_change: Float[np.ndarray, " parameters"]
     """What half the step changes [standard errors]; NaN where that is not known."""
     start: Motion
-    """With which the model's first run begins, `Problem.lead` periods before the record."""
+    """Motion with which the model's first run begins, `Problem.lead` periods before the record."""
 
     def ends(self, confidence: float) -> Float[np.ndarray, "2 parameters"]:
         """Return the levels between which each parameter is with some probability."""
@@ -96,11 +96,11 @@ class Posterior(abc.ABC):
 
     @abc.abstractmethod
     def misfit(self, rig: Rig) -> list[str]:
-        """Return in words what the model does not explain of the signals."""
+        """Return texts on the parts of the signals that the model does not explain."""
 
     @abc.abstractmethod
     def label(self, rig: Rig) -> Labelled:
-        """Return variables and coordinates of a dataset: what the method compares."""
+        """Return variables and coordinates of a dataset: the quantities that the method compares."""
 
 
 class AbstractFitMethod(abc.ABC):
@@ -112,8 +112,8 @@ class AbstractFitMethod(abc.ABC):
 
     def check(self, problem: Problem) -> None:
         """Raise `ValueError` for a problem that the method cannot solve."""
-        del problem  # by default there is none
+        del problem  # by default there is no such problem
 
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
-        """Fit. **Arguments:** `shown`: is told what is done, in a few words."""
+        """Fit. **Arguments:** `shown`: called with short texts on the present work."""
