@@ -39,7 +39,7 @@ class BandRms(AbstractFeature):
     """Logarithms of the RMS in bands of frequency, of equal width on a logarithmic scale."""
 
     bands: int = 6
-    """Highest share of half the sampling rate."""
+    """Number of bands, up to half the sampling rate."""
 
     def __post_init__(self):
         whole("bands", self.bands, 1, 100)

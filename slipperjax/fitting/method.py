@@ -80,12 +80,12 @@ class Posterior(abc.ABC):
     level: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     information: Float[np.ndarray, "parameters parameters"]
-    """Fisher's, of the record alone."""
+    """Fisher's information of the record only."""
     converged: bool
     minima: Float[np.ndarray, "minima parameters"]
-    """Others that are about as likely."""
+    """Other minima that are about as likely."""
     step_change: Float[np.ndarray, " parameters"]
-    """What half the step changes [standard errors]; NaN where that is not known."""
+    """Change by half the step [standard errors]; NaN where it is not known."""
     start: Motion
     """Motion with which the model's first run begins, `Problem.lead` periods before the record."""
 
