@@ -72,7 +72,7 @@ SPEED = Measure(PARAMETERS["speed"])
 @option(
     "--speeds",
     (SPEED, SPEED, COUNT),
-    "Speeds that the design must serve: first and last [m/s], and their number; default: the scene's alone.",
+    "Speeds that the design must serve: first and last [m/s], and their number; default: only the scene's speed.",
     metavar="FIRST LAST COUNT",
 )
 @option(
@@ -92,7 +92,7 @@ SPEED = Measure(PARAMETERS["speed"])
 @option(
     "--starts",
     COUNT,
-    "Number of starting designs: the scene's own, if within the bounds, then good ones far from each other.",
+    "Number of starting designs: the scene's own, if within the bounds, then good designs far from each other.",
     default=Default(OPTIMISE, "starts"),
 )
 @option(
@@ -105,7 +105,7 @@ SPEED = Measure(PARAMETERS["speed"])
     default=Default(OPTIMISE, "transient"),
 )
 @option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=Default(OPTIMISE, "seed"))
-@option("--check/--no-check", None, "Simulate a grid of designs around the best one.", default=True)
+@option("--check/--no-check", None, "Simulate a grid of designs around the best design.", default=True)
 @option(
     "--margins/--no-margins",
     None,

@@ -45,11 +45,11 @@ FIT = "fitting.fit.fit"
 @option(
     "--by",
     click.Choice(["trajectories", "features"]),
-    "Compare signals sample by sample, for periodic motions and short records, or features of them, in chaos.",
+    "Compare signals sample by sample, for periodic motions and short records; or compare their features, in chaos.",
     default="trajectories",
 )
-@option("--starts", COUNT, "Of trajectories: searches at once.", default=16)
-@option("--window", COUNT, "Of trajectories: forcing periods after which a motion begins anew; default: never.")
+@option("--starts", COUNT, "With trajectories: number of simultaneous searches.", default=16)
+@option("--window", COUNT, "With trajectories: forcing periods after which a motion begins again; default: never.")
 @option(
     "--confidence",
     click.FloatRange(0.0, 1.0, True, True),

@@ -142,7 +142,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 @option(
     "--switch",
     click.Choice(SWITCHED),
-    "Also follow the branches that leave at every flip (PD) or branch point (BP), into files with _PD1 and so "
+    "Also follow the branches that begin at every flip (PD) or branch point (BP), into files with _PD1 and so "
     "on in their names; repeat for both.",
     multiple=True,
 )

@@ -189,12 +189,12 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @option(
     "--section",
     INPUT,
-    "Table of the section, or -, standard input: columns point (a name), y (left), z (up), two rows for each face.",
+    "Table of the section, or - for standard input: columns point (name), y (left), z (up), two rows for each face.",
 )
 @option(
     "--corner",
     (_MILLIMETRES, _MILLIMETRES),
-    "A point of the section instead [mm], y and z; repeat, two for each face, clockwise with y to the right.",
+    "A point of the section, without a table [mm]: y and z; repeat, two for each face, clockwise, y to the right.",
     multiple=True,
     metavar="Y Z",
 )
@@ -211,7 +211,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "--mount",
     (METRES, METRES, METRES),
     "Place of a sled's slipper from the sled's centre of mass [m]: x forwards, y to the left, z upwards; repeat for "
-    "each. Slippers at y above 0 are on the left rail, below 0 on the right one; with 0 for all there is one rail.",
+    "each. Slippers at y above 0 are on the left rail, below 0 on the right rail; if all are at 0, there is one.",
     multiple=True,
     metavar="X Y Z",
 )
@@ -230,9 +230,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "Travelling speed [m/s], or a table with its history: columns time or distance, and speed.",
     default="1250",
 )
-@option(
-    "--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: the same all the way."
-)
+@option("--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: constant speed.")
 @option(
     "--rail",
     str,
@@ -240,12 +238,17 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     default="sled",
     metavar="RAIL",
 )
-@option("--right-rail", str, "The right rail, as --rail; default: of the same survey or spectrum.", metavar="RAIL")
+@option(
+    "--right-rail",
+    str,
+    "The right rail, in the form of --rail; default: the same survey or spectrum.",
+    metavar="RAIL",
+)
 @_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
-@flag("--force", "Replace a file that is there.")
+@flag("--force", "Replace an existing file.")
 def new(
     file: Path,
     section: Path | None,

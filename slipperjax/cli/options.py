@@ -263,7 +263,7 @@ MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
 """Contact memories by the words for --memory."""
 CASE: dict[str, Adds] = {
     "scene": option(
-        "--scene", INPUT, "TOML file of a scene, or -, standard input, or netCDF file of a result with that scene."
+        "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
     "wavelength": option(
@@ -274,11 +274,13 @@ CASE: dict[str, Adds] = {
         default=None,
         show_default="8, or the scene file's",
     ),
-    "rail": option("--rail", INPUT, "Measured rail, a CSV or netCDF file or -, in place of the scene's."),
+    "rail": option(
+        "--rail", INPUT, "Measured rail in place of the scene's: a CSV or netCDF file, or - for standard input."
+    ),
     "memory": option(
         "--memory",
         click.Choice(list(MEMORIES)),
-        "Which velocity the damping refers to: at touchdown (event, or smooth by an equation without events), or the "
+        "Velocity to which the damping refers: at touchdown (event, or smooth by an equation without events), or the "
         "fastest since touchdown (peak).",
         show_default="the scene file's, or peak on surveyed and random rails and event on others",
     ),

@@ -68,18 +68,18 @@ class _Comparing(click.Command):
 @option(
     "--rails",
     COUNT,
-    "With --over: number of rails, the survey first, or seeds of a random one; the median takes 8, 0.95 takes 80.",
+    "With --over: number of rails, first the survey, or seeds of a random rail; the median needs 8, 0.95 needs 80.",
     default=Default(COMPARE, "rails"),
 )
 @option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
 @option(
     "--quantiles",
     float,
-    "With --over: share of the runs below what is compared; the last one decides; repeat for several.",
+    "With --over: share of the runs with lower values; the last share decides; repeat for several.",
     multiple=True,
     default=Default(COMPARE, "quantiles"),
 )
-@option("--store", FILE, "With --over: keep runs in this store, from which the same command goes on.")
+@option("--store", FILE, "With --over: keep runs in this store, from which the same command continues.")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)

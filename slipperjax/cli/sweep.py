@@ -127,12 +127,12 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option(
     "--sample",
     COUNT,
-    "Number of points of a Sobol sample of the box that --over and --by span, in place of every combination.",
+    "Number of points of a Sobol sample of the box of --over and --by, in place of every combination.",
 )
 @option(
     "--record",
     str,
-    "What to record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
+    "Record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
     "peak_force, rms; repeat for several. Default: sections.",
     multiple=True,
 )
@@ -140,16 +140,18 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option(
     "--periods",
     COUNT,
-    "Forcing periods to record; of orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
+    "Forcing periods to record; for orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
 )
 @begin
-@option("--store", FILE, "Zarr store to write, such as map.zarr; the same command resumes where the last one ended.")
+@option(
+    "--store", FILE, "Zarr store to write, such as map.zarr; the same command resumes where the last command ended."
+)
 @option("--tile", COUNT, "Number of cases that are computed and written together.")
-@flag("--fresh", "Delete what the store holds, and start over.")
+@flag("--fresh", "Delete the contents of the store, and start again.")
 @option("--share", str, "Compute only share I of N of the store, for the jobs of an array.", metavar="I/N")
 @option("--processes", COUNT, "Number of processes that share the work; default: threads of one process.")
 @option("--cluster", str, "Address of a dask scheduler, such as tcp://host:8786.")
-@flag("--explain", "Print the time, memory and disk space that it will take, and stop.")
+@flag("--explain", "Print the time, memory and disk space that the sweep will need, and stop.")
 @show
 @result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case

@@ -46,7 +46,7 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
     return _weights_with(type(scene.contact_memory))
 
 
-@functools.cache  # a new function would be compiled again in every call
+@functools.cache  # one that is made anew would be compiled anew in every call
 def _weights_with(memory: type[AbstractMemory]) -> Callable[[State], State]:
     def weights(state: State) -> State:
         of_memory = None if state.memory is None else memory.weights(state.memory)

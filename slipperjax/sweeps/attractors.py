@@ -109,7 +109,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     numbers, kinds = _numbered(marks[place], periods[place], outer, tolerance, reach)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
-    rank = np.append(np.argsort(order), -1)  # the last entry keeps -1, because the index -1 finds it
+    rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     ranked = rank[numbers]
     basin = np.empty(strobe.shape, int)
     np.put(basin, place, ranked)
