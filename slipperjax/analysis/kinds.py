@@ -13,7 +13,7 @@ class Regime(enum.IntEnum):
     """Kind of motion: its code in arrays, and its names in results. Code 0 also marks cases not computed."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
-    """Certainly none of the other kinds."""
+    """Not certainly one of the other kinds."""
     PERIODIC = 1, "period", "periodic"
     REGULAR = 2, "torus", "regular"
     """Neither periodic nor chaotic: a torus."""

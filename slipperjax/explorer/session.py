@@ -276,7 +276,7 @@ class Session:
         return {"window": float(self.run.attrs["window [m]"]), **options}
 
     def last_state(self, distance: float) -> tuple[float, float]:
-        """Return the last place before a distance where the run stored its state, and the window's beginning [m]."""
+        """Return the last place up to a distance where the run stored its state, and the window's beginning [m]."""
         edges = edges_of(self.run, "distance")
         limit = max(distance, edges[0]) + 1e-6
         # where the run begins, and the ends of its stretches

@@ -166,8 +166,7 @@ class AbstractMemory(ShapeChecked):
         step's end; `step`: length of the step [s]; `ratio`: this length over that of the previous step [1], 0 if
         there was none.
         """
-        # Decided by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding
-        # error.
+        # Decided by the memory, because at a gap of zero, as at a start, the previous gap's sign is arbitrary.
         entered = (memory == 0) & (gap < 0)
         place = before.touchdown(gap, rate, step, entered)
         rise, bend = before.change_of_rate(rate, ratio)
@@ -191,8 +190,7 @@ class AbstractMemory(ShapeChecked):
 
     @staticmethod
     def weights(memory: Array) -> Array:
-        """Return the weights of a tangent's components: closed contacts count relative to their memory, open ones
-        0."""
+        """Return the weights of a tangent's components: relative to the memory for closed contacts, 0 for open."""
         # the greatest number below zero marks a contact without damping, which counts as open
         closed = memory < -1e-9
         return jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
@@ -209,8 +207,8 @@ class EventLatch(AbstractMemory):
     """A memory that is latched after each step: g'_0 is the rate at the instant at which the gap crossed zero.
 
     The memory of a point is 1 / g'_0 [s/m], and 0 while the point is open. In the step in which a point touches down
-    the memory is still 0; the point then uses g' / g'_0 = 1, the value at touchdown. If a point is closed at the
-    start, g'_0 is its rate there if it approaches; otherwise it has no damping until it opens.
+    the memory is still 0; the point then uses g' / g'_0 = 1, the value at touchdown. For a point that is closed at
+    the start, g'_0 is its rate there if it approaches; otherwise the point has no damping until it opens.
 
     This memory needs a solver that applies the latch after each step: a solver of `slipperjax`, or one of diffrax in
     `slipperjax.solvers.Latching`.
@@ -398,8 +396,7 @@ class SmoothSwitch(AbstractIntegratedMemory):
         """
         if self.width is not None and self.relaxation is not None:
             return self
-        # width: a hundredth of the depth; relaxation: a twenty-fifth of the impact, or more if explicit methods need
-        # more
+        # a hundredth of the depth; a twenty-fifth of the impact, or the shortest that explicit methods allow
         width = 0.01 * depth if self.width is None else self.width
         relaxation = jnp.minimum(duration / 25, period / 80) if self.relaxation is None else self.relaxation
         fields = lambda m: (m.width, m.relaxation)

@@ -286,8 +286,7 @@ class VectorField(eqx.Module):
         rates = self.evaluate(t, state, args)
         if rates.memory is not None or state.memory is None:
             return rates
-        # raised at run time and only where the result is used, because diffrax asks each right-hand side for its
-        # shapes
+        # at run time and only where the result is used, because diffrax asks each right-hand side for its shapes
         text = (
             "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's, for a "
             "contact memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
@@ -340,8 +339,7 @@ class VectorField(eqx.Module):
         return contact_linearised(scene, args.travel(t), frame, now, state.motion, force)
 
     def memory_decay(self, t: Real, state: State, args: Args) -> Float[Array, " points"] | None:
-        """Return the derivative of the memory's rate with respect to the memory [per forcing period]; None if
-        latched."""
+        """Return the derivative of the memory's rate by the memory [per forcing period]; None unless integrated."""
         if not args.scene.integrates_memory:
             return None
         now = contacts(args.frame(t), state.motion)

@@ -40,7 +40,7 @@ ALIASES_OF_TWO = ALIASES | {
 """Other names of columns of two rails."""
 
 DAMPING = 0.03
-"""Greatest factor on waves that follow from versines, over the wave that a chord shows [1]."""
+"""Damping of the waves that follow from versines, over the height that a chord shows of them, at most 2 [1]."""
 
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
 

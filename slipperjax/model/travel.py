@@ -56,7 +56,7 @@ class Travel(NamedTuple):
 class Stage(ShapeChecked):
     """A part of a run at constant acceleration, which ends after a length, after a duration, or at a speed.
 
-    Where several of these are given, the first that is reached counts.
+    Where several of these are given, the first in this order counts.
     """
 
     acceleration: Float[Array, ""] = field("m/s^2", finite)

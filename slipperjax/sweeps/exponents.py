@@ -174,8 +174,8 @@ def run_longer_motions(
 def least_mean_life(measured: int) -> float:
     """Return the least mean life of chaos with 95 % confidence [forcing periods], if no longer motion became regular.
 
-    If chaos ended at a constant rate, one of the motions would become regular with a chance of 95 % within three mean
-    lives of all motions together.
+    If chaos ended at a constant rate, one of the motions would have become regular with a chance of 95 % when the
+    motions' durations add up to three mean lives.
 
     **Arguments:** `measured`: forcing periods over which each motion was measured.
     """

@@ -239,7 +239,7 @@ def warn(text: str) -> None:
         told.add(kind)
     depth = 2
     frame = sys._getframe(1)
-    # past the frames of the package, and of libraries that the package calls, to the user's own line
+    # past the frames of the package, and of libraries that call it, to the user's own line
     while frame.f_back is not None and re.match(r"(slipperjax|equinox|jax)\b", frame.f_globals.get("__name__", "")):
         depth += 1
         frame = frame.f_back

@@ -86,9 +86,9 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
 
     In 800,000 touchdowns and openings of a sled on random rails at default steps, the error of the gap's rate at the
     zero is 2e-16 m/s in 99 % of them, 3e-13 in 0.1 %, above 1e-3 in 5, and 0.024 at most. With two steps of Newton's
-    method the error is 7e-9, 3e-6, above 1e-3 in 90, and 0.11 at most. Newton's method fails where gaps nearly touch
-    zero before they cross it: these gaps are latched as touchdowns without any rate, with forces up to ten times too
-    high.
+    method the error is 7e-9, 3e-6, above 1e-3 in 90, and 0.11 at most. The largest errors occur where gaps nearly
+    touch zero before they cross it: these gaps are latched as touchdowns without any rate, with forces up to ten
+    times too high.
 
     Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not cross zero.
 

@@ -28,8 +28,8 @@ OVERLOADED = 1e30
 """Magnitude from which a number means "not measured": instruments write 9.9E37, and netCDF files write 9.97e36 for a
 missing number."""
 STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
-"""Value [m] of one count before the plus of a station such as 129+773, by the station's unit and the number of digits
-after the plus."""
+"""Value of one count before the plus of a station such as 129+773, in the station's unit, by this unit [m] and the
+number of digits after the plus."""
 MOST_SHOWN = 10
 """Number of faults, and of other names of columns, that an error shows."""
 WAYS = {
