@@ -50,8 +50,7 @@ class Observation(NamedTuple):
     """Properties of a point that the caller of a continuation observes; they show grazings."""
 
     counts: tuple[int, ...] = ()
-    """Numbers of events in a period, by kind, such as the touchdowns of each contact point. One number changes at a
-    grazing."""
+    """Numbers of events in a period, by kind, such as touchdowns of each contact point; one changes at a grazing."""
     margins: tuple[float, ...] = ()
     """For each kind, a distance from such a change: zero at the change, and continuous near it."""
     data: Any = None
@@ -228,8 +227,7 @@ class Walk:
                 yield within
 
     def _within(self, point: Node) -> Node | None:
-        """Return the point, or the curve's point on a bound if the point is beyond it; None where there is
-        neither."""
+        """Return the point, or the curve's point on a bound if the point is beyond it; None without either."""
         beyond = (point.z < self.low) | (point.z > self.high)
         if not np.any(beyond):
             return point

@@ -50,8 +50,7 @@ def recurrence(
     states: Float[np.ndarray, "*cases periods states"],
     most: int,
 ) -> dict[int, np.ndarray]:
-    """Return the greatest change of a state over each lag of n periods up to `most`, (*cases, periods - n), by lag
-    n."""
+    """Return the greatest change of a state over each lag of n periods up to `most`, (*cases, periods - n), by n."""
     return {n: np.abs(states[..., n:, :] - states[..., :-n, :]).max(-1) for n in range(1, most + 1)}
 
 

@@ -1,5 +1,4 @@
-"""Branches of periodic motions: they are followed through folds, with located events and changes to other
-branches."""
+"""Branches of periodic motions, followed through folds: located events, and changes to other branches."""
 
 import contextlib
 import dataclasses

@@ -148,8 +148,7 @@ def _band_means(frequency: np.ndarray, density: np.ndarray, edges: np.ndarray, r
 
 
 def band_rms(density: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN where no band is
-    known."""
+    """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN without any."""
     square = np.ma.masked_invalid(density * np.diff(edges)).sum(axis=-1)
     return np.sqrt(np.ma.filled(square, np.nan))
 

@@ -246,8 +246,7 @@ class EventSearch(NamedTuple):
         return self.inseparable(["GR"], low, high, NARROWEST)
 
     def index(self, a: Node, b: Node) -> int:
-        """Return the index of the critical multiplier; multipliers sorted by modulus keep their index along the
-        branch."""
+        """Return the index of the critical multiplier, constant along a branch where moduli sort the multipliers."""
         return min(node.beyond(self.conserved) for node in (a, b))
 
     def test(self, label: str, a: Node, b: Node) -> Callable[[Node], float]:

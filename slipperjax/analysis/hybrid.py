@@ -32,8 +32,7 @@ CROSSING_ITERATIONS = 60
 CLOSE = 1e-9
 """Newton step, as a share of the integration step, after which the instant is exact: the error is its square."""
 SHORTEST = 1e-3
-"""Shortest flight between impacts, as a share of the integration step; instead of a shorter flight the motion
-sticks."""
+"""Shortest flight between impacts, as a share of the integration step; below this the motion sticks instead."""
 MOST_EVENTS = 2000
 """Impacts or crossings in one integration step after which the state is NaN: twice the number of flights of length
 `SHORTEST`."""
@@ -484,8 +483,7 @@ def return_step(
     dt: Real,
     most: int = 100_000,
 ) -> ReturnStep:
-    """Return the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next such
-    point.
+    """Return the Poincare map of an autonomous system: from one fall of `surface` to zero to the next fall.
 
     `shoot` on this map finds periodic orbits of a flow without a phase condition. Along the flow the map's Jacobian
     has the multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact

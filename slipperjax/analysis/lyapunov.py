@@ -344,8 +344,7 @@ def is_chaotic(exponent: Numbers, stderr: Numbers) -> np.ndarray:
 
 
 def is_sure(exponent: Numbers, stderr: Numbers) -> np.ndarray:
-    """Return whether the sign of a largest Lyapunov exponent is known, or the exponent is known to 0.01
-    [1/period]."""
+    """Return whether the sign of a largest Lyapunov exponent is known, or its value to 0.01 [1/period]."""
     exponent, stderr = np.asarray(exponent), np.asarray(stderr)
     return np.asarray(is_chaotic(exponent, stderr) | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01)))
 

@@ -56,8 +56,7 @@ def flag(name: str, text: str) -> Adds:
 
 
 class Default:
-    """The default of an argument of a function of the package. Only the function states it; commands repeat no
-    default.
+    """The default of an argument of a function of the package; commands do not state it a second time.
 
     The default is read from the source, because importing the function would take long.
     """

@@ -171,8 +171,7 @@ def sweep(
     transient,
     **storing,
 ):
-    """Simulate every combination of parameters, or a sample, into a file, or into a store from which it can
-    resume."""
+    """Simulate every combination of parameters, or a sample, into a file, or into a store that can be resumed."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.orbits import NearestOrbit
     from ..sweeps.sweep import sweep as run
@@ -308,8 +307,7 @@ def _swept(
     show: str | None = None,
     **options,
 ) -> int:
-    """Run a sweep, write and draw it, print a summary, and return the exit code; keep the partial result of an
-    interrupt.
+    """Run a sweep, write and draw it, print a summary, and return the exit code; keep what an interrupt leaves.
 
     **Arguments:** `files`: None for a share of a store, which is not drawn; `options`: of `function`.
     """

@@ -138,8 +138,7 @@ class RailEnsemble(AbstractEnsemble):
         return min(parts, key=np.max, default=np.arange(count)), chosen
 
     def unseen(self, track: AbstractTrack) -> str:
-        """Return a text that names what a search along these rails has not used, and along which its designs are
-        judged."""
+        """Return a text that names what a search along these rails has not used, for the last judgement."""
         rail, chosen = replace(self, seed=self.seed + 1).conditions(track, 1)
         if not chosen:
             return f"from {len(rail)} other starts along the one rail of the search"

@@ -121,8 +121,7 @@ class OrbitObjectives:
     def _periods(
         self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray, SlopePassage]]:
-        """Return states and derivatives at the start of each forcing period of orbits, and the result of the
-        period."""
+        """Return states and derivatives at the start of each forcing period of orbits, and the period's result."""
         found = []
         for _ in range(maps.periods[index[0]]):
             passed = self.pushed(maps, index, rows, slopes)

@@ -69,8 +69,7 @@ def objective_named(objective: object, argument: str = "objective") -> Objective
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationPlan(OrbitObjectives):
-    """Objectives to evaluate, parameters with respect to which they are differentiated, and settings of
-    simulations."""
+    """Objectives to evaluate, parameters for their derivatives, and settings of simulations."""
 
     scene: Scene
     solver: diffrax.AbstractSolver

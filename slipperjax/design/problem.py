@@ -91,8 +91,7 @@ class Problem(EvaluationPlan):
 
     @property
     def unseen(self) -> "Problem":
-        """The problem along rails that a search along these rails does not use; the same problem if the rail
-        recurs."""
+        """The problem along rails that a search along these does not use; unchanged if the rail recurs."""
         return self.with_seed(self.ensemble.seed + 1) if self.on_rails else self
 
     def evaluate(
@@ -255,8 +254,7 @@ def spread_designs(
     count: int,
     fixed: int,
 ) -> list[int]:
-    """Return the indices of `count` designs: the first `fixed`, and the best of the others with a distance between
-    them.
+    """Return the indices of `count` designs: the first `fixed`, and the best others at a distance from each other.
 
     **Arguments:** `order`: indices of all designs, the best design first.
     """

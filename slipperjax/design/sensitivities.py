@@ -150,8 +150,7 @@ def _dataset(
     domain: np.ndarray,
     facts: dict[str, object],
 ) -> xr.Dataset:
-    """Return the dataset of an evaluation of one case, which may have further objectives, with `facts` as
-    attributes."""
+    """Return the dataset of an evaluation of one case, with `facts`; it may have further objectives."""
     parameters = [parameter(name, plan.scene) for name in plan.names]
     asked = slice(len(plan.objectives))
     value = evaluation.value[0, asked]

@@ -22,8 +22,7 @@ def label(q: Quantity) -> str:
 
 
 def choices(view: View) -> list[str]:
-    """Return the possible contents of the left side for a view: kinds of motions, sections, and numbers of each
-    case."""
+    """Return the possible contents of the left side for a view: kinds of motions, sections, numbers of cases."""
     ds = view.ds
     plane = len(view.names) == 2
     found = []

@@ -142,8 +142,7 @@ class Shown(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """Unit of time axes: 1 for forcing periods; for a run the length of a period [m], so that axes show
-        distance."""
+        """Unit of time axes: 1 for forcing periods; for a run a period's length [m], so that axes show distance."""
         return 1.0 if self.case.window is None else _wavelength(self.case.scene)
 
 

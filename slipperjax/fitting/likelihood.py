@@ -51,8 +51,7 @@ SHOWN = 24
 LANES = 32
 """Runs in one call."""
 SIGNIFICANCE_OF_FEATURES = 0.01
-"""Share of records with the same or a greater distance from the others, below which a model does not explain a
-record.
+"""Share of records with at least the same distance from the others, below which a model does not explain a record.
 """
 MIN_RUNS_FOR_P_VALUE = 200
 """Least number of runs near the likely parameters with which a record is compared."""
@@ -60,8 +59,7 @@ MIN_RUNS_FOR_P_VALUE = 200
 
 @dataclass(frozen=True)
 class Features(AbstractFitMethod):
-    """Fit features of the signals, over ensembles of runs with other starts, and with other rails where these are
-    random.
+    """Fit features of the signals, over ensembles of runs with other starts, and other rails if these are random.
 
     For chaotic motions and random rails, where no trajectory stays near a record. Sensors need a `noise`, and the
     speed must be constant.

@@ -1,5 +1,4 @@
-"""The result of a fit: estimates with intervals, what the record does not show, and what the model does not
-explain."""
+"""The result of a fit: estimates with intervals, and what the record does not show or the model not explain."""
 
 import functools
 from collections.abc import Sequence

@@ -52,11 +52,9 @@ class Trajectories(AbstractFitMethod):
     """
 
     starts: int = 16
-    """Number of simultaneous searches, from the points of a cover of the priors that are most similar to the
-    record."""
+    """Number of simultaneous searches, from those points of a cover of the priors that fit the record best."""
     window: int | None = None
-    """Forcing periods after which a motion begins again, where the last one ended (multiple shooting). None:
-    never."""
+    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never."""
     transient: int = 100
     """Forcing periods after which a motion serves as a first guess."""
 
@@ -176,8 +174,7 @@ class Fitting:
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
     def noise_left(self, course: Course) -> Float[np.ndarray, " sensors"]:
-        """Return the RMS of each signal's residuals, with the number of samples reduced by a share of the
-        unknowns."""
+        """Return the RMS of each signal's residuals, by its samples minus a share of the unknowns."""
         windows = self.model.windows
         unknowns = len(self.model.problem.unknowns) + self.guess[0].size
         left = (course.reading[0] - windows.value) * windows.known

@@ -90,8 +90,7 @@ def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = 
 
 
 def _unknown(one: Parameter, priors: Mapping[str, object], part: Scene | Rig) -> Unknown:
-    """Return an unknown with bounds or a distribution, which must allow the present value of the scene or the
-    sensors."""
+    """Return an unknown with bounds or a distribution that allow the present value of the scene or the sensors."""
     given = priors[one.name]
     value = float(one.of(part))
     need = "have a low and a high bound, or a frozen distribution of scipy.stats"

@@ -234,8 +234,7 @@ def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
 
 
 class Crossings(NamedTuple):
-    """Upward zero crossings of each section, in the order of `slipperjax.model.SECTIONS`, in each step; NaN without
-    one."""
+    """Upward zero crossings of each section, in the order of `slipperjax.model.SECTIONS`, in each step; or NaN."""
 
     time: Float[Array, "5 steps"]
     """Instant of the crossing [forcing periods]."""
@@ -623,8 +622,7 @@ class Course:
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """Return the mean over time of `samples`, made from samples of curves; over distance where the speed
-        changes."""
+        """Return the mean over time of `samples`, made from samples of curves; over distance if the speed changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(

@@ -92,8 +92,7 @@ def result_dataset(data: Mapping[str, Any], coords: Mapping[str, Any], attrs: Ma
 
 
 def has_one_scene(ds: "xr.Dataset") -> bool:
-    """Return whether the attributes of a result are valid for all its cases; in a result of several joined they are
-    not."""
+    """Return whether the attributes of a result are valid for all its cases, as they are not after a join."""
     if SCENE_NUMBER not in ds.coords:
         return True
     numbers = ds[SCENE_NUMBER].values

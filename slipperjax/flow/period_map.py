@@ -90,8 +90,7 @@ class PeriodMap(eqx.Module):
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Real = 0.0) -> State:
-        """Return the state after one application; `k`: number of earlier applications, which gives the place on the
-        rail."""
+        """Return the state after one application; `k`: number of earlier applications, for the place on the rail."""
         return self.run(state, k * self.periods).state
 
     @with_standard_promotion

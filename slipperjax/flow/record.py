@@ -53,8 +53,7 @@ class AbstractOutput(abc.ABC):
     name: str
     """The name in the attribute `record` of datasets."""
     each_period: bool = False
-    """Whether it has values of each recorded period, along the first axis after the axes of cases, or of all
-    together."""
+    """Whether it has values of each recorded period, on the first axis after the cases, or of all together."""
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -66,8 +65,7 @@ class AbstractOutput(abc.ABC):
         """Return about how many numbers are kept for one case in `periods`; only shapes of the scene count."""
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
-        """Raise `ValueError` for an unsuitable run: of `periods` recorded periods, with at least `steps` steps
-        each."""
+        """Raise `ValueError` for an unsuitable run: of `periods` recorded periods of at least `steps` steps."""
 
     @abc.abstractmethod
     def label(self, scene: Scene, dims: tuple[str, ...], values: PyTree) -> Labelled:
@@ -110,8 +108,7 @@ class AbstractRecord(AbstractOutput):
         return None
 
     def feed_back(self, scene: Scene, carried: PyTree, epoch: Real) -> Scene:
-        """Return the scene for the period number `epoch`, changed by values that earlier periods left in the
-        carry."""
+        """Return the scene for the period number `epoch`, changed by values of earlier periods in the carry."""
         return scene
 
     def judge(
@@ -164,8 +161,7 @@ class RecordSet:
         return any(type(r).feed_back is not AbstractRecord.feed_back for r in self.records)
 
     def renewed(self, carried: tuple[PyTree, ...], begun: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
-        """Return the carries with which the next stretch begins, from this stretch's carries and a beginning's
-        carries."""
+        """Return the carries for the beginning of the next stretch, from this stretch's and a beginning's carries."""
         parts = zip(self.records, carried, begun, strict=True)
         return tuple(mine if r.goes_on else new for r, mine, new in parts)
 
@@ -182,8 +178,7 @@ class RecordSet:
         return tuple(r.sample(course) for r in self.records)
 
     def feed_back(self, scene: Scene, carried: tuple[PyTree, ...], epoch: Real) -> Scene:
-        """Return the scene for the period number `epoch`, changed by values that earlier periods left in the
-        carries."""
+        """Return the scene for the period number `epoch`, changed by values of earlier periods in the carries."""
         # one after the other, because each may change the scene
         for r, mine in zip(self.records, carried, strict=True):
             scene = r.feed_back(scene, mine, epoch)

@@ -38,8 +38,7 @@ OF_SLIPPERS = ("slipper", ("axis", ("y", "z")))
 
 
 class Join(NamedTuple):
-    """A way to make one number of the values of all forcing periods: each value is reduced, then the result
-    finished."""
+    """A way to make one number of the values of all forcing periods: reduce each value, then finish the result."""
 
     empty: float  # the reduced value of zero periods
     reduce: Callable[..., Array]
@@ -193,8 +192,7 @@ class Record(AbstractNumber):
     greatest magnitude with its sign; or by "rms", for which `function` returns squares."""
     dims: tuple[str | tuple[str, tuple], ...] = ()
     samples: Callable[[Course], PyTree] | None = None
-    """For a greatest magnitude: the values whose magnitude counts, with samples along the first axis; for
-    `smooth`."""
+    """For a greatest magnitude, and for `smooth`: the values whose magnitude counts, samples along the first axis."""
 
     def __post_init__(self):
         require(callable(self.function), "function", "be a function of a course", self.function)
@@ -267,8 +265,7 @@ class PowerMean(AbstractNumber):
 
 @dataclass(frozen=True)
 class OnePoint(AbstractNumber):
-    """One number from a record of all contact points or slippers: the value of one, or the greatest or least of
-    all."""
+    """One number from a record of all contact points or slippers: that of one, or the greatest or least."""
 
     record: Record
     """A greatest or least value at each point or slipper, such as the highest force."""
@@ -402,8 +399,7 @@ def judged_by_contacts(
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """A record without a variable, for statuses that depend on loads: no contact, pressed in, too few steps,
-    damped."""
+    """A record without a variable, for statuses from loads: no contact, pressed in, too few steps, damped."""
 
     def values(self, scene, periods):
         return 4

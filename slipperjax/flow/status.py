@@ -112,8 +112,7 @@ class Status(enum.IntEnum):
 
 
 DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.TOO_SLOW, Status.DAMPED)
-"""Statuses of cases whose numbers were computed, but are doubtful; numbers of cases with other statuses mean
-nothing."""
+"""Statuses of cases whose numbers were computed, but are doubtful; with other statuses numbers mean nothing."""
 
 
 def is_lost(codes: AnyArray) -> np.ndarray | np.bool:
@@ -189,8 +188,7 @@ def with_loads(
     scene: Scene,
     most: Real,
 ) -> Int[Array, ""]:
-    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or `DAMPED` where the loads of a whole run show
-    this.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or `DAMPED` by the loads of a whole run.
 
     **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
     `stability_number`: the greatest, see `Loads`; `most`: its limit for the solver [1]; `damping_ratio`: the highest

@@ -68,8 +68,7 @@ class AbstractStepping(eqx.Module):
         args: Args,
         inside: bool,
     ) -> Period:
-        """Integrate one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
-        requested."""
+        """Integrate one period of diffrax's `terms` by `solver`; `inside`: whether states at all steps are needed."""
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
@@ -89,8 +88,7 @@ class AbstractEqualSteps(AbstractStepping):
 
     @abc.abstractmethod
     def loop(self, step: Callable, carry: PyTree, ends_of: Callable) -> tuple[PyTree, PyTree]:
-        """Apply `step(carry, k)` for all steps k; return the last carry, and `ends_of` all carries that records
-        need."""
+        """Apply `step(carry, k)` for all steps k; return the last carry, and `ends_of` the carries for records."""
 
     def prepared(self, solver):
         return differentiable(solver, diffrax.ForwardMode())
@@ -164,8 +162,7 @@ class ConstantSteps(AbstractEqualSteps):
         if self.steps is None:
             assert self.most is not None
 
-            # Reverse mode keeps the state of each step and computes its stages again. In a loop XLA cannot merge both
-            # computations.
+            # Reverse mode keeps each step's state and computes its stages again; in a loop XLA cannot merge both.
             @functools.partial(jax.checkpoint, prevent_cse=False)
             def scanned(carry, k):
                 carry = step(carry, k)
@@ -276,8 +273,7 @@ class ControlledSteps(AbstractStepping):
         return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, solver_state, args, inside):
-        # `wanted` is the next step that `AdaptiveSteps` would have taken; diffrax's controllers begin again in each
-        # period
+        # `wanted` is the next step that `AdaptiveSteps` would have taken; others begin again in each period
         solver_state, wanted = solver_state
         # the end is saved separately, because the last instant is interpolated
         subs = {"end": diffrax.SubSaveAt(t1=True)}

@@ -176,16 +176,14 @@ class AbstractMemory(ShapeChecked):
         return jnp.where(gap >= 0, 0.0, self.kept(jnp.where(entered, began, memory), rates, entered))
 
     def kept(self, memory: Array, rates: "Rates", entered: Array) -> Array:
-        """Return the memory of contacts after a step, from the memory at its start or at their touchdown; by default
-        the same memory.
+        """Return the memory of contacts after a step, by default unchanged from its start or from their touchdown.
 
         **Arguments:** `rates`: of the gaps in the step; `entered`: whether the points touched down in the step.
         """
         return memory
 
     def at_touchdown(self, gap: Array, rate: Array) -> Array:
-        """Return the memory of points in contact [`unit`] from their rate at touchdown [m/s]; by default
-        `initial`."""
+        """Return the memory of points in contact [`unit`] from the rate at touchdown [m/s], by default `initial`."""
         return self.initial(gap, rate)
 
     @staticmethod

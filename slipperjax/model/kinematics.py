@@ -174,8 +174,7 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
-    """Return the clearance of the tightest face with play, over the clearance 1 mm of `MOTION_SCALES`; at most 1
-    [1]."""
+    """Return the clearance of the tightest face with play, over 1 mm as in `MOTION_SCALES`; at most 1 [1]."""
     # faces without play do not count
     play = _side_by_side([slipper.section.play for slipper in scene.mounted])
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
@@ -330,8 +329,7 @@ def contact_points(scene: Scene) -> Points:
     arms = []
     for slipper in slippers:
         count = slipper.section.points.shape[0]
-        # A constant array: an index that is computed inside the loop over cases and points would prevent
-        # vectorisation.
+        # A constant array: an index computed inside the loop over cases and points would prevent vectorisation.
         x = slipper.length * np.repeat([0.5, -0.5], count)
         own = (x, *both(slipper.section.points))
         arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])

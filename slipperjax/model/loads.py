@@ -39,8 +39,7 @@ class AbstractLoad(ShapeChecked):
 
 
 class AppliedLoad(AbstractLoad):
-    """Constant loads, such as a share of the sled's weight, and loads such as lift and drag by the square of the
-    speed.
+    """Constant loads, such as a share of the sled's weight, plus lift and drag by the square of the speed.
 
     ```python
     load = sj.model.AppliedLoad(force=[0.0, 0.0, -800.0], force_by_square=[-0.02, 0.0, 0.01])

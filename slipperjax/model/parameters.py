@@ -38,8 +38,7 @@ class Parameter(Quantity):
     path: str
     """Fields that lead to the leaf, joined by points; empty for a number of the start."""
     check: Check
-    """Converter of values [unit] to an array; raises `ValueError` for values out of range, warns of implausible
-    ones."""
+    """Converter of values [unit] to an array: raises `ValueError` out of range, warns of implausible values."""
     index: tuple[int, ...] = ()
     """Place in the leaf where the leaf is an array, after axes of cases."""
 
@@ -262,8 +261,7 @@ def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
 
 
 def _at_path(path: str, scene: eqx.Module) -> Parameter:
-    """Return the parameter at a path: fields of modules, then indices into an array; a point's index may be a
-    name."""
+    """Return the parameter at a path: fields of modules, then indices into an array, for points also names."""
     words = path.split(".")
     owner = scene
     part: Any = scene

@@ -310,8 +310,7 @@ class SampledTrack(AbstractRail):
 
 @at_once
 def ramps(away: Array, ramp: Array) -> Array:
-    """Return factors that rise from 0 at the ends of a rail to 1 at the distance `ramp`; `away`: from the ends
-    [m]."""
+    """Return factors from 0 at a rail's ends to 1 at the distance `ramp`; `away`: distance from the ends [m]."""
     return jnp.where(ramp > 0, smooth_step(away / jnp.where(ramp > 0, ramp, 1.0)), 1.0)
 
 
@@ -472,8 +471,7 @@ class TrackSet(AbstractRail):
         return self._most("wavelength")
 
     def prepared(self):
-        """Return the chosen rail's spline, with as many coefficients as the longest rail; for pairs both rails'
-        splines."""
+        """Return the chosen rail's spline, with as many coefficients as the longest; for pairs both splines."""
         if self.rails:
             return TwoRails(**{name: rail.prepared() for name, rail in self.rails.items()}, gauge=self.gauge)
         splines = [track.prepared() for track in self.tracks]

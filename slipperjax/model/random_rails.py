@@ -149,8 +149,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: object) -> "RandomTrack":
-        """Return a rail with the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25
-        m."""
+        """Return a rail with the German railways' spectra, "low" or "high" disturbance; wavelengths of 3 to 25 m."""
         # A of the vertical and of the lateral alignment [m^2 rad/m]
         amplitudes = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
         vertical, lateral = amplitudes[one_of("disturbance", disturbance, tuple(amplitudes))]
@@ -206,8 +205,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def like(cls, survey: SampledTrack, **options: object) -> "RandomTrack":
-        """Return a rail with a survey's own spectra, from an eighth of its length to three samples, and its
-        coherence.
+        """Return a rail with a survey's coherence and spectra, from an eighth of its length to three samples.
 
         ```python
         survey = sj.load_rail("survey.csv")

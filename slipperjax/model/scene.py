@@ -144,8 +144,7 @@ class Scene(ShapeChecked):
 
     @property
     def slowest_travel(self) -> Travel:
-        """Travel at the least speed of all, where an impact takes the shortest way; see `slowest_between` for a
-        stretch."""
+        """Travel at the least speed of all, where an impact takes the shortest way; see also `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
         # a speed between two places is between the speeds at the places

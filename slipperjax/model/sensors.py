@@ -195,8 +195,7 @@ class Rig(eqx.Module):
 
     @classmethod
     def of(cls, sensors: object) -> "Rig":
-        """Return sensors as one module; raises `ValueError` unless they are a list of sensors with different
-        names."""
+        """Return sensors as one module; raises `ValueError` unless they are a list with different names."""
         listed = instance("sensors", sensors, Sequence, "a list of slipperjax.model.Sensor")
         require(len(listed), "sensors", "have one or more", shown="none")
         for sensor in listed:

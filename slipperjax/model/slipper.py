@@ -101,8 +101,7 @@ class Slipper(AbstractBody):
 
 
 def check_inertia(body: AbstractBody, length: Real, unit: str) -> None:
-    """Warn of moments of inertia that are impossible for a body of a length [m]; `unit`: name of the length,
-    plural."""
+    """Warn of moments of inertia that no body of a length [m] can have; `unit`: name of the length, plural."""
     if is_traced((body.mass, body.inertia, length)) or body.inertia.shape != (3,):
         return
     inertia = np.asarray(body.inertia)

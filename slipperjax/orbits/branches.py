@@ -147,8 +147,7 @@ class OrbitBranch(Result):
         bounds: tuple[float, float] | None = None,
         **options: object,
     ) -> "OrbitBranch":
-        """Follow the branch further, from ends by interrupt, by an event of `until`, by the number of points, or at a
-        bound.
+        """Follow the branch further, from ends by interrupt, event of `until`, number of points, or bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
         `continue_orbit`.
@@ -162,8 +161,7 @@ class OrbitBranch(Result):
         bounds: tuple[float, float] | None = None,
         **options: object,
     ) -> "OrbitBranch":
-        """Follow another branch from an event: at a flip the branch of twice the period, at a branch point the branch
-        that crosses.
+        """Follow another branch from an event: twice the period at a flip, the crossing branch at a branch point.
 
         **Arguments:** as for `extended`.
 
@@ -253,8 +251,7 @@ class _Settings:
         until: Sequence[str] = (),
         progress: bool | None = None,
     ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start, with a progress bar; after Ctrl-C raise `Interrupted`
-        with it."""
+        """Return the branch that `walk` makes from a start, with a progress bar, or after Ctrl-C in `Interrupted`."""
         with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
             branch = walk(
                 *start,

@@ -92,8 +92,7 @@ class Probe(NamedTuple):
 
 
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
-    """Return the errors of `count` periods of a run, equally spaced from the first to the last, or of all periods if
-    fewer.
+    """Return the errors of `count` periods of a run, equally spaced from the first to the last, or of all if fewer.
 
     **Arguments:** `states`: saved in the run, `saves` per period; the run began at forcing period number `epoch`.
     """
@@ -441,8 +440,7 @@ def simulate(
         stepping = dynamic_steps(steps, most=most if records.inside else None)
     run = PeriodMap(scene, stepping, solver)
     if traced:
-        # the start is made inside, so that derivatives are with respect to the caller's few numbers, not a whole
-        # state
+        # the start is made inside, so that derivatives are by the caller's few numbers, not by a whole state
         first, passage = call_compiled(_from_start, run, (periods, records), start, epoch)
     else:
         first = initial_state(scene, start, epoch)
@@ -593,8 +591,7 @@ def first_of(start: object) -> Motion | State:
 
 
 def beginning_of(scene: Scene, begin: Real | None) -> Real:
-    """Return where a run begins [m], by default the beginning of its rail. A traced place outside the rail becomes
-    NaN.
+    """Return where a run begins [m], by default the rail's beginning. A traced place outside the rail becomes NaN.
 
     **Raises:** `ValueError` for a place outside the rail; by default also for a programme of speeds, or a table of
     wear or of loads, that has ended before the rail begins.
@@ -622,8 +619,7 @@ def beginning_of(scene: Scene, begin: Real | None) -> Real:
 
 
 def beginning(scene: Scene, begin: Real | None, start: Any) -> tuple[Real, Motion | State]:
-    """Return where a run begins [m], and its start; for a dataset of `slipperjax.run`, the state kept at this
-    place."""
+    """Return where a run begins [m], and its start, for a dataset of `slipperjax.run` the state kept there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)
     states = start.get("state")

@@ -67,8 +67,7 @@ def of_runs(share: float) -> str:
 
 
 def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
-    """Draw the shares of runs below each value, with the quantiles and their 95 % intervals, and the differences
-    between designs.
+    """Draw the shares of runs below each value, the quantiles with 95 % intervals, and the designs' differences.
 
     **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default the units of the
     scene's file.

@@ -164,8 +164,7 @@ def _finish_plane(
 
 
 def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> ScalarMappable:
-    """Draw trials coloured by the minimised number, grey without a motion, as triangles where they violate a
-    constraint.
+    """Draw trials coloured by the minimised number, grey without a motion, as triangles if a constraint is violated.
 
     **Returns:** the dots, for a colour bar.
     """

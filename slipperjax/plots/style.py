@@ -266,8 +266,7 @@ def highest(ds: xr.Dataset, name: str, *dims: str, unit: Quantity | None = None)
 
 
 def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return the coordinates and variables over some dimensions as columns, in display units, which their heads
-    state.
+    """Return the coordinates and variables over some dimensions as columns, in display units stated in their heads.
 
     **Arguments:** `along`: names of the dimensions; none for one case, whose table has one row; `units`: such as
     ("ft", "lbf").
@@ -325,8 +324,7 @@ def drawing(
 def page(
     rows: int, columns: int, height: float, ds: xr.Dataset | None = None, *, full: bool = True, **options: Any
 ) -> Iterator[np.ndarray]:
-    """Yield the Axes of a new figure in `STYLE`, with the width of a page and a `height` in inches, titled as by
-    `drawing`.
+    """Yield the Axes of a new figure in `STYLE`, as wide as a page and `height` inches high, titled as by `drawing`.
 
     **Arguments:** `options`: as for `plt.subplots`.
     """

@@ -122,8 +122,7 @@ def _results(view: RunView) -> Iterator[str]:
 
 
 def _net_loads(view: RunView) -> Iterator[str]:
-    """Yield the greatest net forces of slippers, vertical and lateral, with their places, and the greatest
-    moments."""
+    """Yield the greatest net forces of slippers, vertical and lateral, their places, and the greatest moments."""
     ds = view.ds
     for axis in ("z", "y"):
         at = peak_of(ds.sel(axis=[axis]), NET)

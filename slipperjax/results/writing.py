@@ -133,8 +133,7 @@ def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Co
 def _picture(
     kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
 ) -> Content:
-    """Return the picture of a result as the content of a file; the PDF of a result with a report has all its
-    pages."""
+    """Return the picture of a result as the content of a file; a PDF has all pages of the report, if any."""
     import matplotlib
 
     matplotlib.use("Agg")  # this backend needs no screen

@@ -20,8 +20,7 @@ from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
-    """Cubic in the motion. A latched memory is constant during a step; it is the memory that the contact has in
-    it."""
+    """Cubic in the motion; a latched memory is constant during a step, with the contact's value in this step."""
 
     frozen: Array | None
 
@@ -81,8 +80,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     """Whether forcing periods of equal steps begin with `init`: a period is then a function of the state alone."""
 
     def rates(self, solver_state: PyTree) -> Motion | None:
-        """Return the motion's derivative at a step's end [per forcing period] if the solver knows it; by default
-        None."""
+        """Return the motion's derivative at a step's end [per forcing period] if known to the solver; else None."""
         return None
 
     def init(self, terms, t0, t1, y0, args):

@@ -18,8 +18,7 @@ OWN_SOLVERS = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, 
 
 
 def solver_named(name: str) -> diffrax.AbstractSolver:
-    """Return a solver by its name, of slipperjax or else of diffrax; "diffrax.Tsit5" is diffrax's where both have
-    one.
+    """Return a solver by its name, of slipperjax or else of diffrax; "diffrax.Tsit5" is always diffrax's.
 
     **Raises:** `ValueError` for a name that is no solver's name, or for a solver that needs arguments.
     """
@@ -67,8 +66,7 @@ def resolve_controller(
     controller: object,
     solver: diffrax.AbstractSolver,
 ) -> diffrax.AbstractStepSizeController | None:
-    """Return the step size controller, None for constant steps. Its floats become arrays, so that new values need no
-    compilation.
+    """Return the step size controller, None for constant steps, with arrays in place of floats: no new compilation.
 
     **Raises:** `ValueError` for an object that is no controller, or an adaptive controller with a solver that has no
     error estimate.

@@ -52,8 +52,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """Return the stages with a further one: the body of a loop, because unrolled stages take minutes to
-            compile."""
+            """Return the stages with a further one, as a loop's body: unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
             # exactly t1 at the end, so that the rail there equals the rail at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)

@@ -57,8 +57,7 @@ def compare(
     product: bool = True,
     **options: object,
 ) -> Result:
-    """Compare designs by runs over the same rails from the same starts: which design is better, and how certain this
-    is.
+    """Compare designs by runs over the same rails from the same starts: which is better, and how certain this is.
 
     ```python
     ds = sj.compare(scene, {"clearance": [0.8e-3, 1.5e-3]}, length=300.0)
@@ -142,16 +141,14 @@ def compare(
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance") -> Float[np.ndarray, " cases"]:
-    """Return the number of each run over all its windows, the highest of all points or slippers; NaN for lost
-    runs."""
+    """Return the number of each run over its windows, the highest of all points or slippers; NaN for lost runs."""
     joined = whole_run(ds, record, mean_over).transpose("case", ...).values
     numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 
 def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
-    """Return a scene on a track of many rails, and the parameters that choose a rail, with their value for each
-    rail."""
+    """Return a scene on a track of many rails, and the parameters that choose a rail, with values for each."""
     track = scene.track
     count = np.arange(float(rails))
     if rails == 1:

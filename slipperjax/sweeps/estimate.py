@@ -22,8 +22,7 @@ class Estimate:
     workers: int = field(default_factory=cores)
     """Cores that compute."""
     tiles: Tiling | None = None
-    """Number of tiles of a store, one at a time for each worker; None without a store: memory holds all results
-    then."""
+    """Number of tiles of a store, one at a time for each worker; None: no store, all results in memory."""
     free: float = math.inf
     """Bytes that are free on the disk of the store."""
     shared: bool = False

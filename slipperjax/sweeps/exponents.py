@@ -187,8 +187,7 @@ def least_mean_life(measured: int) -> float:
 AGREE = 1e-3
 """Differences between exponents [1/period] that are always accepted, even with smaller standard errors."""
 STEADY = 1e-2
-"""Differences between the halves of a record [1/period] that are always accepted, even with smaller standard
-errors."""
+"""Differences between the halves of a record [1/period] that are accepted for all standard errors."""
 
 
 class Checks(NamedTuple):
@@ -316,15 +315,13 @@ def _checked(
 class LyapunovExponents(AbstractStage):
     """The largest Lyapunov exponents of each case, with a certificate, see `slipperjax.lyapunov_sweep`.
 
-    Exponents belong to the orbit that a case has reached at the end of the recorded periods, or are measured from
-    there.
+    Exponents come from the orbit that a case has reached at the end of the recorded periods, or from a measurement.
     """
 
     count: int = 1
     """Number of exponents, the largest first."""
     periods: int | None = None
-    """Forcing periods of the measurement, rounded up to multiples of `BLOCK`; None for the number of recorded
-    periods."""
+    """Forcing periods of the measurement, rounded up to multiples of `BLOCK`; None: as many as are recorded."""
     certify: bool = True
     """Whether each case is checked."""
     orbits: bool = True

@@ -214,8 +214,7 @@ class Cases(Grid):
 
     @property
     def bytes_of_rail(self) -> int:
-        """Memory of the prepared rail of each case; 0 where all cases share one rail, or where nothing is
-        prepared."""
+        """Memory of the prepared rail of each case; 0 where all share one rail, or where nothing is prepared."""
         track = self.scene.track
         shared = not any(name.partition(".")[0] == "track" for name in self.axes)
         if shared or type(track).prepared is AbstractTrack.prepared:

@@ -208,8 +208,7 @@ class Orbits(NamedTuple):
 
     @property
     def stable(self) -> np.ndarray:
-        """Whether all multipliers are inside the unit circle by more than their errors, so that the orbit
-        attracts."""
+        """Whether all multipliers are inside the unit circle by more than their errors: the orbit attracts."""
         return np.abs(self.multipliers[:, 0]) < 1 - circle_error(self.multipliers)
 
 
@@ -344,8 +343,7 @@ def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
 
 
 def _residuals(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the greatest scaled component of the change of each state over its period; infinity for states with
-    NaN."""
+    """Return the greatest scaled component of each state's change over its period; infinity for NaN."""
     greatest = np.max(np.abs(np.where(weights > 0, weights * miss, 0.0)), axis=1)
     return np.where(np.all(np.isfinite(miss), axis=1), greatest, np.inf)
 

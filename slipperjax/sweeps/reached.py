@@ -137,8 +137,7 @@ def _sound(orbits: Orbits) -> np.ndarray:
 
 
 def _along(maps: Maps, states: State) -> np.ndarray:
-    """Return coordinates at the start of each forcing period, (cases, periods, coordinates), of cases with an
-    orbit."""
+    """Return coordinates at the start of each forcing period, (cases, periods, coordinates), of orbits."""
     index = np.flatnonzero(maps.periods)
     path, _ = maps.path(index, rows_of(states)[index])
     # all cases at once, so that one program serves for any number of cases

@@ -387,8 +387,7 @@ def _times(
 
 
 def _with_rates(ds: xr.Dataset) -> xr.Dataset:
-    """Add values that follow from windows, for each stretch: rates of impacts, and percentiles of the highest
-    forces."""
+    """Add values that follow from windows, for each stretch: rates of impacts, percentiles of highest forces."""
     which = np.arange(ds.sizes["distance"]) // STRETCH
     stretch = ds["distance"].copy(data=ds["stretch"].values[which]).rename("stretch")
     if "impacts" in ds:

@@ -52,8 +52,7 @@ def _peak(k: int, q: Quantity) -> Record:
 
 @dataclass(frozen=True)
 class AccelerationHistory(AbstractNumber):
-    """Accelerations of the body at equal distances, from which `slipperjax.environment` computes those of any
-    place."""
+    """Accelerations of the body at equal distances; `slipperjax.environment` computes those of any place."""
 
     samples: int = 64
     """Samples in each window of distance."""

@@ -29,8 +29,7 @@ def is_live() -> bool:
 def bar(
     wanted: bool | None, *, programs: int = 1, meanwhile: Callable[[], object] | None = None, **options: Any
 ) -> "Iterator[tqdm]":
-    """Show tqdm's bar, with its `options`; in files and pipes, one line at most every ten seconds and at least every
-    minute.
+    """Show tqdm's bar, with its `options`; in files and pipes a line every 10 s at most, every minute at least.
 
     The bar shows when a program that steps through time is being compiled.
 

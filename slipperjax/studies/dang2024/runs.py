@@ -62,8 +62,7 @@ CaseList = dict[str, np.ndarray]
 
 
 def cases(**varied: Numbers) -> CaseList:
-    """Return a list of cases from values of some parameters; other parameters are those of the paper's nominal
-    case."""
+    """Return a list of cases from values of some parameters; others are those of the paper's nominal case."""
     count = len(next(iter(varied.values())))
     nominal = {"speed": 1250.0, "clearance": 1e-3, "length": 0.2}
     return {name: np.asarray(varied.get(name, np.full(count, value))) for name, value in nominal.items()}
@@ -127,8 +126,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
 
 
 def follow_branches(name: str, flips: int, **options: bool | None) -> Iterator[OrbitBranch]:
-    """Yield the branch over a parameter through the paper's nominal case; over speed also branches of twice the
-    period.
+    """Yield the branch over a parameter through the paper's nominal case; over speed also those of twice the period.
 
     A diagram shows the motion to which one start leads, a branch shows a motion wherever it exists. Where a motion
     disappears from a diagram, there are two possibilities. Its branch ends or becomes unstable at an event; or the
