@@ -198,7 +198,7 @@ def start_of(ds: "xr.Dataset") -> Motion | State:
 
 
 def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
-    """Return the scene and the start from which all cases of a result differ; raises as `scene_of`."""
+    """Return the scene and the start of a result, without varied values; raises as `scene_of`."""
     # a clear error where the attribute is missing or not JSON
     _described(ds, "scene")
     need = "be of one scene: these are joined from several, and only the first's is known"
