@@ -19,7 +19,7 @@ MIN_TEST = 200
 """Least number of periods to distinguish tori from chaos. With this number K of some tori is up to 0.9, which gives
 "unresolved"."""
 ENOUGH = 1000
-"""Number of periods with which tori are recognised."""
+"""Number of periods that is enough to recognise tori."""
 ROUND = 8
 """Most binary digits of a round number."""
 AT_ONCE = 10

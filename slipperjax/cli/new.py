@@ -135,7 +135,7 @@ REMARKS = {
     "ramp": "over which it becomes straight at its ends",
     "first": "where it begins",
 }
-"""Values of a random rail."""
+"""Explanations of the values of a random rail."""
 
 FRICTION = Template("""\
 [friction]

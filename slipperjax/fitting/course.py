@@ -54,7 +54,7 @@ class Windows(NamedTuple):
     lag: Int[np.ndarray, " windows"]
     """Forcing periods from the beginning of the run to the beginning of the window."""
     periods: int
-    """Values of each window."""
+    """Forcing periods of each window."""
     time: Float[np.ndarray, "windows sensors samples"]
     """Times of the samples since the beginning of the run [s]."""
     value: Float[np.ndarray, "windows sensors samples"]

@@ -285,7 +285,7 @@ class _Settings:
             "tolerance": self.tolerance,
         }
         ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
-        # the points of a branch are not those of a contact
+        # contact points are called `contact`, because `point` means the points of the branch
         labels = {name.replace("point", "contact"): of for name, of in scene.point_labels.items()}
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), *scene.point_shape)
         signatures = [view.signature for view in views]

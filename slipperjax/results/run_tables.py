@@ -18,7 +18,7 @@ PLACED = {
     "peak_slipper_force": ("slipper_load", "peak_slipper_distance"),
     "peak_force": ("point", "peak_distance"),
 }
-"""For the forces of `PEAKS`: the point or load, its name in texts, and the place."""
+"""Columns for the highest forces of `PEAKS`: their load or point, as a text, and their place."""
 SIGNED = ("peak_slipper_force", "peak_slipper_moment")
 """Numbers for which the value of greatest magnitude counts."""
 HUNDRED = 100.0

@@ -312,9 +312,7 @@ def _columns(
 def _step_change(
     pairs: Float[np.ndarray, "rails twice_cases"], quantile: float | None, **draws: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the relative change of each case by more steps, and its standard error [1]; values with more steps are
-    first.
-    """
+    """Return the relative change of each case by more steps, whose values come first, and its standard error [1]."""
     if len(pairs) < least_rails(quantile):
         unknown = np.full(pairs.shape[1] // 2, np.nan)
         return unknown, unknown

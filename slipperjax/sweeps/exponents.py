@@ -185,7 +185,7 @@ def least_mean_life(measured: int) -> float:
 # --- the certificate ------------------------------------------------------------------------------------------------
 
 AGREE = 1e-3
-"""Differences between exponents [1/period] that are always accepted, even with smaller standard errors."""
+"""Differences between exponents [1/period] that are accepted for all standard errors."""
 STEADY = 1e-2
 """Differences between the halves of a record [1/period] that are accepted for all standard errors."""
 

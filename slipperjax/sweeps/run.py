@@ -114,7 +114,7 @@ class Ride:
         for k, span in enumerate(spans, passed):
             seen = part.plan.seen(span)
             if seen != self._records:
-                # records begin with values that other records left in the carry
+                # these records begin here; other records sampled the spans before
                 self._records = seen
                 self._carry = self._begun()
             part.on_progress(0)  # stops here after Ctrl-C
