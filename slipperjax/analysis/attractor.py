@@ -67,7 +67,6 @@ def zero_one_test(
     displacement of sum_j phi_j exp(i j c) over n <= periods / 10 steps. Gottwald and Melbourne 2009,
     doi:10.1137/080718851. A constant series has K = 0. Noise has K near 1.
 
-    **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period and not an oversampled
     **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period, not an oversampled record;
     `samples`: number of values of c; `seed`: of the random c.
 

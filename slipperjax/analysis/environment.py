@@ -108,7 +108,6 @@ def window_densities(
     Bands narrower than the resolution 1 / `window`, or above half the sampling rate or `highest`, are NaN.
 
     **Arguments:** `rate` [Hz]; `edges` of bands [Hz], shape (bands + 1,); `window` [s]: by default the shortest that
-    **Arguments:** `rate` [Hz]; `edges` of bands [Hz], shape (bands + 1,); `window` [s]: by default the shortest that
     resolves every band, 0.41 s for `band_edges`, and at most the record; `highest`: frequency up to which each sample
     is reliable [Hz], shape (samples,).
 

@@ -122,6 +122,7 @@ def event_margins(
     default the worst case, and the case with the largest multiplier; `width`: greatest change, relative to the
     magnitude of the parameter, or to the width of its bounds where a variable is zero [1]; `points`: most points of
     each branch.
+
     **Returns:** an `xarray.Dataset` along `margin`: `case`, `parameter`, `direction` (-1 or 1), `label` of the event
     (empty where no event was met), `value` of the parameter there, or where the branch ended, and `change` from the
     design, in SI units; `relative` change [1], as `width`.

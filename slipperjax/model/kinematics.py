@@ -188,7 +188,8 @@ def accuracy_scales(scene: Scene) -> Motion:
 
     With less play than 1 mm the scales of displacements and attitude are smaller in proportion, because an error of
     the size of the play makes all results wrong. With contact points farther than 0.1 m from the centre of mass the
-    scales of attitude and spin are smaller in proportion. Scales of parts are as in `with_parts`."""
+    scales of attitude and spin are smaller in proportion. Scales of parts are as in `with_parts`.
+    """
     share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
     body = scene.slipper
     # the scale of the attitude moves a point by the scale of displacements; a quaternion's component is half an angle

@@ -47,7 +47,7 @@ class Maps(NamedTuple):
 
     `index` gives cases by their places in the batch, and `rows` their states as rows of numbers. Each period is one
     call, as in the Jacobian. Therefore cases of different periods share programs, and solvers restart in the same
-    way. call, as in the Jacobian: cases of different periods share programs, and solvers restart alike.
+    way.
     """
 
     scenes: Batched[Scene]
