@@ -1,6 +1,6 @@
 """Pseudo-arclength continuation: curves of solutions of n equations for n + 1 unknowns, followed through folds.
 
-The curve is given by `AbstractEquations`. `Walk` predicts the next point along the tangent, corrects it by Newton's
+`AbstractEquations` gives the curve. `Walk` predicts the next point along the tangent, corrects it by Newton's
 method in the plane across the tangent, and adapts its step to the number of iterations (Keller 1977; Allgower and
 Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
 """
@@ -27,7 +27,7 @@ CRITICAL_DISTANCE = 1e-6
 
 
 class _OnPlane(AbstractEquations):
-    """Equations of a curve, completed by that of a plane across it: row @ z = target."""
+    """Equations of a curve, completed by the equation of a plane across it: row @ z = target."""
 
     equations: AbstractEquations
     row: Array
@@ -47,19 +47,18 @@ class _OnPlane(AbstractEquations):
 
 
 class Observation(NamedTuple):
-    """Properties of a point that the caller of a continuation observes; grazings are detected by them."""
+    """Properties of a point that the caller of a continuation observes; they show grazings."""
 
     counts: tuple[int, ...] = ()
-    """Numbers of events in a period, by kind, such as the touchdowns of each contact point. At a grazing one of them
-    changes."""
+    """Numbers of events in a period, by kind, such as touchdowns of each contact point; one changes at a grazing."""
     margins: tuple[float, ...] = ()
-    """For each kind, a distance from such a change: zero there, and continuous near it."""
+    """For each kind, a distance from such a change: zero at the change, and continuous near it."""
     data: Any = None
     """Any other data of the caller."""
 
 
 class Node(NamedTuple):
-    """A point of a curve as Newton's method left it, with the tangent there.
+    """A point of a curve from Newton's method, with the tangent there.
 
     On branches of motions `slipperjax.analysis.events.observed` fills in `multipliers`, `errors` and `view`.
     """
@@ -70,7 +69,7 @@ class Node(NamedTuple):
     weights: Float[Array | np.ndarray, " more"]
     """Weights of the unknowns in lengths along the curve."""
     residual: Float[Array | np.ndarray, ""]
-    """Greatest weighted component of the residual; infinite where that is not finite."""
+    """Greatest weighted component of the residual; infinite where it is not finite."""
     iterations: Int[Array | np.ndarray, ""]
     matrices: Float[Array | np.ndarray, "intervals size size"] | None
     """Jacobians of the successive intervals of a motion, see `Linearisation`."""
@@ -81,7 +80,7 @@ class Node(NamedTuple):
     """Rounding errors of the multipliers."""
     view: Observation = Observation()
     label: str = ""
-    """Label of the event at this point; empty where there is none."""
+    """Label of the event at this point; empty where there is no event."""
 
     @property
     def row(self) -> Float[Array | np.ndarray, " more"]:
@@ -94,7 +93,7 @@ class Node(NamedTuple):
 
     @property
     def conserved(self) -> bool:
-        """True where the map is conservative, so that multipliers on the unit circle do not destabilise."""
+        """Whether the map is conservative, so that multipliers on the unit circle do not destabilise."""
         return bool(is_conservative(self.multipliers))
 
     def margins(self, conserved: bool) -> Float[np.ndarray, " size"]:
@@ -103,19 +102,19 @@ class Node(NamedTuple):
 
     @property
     def critical(self) -> bool:
-        """True at a bifurcation, where rounding errors decide on which side the critical multiplier lies."""
+        """Whether the point is a bifurcation, where rounding errors decide the side of the critical multiplier."""
         return self.label in ("LP", "PD", "NS", "BP")
 
     @property
     def outside(self) -> int:
-        """Number of multipliers outside the unit circle, by more than their errors and without a critical one."""
+        """Number of multipliers outside the unit circle by more than their errors, without a critical multiplier."""
         near = np.maximum(self.margins(self.conserved), CRITICAL_DISTANCE * self.critical)
         return int(np.sum(np.abs(self.multipliers) > 1 + near))
 
     def beyond(self, conserved: bool, sign: int = 0) -> int:
         """Return the number of multipliers outside the unit circle, by more than their errors.
 
-        **Arguments:** `sign`: 1 or -1 counts only real multipliers above 1 or below -1.
+        **Arguments:** `sign`: with 1 or -1 only real multipliers above 1 or below -1 count.
         """
         mu = self.multipliers
         sizes = np.where(mu.imag == 0, sign * mu.real, 0.0) if sign else np.abs(mu)
@@ -133,7 +132,7 @@ def correct(
 ) -> Node:
     """Find the curve's point on the plane through `z` across `row` by Newton's method; return it in NumPy arrays.
 
-    **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
+    **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side of `row`.
     `near`: the point of the curve from which `z` was predicted, if any. `tolerance`: residual at which the iteration
     ends; `iterations`: most iterations.
     """
@@ -157,7 +156,7 @@ def _correct(
     first = equations.project(z, near, jnp.zeros(z.size - 1))
     root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
     now = root.linearisation
-    # the direction in which no equation changes, by one along `row`
+    # the direction in which no equation changes; its component along `row` is one
     tangent = solve(now.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
     weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
@@ -197,7 +196,7 @@ class Walk:
     step: float
     """Length of the step to try next."""
     smooth: bool = True
-    """False for equations with rough derivatives: then the last chord predicts the next point, not the tangent."""
+    """False for equations with rough derivatives: then the last chord, not the tangent, predicts the next point."""
     ended: str = ""
     """Reason why the walk has ended: "bound" or "no convergence"; empty before."""
 
@@ -212,7 +211,7 @@ class Walk:
                 if self.step < self.pace.least:
                     self.ended = "no convergence"
                 continue
-            # a fast correction shows that the curve is nearly straight, so that a longer step will do
+            # after a fast correction the curve is nearly straight, so that a longer step is possible
             if point.iterations <= 3:
                 self.step = min(1.5 * self.step, self.pace.most)
             elif point.iterations >= 5:
@@ -223,12 +222,12 @@ class Walk:
                     chord = within.z - before.z
                     within = within._replace(tangent=chord / within.length(chord))
                 self.last = within
-                # borders of critical motions follow the curve
+                # borders of critical motions move along the curve
                 self.equations = self.equations.update(within.z, within.null_vectors)
                 yield within
 
     def _within(self, point: Node) -> Node | None:
-        """Return the point, or the curve's point on the bound where it is beyond; None where there is neither."""
+        """Return the point, or the curve's point on a bound if the point is beyond it; None without either."""
         beyond = (point.z < self.low) | (point.z > self.high)
         if not np.any(beyond):
             return point
@@ -238,11 +237,11 @@ class Walk:
             return None
         edges = np.clip(point.z, self.low, self.high)
         chord = point.z - self.last.z
-        # share of the chord at which each bound is met
+        # share of the chord at which it crosses each bound
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(beyond, (edges - self.last.z) / chord, np.inf)
         k = int(np.argmin(shares))
-        # correct in the plane of the bound that is met first
+        # correct in the plane of the bound that is crossed first
         row = np.zeros_like(chord)
         row[k] = np.sign(chord[k])
         guess = self.last.z + shares[k] * chord
@@ -254,26 +253,26 @@ class Walk:
         return None
 
     def _good(self, point: Node, guess: np.ndarray) -> bool:
-        """Return whether a corrected point is the next one of the curve, not a point of another part of it."""
+        """Return whether a corrected point is the next point of the curve, not a point of another part of it."""
         if not point.residual <= self.tolerance:
             return False
         strayed = point.length(point.z - guess)
         if self.step < 2 * self.pace.least:
-            # at a corner no step is short enough for the other tests; but a curve has no gaps
+            # at a corner no step is short enough for the other tests, but a curve has no gaps
             return strayed < 10 * self.step
         near = strayed < 0.5 * self.step
         if not self.smooth:
             return near
         chord = point.weights * (point.z - self.last.z)
         mean = point.weights * (point.tangent + self.last.tangent)
-        # On a circle a step has the direction of the mean of the tangents at its ends. It has not where it ends on a
-        # branch point, whose tangent is undetermined.
+        # On a circle a step has the direction of the mean of the tangents at its ends. This test fails where a step
+        # ends on a branch point, whose tangent is undetermined.
         arched = chord @ mean > 0.995 * np.linalg.norm(chord) * np.linalg.norm(mean)
         return bool(point.row @ self.last.tangent > LEAST_TURN and near and arched)
 
 
 def checked_bounds(bounds: object, text: str = "numbers") -> tuple[float, float]:
-    """Return two bounds as floats, which may be infinite; raise `ValueError` unless the first is the smaller one."""
+    """Return two bounds as floats, which may be infinite; raise `ValueError` unless the first is smaller."""
     try:
         low, high = map(float, bounds)  # type: ignore[call-overload]
     except (TypeError, ValueError):

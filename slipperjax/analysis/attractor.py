@@ -1,7 +1,7 @@
 """Classification of attractors from states once per forcing period (stroboscopic states): motions of period n, tori
 and chaos.
 
-A motion is of a class only if it meets all criteria of the class; otherwise it is "unresolved".
+A motion gets a class only if it meets all criteria of the class; otherwise it is "unresolved".
 """
 
 import math
@@ -16,16 +16,16 @@ from .kinds import Regime
 from .lyapunov import check_real, weighted_mean
 
 MIN_TEST = 200
-"""Least number of periods for telling tori from chaos. With so few, K of some tori is up to 0.9, which gives
+"""Least number of periods to distinguish tori from chaos. With this number K of some tori is up to 0.9, which gives
 "unresolved"."""
 ENOUGH = 1000
-"""Periods with which tori are told."""
+"""Number of periods that is enough to recognise tori."""
 ROUND = 8
 """Most binary digits of a round number."""
 AT_ONCE = 10
-"""Most binary digits that a map loses in a step, as x -> 1024 x mod 1 does: more at once were not lost by a map."""
+"""Most binary digits that a map loses in a step, as x -> 1024 x mod 1 does; a greater loss has another cause."""
 LEAST_LOST = 16
-"""Least binary digits that it loses in successive steps; records of instruments have no more."""
+"""Least number of binary digits that a map loses in successive steps; records of instruments have no more digits."""
 LOST_DIGITS = "as where a map loses a binary digit in each step"
 
 
@@ -37,13 +37,13 @@ class Attractors(NamedTuple):
     period: np.ndarray
     """n for a motion of period n [forcing periods], 0 for all other motions."""
     residual: np.ndarray
-    """Greatest change of a state over `period` at the end of the record [scales]; for period 0 the least over all
-    lags."""
+    """Greatest change of a state over `period` at the end of the record [scales]; for period 0 the least such change
+    over all lags."""
     k: np.ndarray
-    """K of the 0-1 test after its best periodic part is subtracted: near 0 if regular, near 1 if chaotic, 0 if
-    nothing remains, NaN for records below `MIN_TEST`."""
+    """K of the 0-1 test, with the best periodic part subtracted: near 0 for regular, near 1 for chaotic motions; 0 if
+    nothing remains, NaN for records shorter than `MIN_TEST`."""
     evidence: np.ndarray
-    """Criterion that decided, in words."""
+    """Criterion that decided, as a text."""
 
 
 def recurrence(
@@ -67,8 +67,8 @@ def zero_one_test(
     displacement of sum_j phi_j exp(i j c) over n <= periods / 10 steps. Gottwald and Melbourne 2009,
     doi:10.1137/080718851. A constant series has K = 0. Noise has K near 1.
 
-    **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period and not an oversampled
-    record; `samples`: number of values of c; `seed`: of the random c.
+    **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period, not an oversampled record;
+    `samples`: number of values of c; `seed`: of the random c.
 
     **Returns:** shape (*cases,), NaN for series that are not finite.
 
@@ -91,19 +91,19 @@ def zero_one_test(
 def rotation_number(angle: Numbers) -> Float[np.ndarray, "*cases"]:
     """Return the mean turn of an angle from one period to the next, as a share of a turn, 0 to 1.
 
-    On a torus that is the frequency of the second motion over that of the forcing, up to whole turns; a rational
-    number where both are locked. By a weighted mean, whose error on a torus falls faster than any power of the number
-    of periods (doi:10.1088/1361-6544/aa84c2).
+    On a torus this is the frequency of the second motion over the forcing frequency, up to whole turns; it is a
+    rational number where both are locked. It is a weighted mean, whose error on a torus falls faster than any power
+    of the number of periods (doi:10.1088/1361-6544/aa84c2).
 
-    **Arguments:** `angle`: once per forcing period [rad], (*cases, periods): of states about a point inside the
-    closed curve on which they lie. Its turns may differ from each other by less than half a turn.
+    **Arguments:** `angle`: once per forcing period [rad], (*cases, periods): of states, seen from a point inside the
+    closed curve on which they lie. The turns may differ from each other by less than half a turn.
 
     **Raises:** `ValueError` for fewer than three periods.
     """
     angle = numbers("angle", angle, 1)
     require(angle.shape[-1] >= 3, "angle", "be of three periods or more", shown=f"of shape {angle.shape}")
     turn = np.exp(1j * np.diff(angle))
-    # about their mean direction no turn is ambiguous
+    # relative to their mean direction no turn is ambiguous
     middle = np.angle(turn.sum(axis=-1, keepdims=True))
     away = np.angle(turn * np.exp(-1j * middle))
     turns = (middle[..., 0] + weighted_mean(away[..., None])[..., 0]) / (2 * np.pi)
@@ -121,17 +121,17 @@ def classify(
     """Return the attractor of each motion.
 
     - "period": the states recur after n periods and over a quarter of the record, within `tolerance` of the
-      attractor's extent or within `floor`; or their distance over n periods decays geometrically to zero, in a slow
-      transient. n is the smallest possible.
-    - "chaotic": K of the 0-1 test above 0.8, and neighbours diverge.
-    - "torus": K below 0.2, neighbours stay close, the states fill the section evenly, their mean and spread
+      attractor's extent or within `floor`. Or, in a slow transient, their distance over n periods decays
+      geometrically to zero. n is the smallest possible.
+    - "chaotic": K of the 0-1 test is above 0.8, and neighbours diverge.
+    - "torus": K is below 0.2, neighbours stay close, the states fill the section evenly, their mean and spread
       do not drift, and the residuals over all lags do not decay together.
-    - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved; many tori
-      need `ENOUGH`, 1000.
+    - "unresolved": all other motions. Records of less than `MIN_TEST` periods can only be periodic or unresolved;
+      many tori need `ENOUGH` periods, 1000.
 
-    Maps that lose a binary digit in each step, such as x -> 2 x mod 1, stay at zero after 53 steps in floating point
-    (take 1.999999 for 2), with all that they drive. A motion of which a number loses its digits step by step until it
-    is round is "unresolved". Where a record shows nothing else than round numbers, as of a motion at rest, its
+    In floating point, maps that lose a binary digit in each step, such as x -> 2 x mod 1, stay at zero after 53 steps
+    (use 1.999999 for 2), and so does everything that they drive. A motion is "unresolved" if one of its numbers loses
+    digits step by step until it is round. Where a record has only round numbers, as for a motion at rest, its
     evidence says so.
 
     These pairs look alike: splittings and chaotic bands narrower than the tolerance, and periodic motions; transients
@@ -141,10 +141,10 @@ def classify(
     **Arguments:**
 
     - `strobe`: states once per forcing period without the transient, shape (*cases, periods, states) or (periods,
-        states), 16 periods or more; instead of an angle that goes round, give its sine and cosine.
+        states), 16 periods or more; for an angle that turns around, give sine and cosine instead.
     - `scales`: divisors of the states, in their units, shape (states,). The default is the greatest magnitude over
-        all cases and periods (1 where that is below 1e-12, so that rounding errors of a state that is zero by
-        symmetry are not amplified); explicit scales are better, such as clearance and clearance times frequency.
+        all cases and periods. It is 1 where this is below 1e-12, so that rounding errors of a state that is zero by
+        symmetry are not amplified. Explicit scales are better, such as clearance and clearance times frequency.
     - `max_period`: greatest n, at most a quarter of the record.
     - `tolerance`: as a fraction of the attractor's extent, which is the greatest peak-to-peak value of a scaled state
         in the last quarter of the record. The default is above the error of an integration accurate to 1e-4.
@@ -192,12 +192,12 @@ def _classified(states, scales, most, tolerance, floor):
 
 
 class _Recurrence:
-    """Scaled states of one motion, with their changes over all lags, called residuals."""
+    """Scaled states of one motion, with the changes over all lags, called residuals."""
 
     def __init__(self, states, rounded, most, tolerance, floor):
         self.states = states
         self.rounded = rounded
-        """Which states are round numbers before they are scaled."""
+        """Which states are round numbers before scaling."""
         self.tolerance = tolerance
         self.floor = floor
         self.periods = len(states)
@@ -235,22 +235,22 @@ class _Recurrence:
         return float(zero_one_test(part)) if np.ptp(part) > self.near else 0.0
 
     def recurrent(self):
-        """Return the entries of a motion that recurs, by its shortest period, or None."""
+        """Return the entries of a recurring motion with its shortest period, or None."""
         for n in self.lags:
             shorter = [self.at_end[m] for m in _divisors(n)]
             # near the floor, a decay that rotates by a third of a turn per period looks like period 3
             if self.at_end[n] > self.near or any(residual < 10 * self.floor for residual in shorter):
                 continue
-            # A slow drift near a resonance or a bifurcation shows over many periods only, so the states must also
-            # recur over a quarter of the record. The bound is lower for short records, which show only the onset of a
-            # drift, and where period n differs little from its divisors.
+            # A slow drift near a resonance or a bifurcation shows only over many periods. Therefore the states must
+            # also recur over a quarter of the record. The bound is lower for short records, which show only the
+            # beginning of a drift, and where period n differs little from its divisors.
             far = n * max(2, self.quarter // n)
             before = self.states[-self.tail(n) - far : self.periods - far]
             drift = np.abs(self.states[-self.tail(n) :] - before).max()
             split = min(shorter, default=self.extent)
             if drift > max(min(self.near * min(1, far / 100), 3 * self.tolerance * split), self.floor):
                 continue
-            # the motion may be unstable, and begin to depart from rounding errors on
+            # the motion may be unstable, and depart after rounding errors
             growing = self.fit(n, 1e-14)
             if growing.fall < -math.log(10) and growing.fit > 0.95:
                 text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
@@ -262,7 +262,7 @@ class _Recurrence:
         return None
 
     def stays(self, n):
-        """Return whether all numbers of the state are round in the end, and recur exactly after n periods."""
+        """Return whether all numbers of the state are round at the end, and recur exactly after n periods."""
         there = slice(-self.tail(n), None)
         exact = np.all(self.states[n:][there] == self.states[:-n][there])
         return bool(exact and np.all(self.rounded[there]))
@@ -271,7 +271,7 @@ class _Recurrence:
         """Return the entries of a motion whose residual over some period decays to zero, or None."""
         for n in self.lags:
             decay = self.fit(n, self.floor)
-            # the period is n, not a divisor of n, only if the residuals over the divisors do not decay
+            # the period is n, and not a divisor of n, only if the residuals over the divisors do not decay
             falls = [self.fit(m, self.floor).fall for m in _divisors(n)]
             # a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate
             convincing = decay.fall >= math.log(2) and decay.fit >= 0.95 and 0.85 <= decay.steadiness <= 1.5
@@ -292,7 +292,7 @@ class _Recurrence:
             return unresolved(f"no recurrence, but {small}")
         first, growth, gap, mixing = _neighbours(self.states)
         facts = f"K = {self.k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
-        # the first period counts in their sum only, because in noise neighbours part in it, too
+        # the first period counts only in their sum, because in noise neighbours also part in the first period
         if self.k > 0.8 and growth > 0.12 and first + growth > 0.7:
             return self.result(Regime.CHAOTIC, self.best, facts)
         if self.k >= 0.2 or growth >= 0.12:
@@ -301,7 +301,7 @@ class _Recurrence:
             bunch = f"the states bunch: a period above {self.lags[-1]}, or one not reached yet"
             return unresolved(f"{facts}, but {bunch}")
         rates = np.array([self.fit(n, self.floor).rate for n in self.lags])
-        # on a slow spiral into a fixed point, residuals over all lags decay alike
+        # on a slow spiral into a fixed point, residuals over all lags decay together
         spiral = np.std(rates) < 0.3 * abs(np.mean(rates))
         if _drift(self.states) > 0.01 or mixing > 3 or spiral:
             return unresolved(f"{facts}, but the states still drift or spiral")
@@ -310,14 +310,14 @@ class _Recurrence:
 
 
 def _is_round(values):
-    """Return which numbers have no more than `ROUND` binary digits."""
+    """Return which numbers have at most `ROUND` binary digits."""
     digits = np.ldexp(np.frexp(values)[0], ROUND)
     return digits == np.round(digits)
 
 
 def _digits(states):
-    """Return the binary digits of the numbers of states, from the first one of the greatest to the last that is not
-    zero."""
+    """Return the binary digits of the numbers of states, from the first digit of the greatest number to the last
+    digit that is not zero."""
     mantissa, exponent = np.frexp(states)
     whole = np.ldexp(mantissa, 53).astype(np.int64)
     last = exponent - 53 + np.frexp(1.0 * (whole & -whole))[1] - 1
@@ -326,11 +326,11 @@ def _digits(states):
 
 
 def _lost_digits(digits):
-    """Return how many binary digits a number loses, some in each step, until it stays round; 0 where it does not, as
-    where it is attracted by a round number or comes to rest there."""
+    """Return how many binary digits a number loses, some in each step, until it stays round. 0 where it does not do
+    so, as where a round number attracts it or where it comes to rest there."""
     if digits[-1] > ROUND:
         return 0
-    # around the first of the round numbers at the end
+    # near the first of the round numbers at the end
     begin = end = int(np.max(np.flatnonzero(digits > ROUND), initial=-1)) + 1
     loss = -np.diff(digits)
     steady = (loss > 0) & (loss <= AT_ONCE)
@@ -348,10 +348,10 @@ def _divisors(n):
 
 
 def _irregular_part(x, n):
-    """Return a series for the 0-1 test: the states along the direction in which they vary most, less their periodic
+    """Return a series for the 0-1 test: the states along the direction of greatest variation, without their periodic
     part of period n.
 
-    With it, chaos in n bands that are visited in turn would look regular.
+    With the periodic part, chaos in n bands that are visited in turn would look regular.
     """
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
@@ -370,14 +370,14 @@ class _Decay(NamedTuple):
     fit: float = np.nan
     """Coefficient of determination R^2 of the fit to ln of the envelope."""
     steadiness: float = np.nan
-    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for an algebraic one and
-    for a limit above zero."""
+    """Rate in the second half over rate in the first half: 1 for a geometric decay to zero, less for an algebraic
+    decay or for a limit above zero."""
 
 
 def _decay(residual, windows, floor):
     """Return the fit of exp(-rate k) to the maxima of a residual over windows of equal length.
 
-    Maxima are fitted because spiral decays oscillate below their envelope. Those at or below `floor` are left out,
+    Maxima are fitted because spiral decays oscillate below their envelope. Maxima at or below `floor` are left out,
     because rounding and integration errors dominate there.
     """
     length = len(residual) // windows
@@ -399,7 +399,7 @@ def _growth_of_displacement(series, c):
     """Return K of the 0-1 test for one series: the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
-    # of a constant series only rounding errors vary
+    # a constant series varies only by rounding errors
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
         return 0.0
     series = series / np.abs(series).max()
@@ -407,7 +407,7 @@ def _growth_of_displacement(series, c):
     steps = np.arange(1, most + 1)
     a = steps - steps.mean()
     correlation = []
-    # a few values of c at once, so that long records take no more memory than short ones
+    # a few values of c at a time, so that long records need no more memory than short ones
     for angle in np.split(c[:, None], range(8, len(c), 8)):
         z = np.cumsum(series * np.exp(1j * angle * np.arange(len(series))), axis=-1)
         displacement = _mean_square_displacement(z, steps)
@@ -422,7 +422,7 @@ def _mean_square_displacement(z, steps):
     """Return the mean over j of |z_{j+n} - z_j|^2, for each n in `steps`; z: (samples, periods)."""
     length = z.shape[1]
     count = length - steps[-1]
-    # expanded: sums of the squares by running sums, of the products as a correlation by FFT
+    # expanded: running sums give the sums of squares, an FFT gives the correlation of the products
     square = np.cumsum(np.abs(z) ** 2, axis=-1)
     moved = square[:, steps + count - 1] - square[:, steps - 1]
     size = 1 << int(length + count).bit_length()
@@ -436,18 +436,18 @@ def _neighbours(x):
     **Returns:** four numbers. The mean growth of the logarithm of the distance of nearest neighbours in the first
     period, and its further growth over later periods (Rosenstein, Collins and De Luca 1993,
     doi:10.1016/0167-2789(93)90009-P). The median distance of nearest neighbours. For states of the second half, the
-    median distance to the nearest state of the first half over that to the nearest state of the second half.
+    median distance to the nearest state of the first half, divided by that to the nearest state of the second half.
     """
     periods = len(x)
     tiny = 1e-12 * np.ptp(x, axis=0).max()
     ahead = min(30, periods // 5)
-    # nearest neighbours of states that can be followed ahead: near in space, but ten periods apart in time (Theiler)
+    # nearest neighbours of states with a known future: near in space, but ten periods apart in time (Theiler)
     count = periods - ahead
     _, other = _nearest(x[:count], x[:count], 10)
     index = np.arange(count)
     distance = [np.abs(x[index + k] - x[other + k]).max(axis=1) for k in range(ahead + 1)]
     mean = np.log(np.maximum(distance, tiny)).mean(axis=1)
-    # without the first period: the nearest distance is a minimum, which grows at once, in noise too
+    # without the first period: the nearest distance is a minimum, which grows at once, also in noise
     growth = mean[ahead // 2 :].mean() - mean[1]
     half = periods // 2
     own, _ = _nearest(x[half:], x[half:], 1)
@@ -458,13 +458,13 @@ def _neighbours(x):
 
 
 def _nearest(of: np.ndarray, among: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distances of states to their nearest ones, by the greatest difference, and the indices of these.
+    """Return the distances of states from their nearest states, by the greatest difference, and the indices of these.
 
     **Arguments:** `apart`: least difference of both indices.
     """
     import scipy.spatial  # here, because importing it takes time
 
-    # so many that one of them is far enough in time; a tree takes no memory of all pairs
+    # so many that one of them is far enough in time; a tree needs less memory than all pairs
     count = max(2 * apart, 1)
     distance, index = scipy.spatial.cKDTree(among).query(of, k=[*range(1, count + 1)], p=np.inf)
     near = np.abs(index - np.arange(len(of))[:, None]) < apart

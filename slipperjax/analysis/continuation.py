@@ -1,4 +1,4 @@
-"""Branches of periodic motions: following them through folds, locating events, switching to other branches."""
+"""Branches of periodic motions, followed through folds: located events, and changes to other branches."""
 
 import contextlib
 import dataclasses
@@ -23,8 +23,8 @@ class End(NamedTuple):
     """One end of a branch."""
 
     reason: str
-    """Why the branch ends there: "bound", "no convergence", "closed", "count", "event", "interrupted" or "strong
-    resonance 1:1", for example; empty for a start from which it was not followed."""
+    """Reason for the end: "bound", "no convergence", "closed", "count", "event", "interrupted" or "strong resonance
+    1:1", for example; empty for a start from which the branch was not followed."""
     step: float
     """Length of the step that would be tried next."""
 
@@ -35,7 +35,7 @@ class Branch:
 
     equations: AbstractEquations
     nodes: tuple[Node, ...]
-    """Points in their order along the branch, events included."""
+    """Points in their order along the branch, including events."""
     events: tuple[Event, ...]
     """Events in the same order."""
     ends: tuple[End, End]
@@ -43,18 +43,18 @@ class Branch:
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
-        """Values of each parameter, of shape (points,), by the names that `family` has for its arguments."""
+        """Values of each parameter, of shape (points,), by the names of the arguments of `family`."""
         points = np.array([node.z for node in self.nodes])
         return {name: points[:, k] for name, k in parameter_places(self.equations, points.shape[1]).items()}
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the last parameter, of shape (points,); of a curve over two see `parameters`."""
+        """Values of the last parameter, of shape (points,); see `parameters` for a curve over two parameters."""
         return list(self.parameters.values())[-1]
 
     @property
     def stable(self) -> np.ndarray:
-        """True where no multiplier lies outside the unit circle, see `Node.outside`, of shape (points,)."""
+        """Whether no multiplier is outside the unit circle, see `Node.outside`, of shape (points,)."""
         return np.array([node.outside == 0 for node in self.nodes])
 
     @property
@@ -83,7 +83,7 @@ class Branch:
 
 
 def parameter_places(equations: AbstractEquations, unknowns: int) -> dict[str, int]:
-    """Return where each parameter is among the unknowns, by its name as an argument of the family of motions."""
+    """Return the place of each parameter among the unknowns, by its name as an argument of the family of motions."""
     motions = getattr(equations, "motions", equations)
     if not isinstance(motions, PeriodicMotions):
         return {"parameter": unknowns - 1}
@@ -107,23 +107,23 @@ def continue_motion(
     observe: Observe | None = None,
     **options: object,
 ) -> Branch:
-    """Follow periodic motions over a parameter, past folds; locate and label the events on the way.
+    """Follow periodic motions over a parameter, past folds; locate and label the events along the branch.
 
     **Arguments:**
 
     - `equations`: of one parameter.
     - `start`: a state near a motion and the parameter's value there; or a point, such as `switch` returns.
-    - `bounds`: of the parameter. `ways`: 1 begins towards larger values, or along the tangent of a point; -1 the
-        opposite way.
+    - `bounds`: of the parameter. `ways`: 1 begins towards larger values, or along the tangent of a point; -1 in the
+        opposite direction.
     - `tolerance`: greatest weighted residual. `pace`: of the steps.
-    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing. Without it, branches
-        of `impact_step` and `switched_step` that end at a grazing say so; they go on where an impact falls on the
+    - `observe`: makes an `Observation` of a point; a change of its counts is a grazing. Without `observe`, branches
+        of `impact_step` and `switched_step` that end at a grazing say so; they continue where an impact falls on the
         strobe ("ST").
     - `options`: `points`, `until` and `on_point` of `extend`.
 
     **Returns:** a `Branch`; after Ctrl-C the part followed so far.
 
-    **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
+    **Raises:** `ValueError` where there is no motion near the start, or where the bounds do not contain it.
     """
     instance("equations", equations, PeriodicMotions, "slipperjax.analysis.PeriodicMotions")
     pair = isinstance(start, tuple | list) and len(start) >= 2
@@ -166,23 +166,23 @@ def extend(
     until: Sequence[str] = (),
     on_point: Callable[[Node], object] | None = None,
 ) -> Branch:
-    """Follow a branch further, from ends by count, event or interrupt, and from bounds that are wider now.
+    """Follow a branch further, from ends by count, event or interrupt, and from former bounds that are wider now.
 
     **Arguments:** as for `continue_motion`, and
 
     - `bounds`: of each unknown after the state. `locate`: whether events are located; not on a curve of events, where
-        the derivatives are second ones of the map and may be rough.
-    - `points`: most points of each way. `until`: labels of events at which a way ends.
-    - `on_point`: is called with each new point, to show progress.
+        the derivatives are second derivatives of the map and may be rough.
+    - `points`: most points in each direction. `until`: labels of events that end a direction.
+    - `on_point`: called with each new point, to show progress.
     """
     instance("branch", branch, Branch, "a slipperjax.analysis.Branch")
     points = whole("points", points, 1)
-    # the components of the state have no bounds
+    # the state's components have no bounds
     free = [(-np.inf, np.inf)] * (branch.nodes[0].z.size - len(bounds))
     low, high = np.transpose([*free, *map(checked_bounds, bounds)])
     search = EventSearch(branch.equations, observe, tolerance)
     interrupted = False
-    # extend the last end, turn the branch, and extend its other end; after two turns it has its direction again
+    # extend the last end, turn the branch, extend the other end, and turn the branch back
     for _ in range(2):
         end = branch.ends[1]
         last = branch.nodes[-1]
@@ -196,7 +196,7 @@ def extend(
 
 
 def _walked(walk, nodes, events, search, limit, until, on_point):
-    """Add the points of a walk, and the events between them; return why it has stopped."""
+    """Add the points of a walk, and the events between them; return the reason why it has stopped."""
     for point in walk:
         last = nodes[-1]
         new = observed(point, search.observe)
@@ -205,7 +205,7 @@ def _walked(walk, nodes, events, search, limit, until, on_point):
         nodes.extend(event.node for event in between)
         # the first points are near the start because the walk begins there
         closed = len(nodes) > 3 and passes(nodes[0], last, new)
-        # the last point of a closed curve is beyond its start, and would repeat the first ones
+        # the last point of a closed curve is beyond its start, and would repeat the first points
         if not closed:
             nodes.append(new)
         if on_point is not None:
@@ -228,7 +228,7 @@ def _extended(branch, walk, search, most, until, on_point):
         events.pop()
     limit = len(nodes) + most
     reason = ""
-    # an angle may come after the parameters
+    # the unknowns may end with an angle
     place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
     begin = 0
     try:
@@ -239,7 +239,7 @@ def _extended(branch, walk, search, most, until, on_point):
                 events.append(event)
                 nodes[-1] = event.node
                 if beyond is not None:
-                    # the branch goes on from the state on the other side of an impact
+                    # the branch continues from the state on the other side of an impact
                     begin = len(nodes)
                     nodes.append(observed(beyond, search.observe))
                     walk = dataclasses.replace(walk, last=nodes[-1], step=walk.pace.first, ended="")
@@ -252,7 +252,7 @@ def _extended(branch, walk, search, most, until, on_point):
         events.append(Event("EP", nodes[-1], value, value, complex(np.nan), True, "", (), place))
     back = branch.ends[0]
     if reason == "closed":
-        # nothing is left to follow from the start of a closed curve
+        # a closed curve has no rest to follow from its start
         back = back._replace(reason="")
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
 
@@ -266,10 +266,10 @@ def switch(
 ) -> tuple[AbstractEquations, Node]:
     """Return the equations and first point of the branch that leaves at a flip or a branch point.
 
-    **Arguments:** `length`: weighted distance of the first point from the event. It is halved until Newton's method
-    finds a point that is not on `branch`.
+    **Arguments:** `length`: weighted distance of the first point from the event. The length is halved until Newton's
+    method finds a point that is not on `branch`.
 
-    **Returns:** the first two arguments of `continue_motion`, to be called with `ways=(1,)`.
+    **Returns:** the first two arguments of `continue_motion`, which must be called with `ways=(1,)`.
 
     **Raises:** `ValueError` for other events, or where no point is found.
     """
@@ -287,13 +287,13 @@ def switch(
     else:
         direction = _across(equations, point)
     direction = direction / point.length(direction)
-    # nearer and nearer to the event until Newton's method finds the other branch
+    # closer and closer to the event until Newton's method finds the other branch
     while length > 1e-6:
         guess = point.z + length * direction
         new = correct(equations, guess, point.weights**2 * direction, point.z, tolerance=tolerance)
         if new.residual <= tolerance and new.length(new.z - guess) < 2 * length:
-            # A motion of the doubled period whose halves agree is one of the old branch. On the new one the halves
-            # differ by twice the distance from the flip.
+            # A motion of the doubled period whose halves agree belongs to the old branch. On the new branch the
+            # halves differ by twice the distance from the flip.
             missed = evaluated(branch.equations, new.z).residual
             apart = np.linalg.norm(new.weights[: missed.size] * missed)
             if event.label == "BP" or apart > 0.1 * length:
@@ -303,9 +303,9 @@ def switch(
 
 
 def _across(equations: AbstractEquations, point: Node) -> np.ndarray:
-    """Return the direction of the crossing branch: the null vector of the Jacobian at right angles to the tangent."""
+    """Return the direction of the crossing branch: the Jacobian's null vector perpendicular to the tangent."""
     rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(point.z)))
-    # components of weight zero would vanish from the scaled Jacobian: they count with weight one
+    # components of weight zero would vanish from the scaled Jacobian, so that they count with weight one
     rows = np.where(rows > 0, rows, 1.0)
     columns = np.where(columns > 0, columns, 1.0)
     scaled = rows[:, None] * evaluated(equations, point.z).jacobian / columns

@@ -1,12 +1,12 @@
 """Folds, flips and Neimark-Sackers as solutions of extended equations: exact, differentiable, and as curves.
 
-The equations of a motion are completed by one or two for its multiplier mu = exp(i angle). The number g of
+One or two further equations for the multiplier mu = exp(i angle) complete the equations of a motion. The number g of
 
     (P_x - mu) v + left g = 0,    right^H v = 1
 
 is zero where mu is a multiplier, an eigenvalue of the Jacobian P_x (Govaerts, Numerical Methods for Bifurcations of
-Dynamical Equilibria, doi:10.1137/1.9780898719543). The derivative of g is that of w^H P_x v for two fixed vectors, so
-that second derivatives of the map are needed along one direction v only.
+Dynamical Equilibria, doi:10.1137/1.9780898719543). The derivative of g is the derivative of w^H P_x v for two fixed
+vectors, so that second derivatives of the map are needed along only one direction v.
 """
 
 import dataclasses
@@ -30,15 +30,15 @@ from .newton import AbstractEquations, Linearisation, NullVectors, newton, witho
 from .shooting import PeriodicMotions, Shot
 
 CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
-"""Critical multiplier by label; None for a complex pair of unknown angle."""
+"""Critical multiplier by label; None for a complex pair whose angle is unknown."""
 BORDER_UPDATES = 3
 """Number of updates of the borders before Newton's method begins."""
 
 
 class CriticalMotions(AbstractEquations):
-    """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" its angle.
+    """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" the angle.
 
-    `null_vectors` of its linearisations are the left and right ones of P_x - mu, of weighted length one.
+    `null_vectors` of its linearisations are the left and right null vectors of P_x - mu, of weighted length one.
     """
 
     motions: PeriodicMotions
@@ -50,14 +50,14 @@ class CriticalMotions(AbstractEquations):
 
     @classmethod
     def of(cls, motions: PeriodicMotions, label: str) -> "CriticalMotions":
-        """Return the equations with arbitrary borders, which `update` replaces by null vectors."""
+        """Return the equations with arbitrary borders; `update` replaces these by null vectors."""
         dtype = complex if CRITICAL_MULTIPLIERS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
         return cls(motions, one, one, label)
 
     @property
     def angled(self) -> bool:
-        """True where the multiplier's angle is an unknown."""
+        """Whether the multiplier's angle is an unknown."""
         return CRITICAL_MULTIPLIERS[self.label] is None
 
     @property
@@ -75,14 +75,14 @@ class CriticalMotions(AbstractEquations):
         scale = self._scale(z)
         motion = self.motions.evaluate(of)
         v, w, g = self._null(product(motion.matrices), mu, scale)
-        # the derivative of g follows from that of P_x v, along each unknown in turn
+        # the derivative of g follows from the derivative of P_x v, along each unknown in turn
         along = lambda t: jax.jvp(lambda of: self._pushed(of, v / scale), (of,), (t,))[1]
         slope = -jax.vmap(along)(jnp.eye(of.size)) @ jnp.conj(w * scale)
         jacobian = motion.jacobian
         if self.angled:
             slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
-        # v and w are in weighted components, so that these are weighted lengths of one
+        # v and w are weighted components, so that these are weighted lengths of one
         unit = lambda a: a / jnp.linalg.norm(a)
         return Linearisation(
             jnp.concatenate([motion.residual, self._parts(g)]),
@@ -92,7 +92,7 @@ class CriticalMotions(AbstractEquations):
         )
 
     def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
-        """Return the residual with fixed null vectors, whose derivatives are those of the exact equations. Pure."""
+        """Return the residual with fixed null vectors, which has the derivatives of the exact equations. Pure."""
         of = self._of_motion(z)
         scale = self._scale(z)
         mu = self.multiplier(z)
@@ -121,7 +121,7 @@ class CriticalMotions(AbstractEquations):
         return z[:-1] if self.angled else z
 
     def _parts(self, value: Array) -> Array:
-        """Return an equation as rows of real ones: two for a complex one."""
+        """Return an equation as rows of real equations: two rows for a complex equation."""
         return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
 
     def _scale(self, z: Array) -> Array:
@@ -142,18 +142,18 @@ class CriticalMotions(AbstractEquations):
 
     def _pushed(self, of: Array, v: Array) -> Array:
         """Return P_x v, the Jacobian times a vector. Pure."""
-        # the map of the state alone, at fixed parameters
+        # the map of the state only, with fixed parameters
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
         if not self.angled:
             return push(v)
-        # both parts in one call of the map, which makes half the program of two
+        # both parts in one call of the map, which halves the program
         real, imaginary = jax.vmap(push)(jnp.stack([v.real, v.imag]))
         return real + 1j * imaginary
 
 
 class CriticalMotion(Shot):
-    """A periodic motion with a critical multiplier; `residual` is that of the extended equations."""
+    """A periodic motion with a critical multiplier; `residual` is the residual of the extended equations."""
 
     value: Float[Array, ""]
     """Critical value of the parameter."""
@@ -171,13 +171,13 @@ def critical_motion(
 ) -> CriticalMotion:
     """Return the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
-    The result has the derivatives of the exact one with respect to all numbers of `motions`, in forward and reverse
-    mode: d(value)/d(number) is the sensitivity of the bifurcation.
+    The result has the derivatives of the exact solution with respect to all numbers of `motions`, in forward and
+    reverse mode: d(value)/d(number) is the sensitivity of the bifurcation.
 
     **Arguments:** `motions`: of one parameter; `label`: "LP", "PD" or "NS"; `state`, `value`: first guess of the
     motion and the parameter; `angle`: first guess of the multiplier's angle [rad], for "NS".
 
-    **Returns:** a `CriticalMotion`; look at its `residual`.
+    **Returns:** a `CriticalMotion`; check its `residual`.
 
     **Raises:** `ValueError` for an unknown label.
     """
@@ -205,12 +205,12 @@ def _critical(exact: PeriodicMotions, static: tuple, z: Array, tolerance: Array)
 
 
 class ConditionedMotions(AbstractEquations):
-    """Periodic motions on which a function of state and parameters vanishes."""
+    """Periodic motions for which a function of state and parameters is zero."""
 
     motions: PeriodicMotions
     condition: Callable[..., Array]
-    """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`. If it has a method
-    `update(state, *values)`, that returns the condition to use near a point of the curve."""
+    """`condition(state, *values)`: a differentiable number; a pytree as `PeriodicMotions.family`. A method
+    `update(state, *values)`, if any, returns the condition to use near a point of the curve."""
     unit: Real
     """Value of the condition that counts as one in the residual."""
 
@@ -253,16 +253,16 @@ def continue_critical(
 ) -> Branch:
     """Follow folds, flips, Neimark-Sackers or motions with a condition in the plane of two parameters.
 
-    **Arguments:** `equations`: of motions with two parameters, `CriticalMotions.of(motions, label)` for critical
-    ones; `state`, `values`: first guess of a motion of the curve, whose second value is held fixed; `angle`: first
-    guess of the multiplier's angle [rad], for "NS"; `bounds`: of both parameters; `tolerance`, `pace`: as for
-    `continue_motion`; `options`: `points` and `on_point` of `extend`.
+    **Arguments:** `equations`: of motions with two parameters, for critical motions
+    `CriticalMotions.of(motions, label)`; `state`, `values`: first guess of a motion of the curve, whose second value
+    is kept fixed; `angle`: first guess of the multiplier's angle [rad], for "NS"; `bounds`: of both parameters;
+    `tolerance`, `pace`: as for `continue_motion`; `options`: `points` and `on_point` of `extend`.
 
     **Returns:** a `Branch` without events at bifurcations. A curve of Neimark-Sackers ends inside the bounds at the
-    strong resonances 1:1 and 1:2, where the complex pair becomes real and curves of folds and flips pass; the reason
-    of its end is "strong resonance 1:1", for example.
+    strong resonances 1:1 and 1:2, where the complex pair becomes real and curves of folds and flips pass. The reason
+    of this end is "strong resonance 1:1", for example.
 
-    **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
+    **Raises:** `ValueError` where there is no such motion near the start, or where the bounds do not contain it.
     """
     instance("equations", equations, (CriticalMotions, ConditionedMotions), "CriticalMotions or ConditionedMotions")
     size = equations.motions.size
@@ -270,8 +270,8 @@ def continue_critical(
     angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
     z = equations.motions.unknowns(state, *values, *angles)
     row = jnp.zeros(z.size).at[size + 1].set(1.0)
-    # The borders become null vectors of the start. With no iterations `correct` only evaluates the equations, and its
-    # program is compiled anyway.
+    # The borders become null vectors at the start. With zero iterations `correct` only evaluates the equations; its
+    # program is needed later in any case.
     for _ in range(BORDER_UPDATES):
         equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
     first = correct(equations, z, row, tolerance=tolerance, iterations=20)
@@ -279,8 +279,8 @@ def continue_critical(
     for value, pair in zip(first.z[size:], limits, strict=False):
         check_within("values", value, pair)
     if angles:
-        # At the angles 0 and pi the equations hold on whole curves of folds and flips, so the curve ends 1e-3 before;
-        # the parameters there are off by the square of this.
+        # At the angles 0 and pi the equations hold on whole curves of folds and flips. Therefore the curve ends 1e-3
+        # before these angles; the error of the parameters there is the square of this distance.
         pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
         limits.append(tuple(pair))
     begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace)
@@ -289,7 +289,7 @@ def continue_critical(
         return curve
     ends = []
     for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
-        # the curve ends within the bounds of the parameters: by the bound of the angle, where the pair becomes real
+        # the curve ends within the parameters' bounds, at the bound of the angle, where the pair becomes real
         inside = all(low < value < high for value, (low, high) in zip(node.z[size:], bounds, strict=False))
         near_to = resonance(node.z[-1])
         became_real = inside and near_to and end.reason in ("bound", "no convergence")

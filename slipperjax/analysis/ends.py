@@ -1,4 +1,4 @@
-"""What ends a branch without convergence: a grazing, an impact at the strobe, crossing branches."""
+"""Reasons why a branch ends without convergence: a grazing, an impact at the strobe, crossing branches."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,12 +15,12 @@ from .newton import AbstractEquations
 from .shooting import PeriodicMotions
 
 NEAR = 100
-"""Least steps from the last point of a branch within which lies what ended it: where an impact is so gentle that RK4
-does not see it, 40 were measured."""
+"""Least number of steps, from the last point of a branch, within which the reason of its end lies. Where an impact is
+so gentle that RK4 does not notice it, 40 steps were measured."""
 FARTHER = 7
-"""How often the step across an impact at the strobe is doubled, from two least steps on."""
+"""How often the step across an impact at the strobe is doubled, beginning with two least steps."""
 BESIDE = 1e-3
-"""Greatest distance of a point beyond an impact at the strobe from its guess."""
+"""Greatest distance from its guess of a point beyond an impact at the strobe."""
 
 
 class _Touch(NamedTuple):
@@ -29,11 +29,11 @@ class _Touch(NamedTuple):
     turn: np.ndarray
     """Least gap at which a flight turns, see `AbstractCrossingStep.nearness`."""
     touch: np.ndarray
-    """Least rate of a touch without which it would turn."""
+    """Least rate of a touch; with a smaller rate the flight would turn before the touch."""
     gap: np.ndarray
-    """At the strobe, NaN where the state does not jump."""
+    """Gap at the strobe; NaN where the state does not jump."""
     rate: np.ndarray
-    """Of the gap at the strobe."""
+    """Rate of the gap at the strobe."""
     beyond: np.ndarray
     """State at the strobe on the other side of an impact there."""
 
@@ -47,15 +47,15 @@ def _touch(equations: PeriodicMotions, static: tuple, z: jax.Array) -> _Touch:
 
 
 def _touch_of(equations: AbstractEquations, node: Node) -> _Touch | None:
-    """Return the `_Touch` of a point; None for maps that know no surface."""
+    """Return the `_Touch` of a point; None for maps without a surface."""
     if not isinstance(equations, PeriodicMotions) or not isinstance(equations.step(node.z), AbstractCrossingStep):
         return None
     return jax.device_get(call_compiled(_touch, equations, (), jnp.asarray(node.z)))
 
 
 def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tuple[Event, Node | None]:
-    """Return the event at the last of some points, after which no step converges, and the first point beyond it, if
-    any, from which the branch goes on.
+    """Return the event at the last of some points, after which no step converges. Also return the first point beyond
+    the event from which the branch continues, if any.
 
     **Arguments:** `place`: of the parameter among the unknowns.
     """
@@ -78,7 +78,7 @@ def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tu
         chord = last.z - nodes[-2].z
 
         def share(name: str) -> float:
-            """How far beyond the last point a number is zero [chords]; NaN where that is not near."""
+            """How far beyond the last point a number is zero [chords]; NaN where the zero is not near."""
             one, other = float(getattr(before, name)), float(getattr(now, name))
             ahead = other / (one - other) if np.isfinite(one - other) and one != other else np.nan
             return ahead if abs(ahead) * last.length(chord) <= NEAR * walk.pace.least else np.nan
@@ -108,13 +108,13 @@ def _beyond(walk: Walk, last: Node, touch: _Touch) -> Node | None:
 
 
 def _why(equations: AbstractEquations, nodes: Sequence[Node]) -> str:
-    """Return in words why no step converges after the last of some points, as far as these tell."""
+    """Return a text why no step converges after the last of some points, as far as these points show it."""
     motions = isinstance(equations, PeriodicMotions)
-    # on curves of critical motions a multiplier may be +1 throughout
+    # on curves of critical motions a multiplier may always be +1
     if motions and np.any(np.abs(np.asarray(nodes[-1].multipliers) - 1) < 1e-6):
         return "a multiplier is +1: branches cross or turn back here, begin beside it"
     sizes = np.array([np.abs(np.asarray(node.matrices)).max() for node in nodes[-6:]])
     if len(sizes) == 6 and np.all(np.diff(sizes) > 0) and sizes[-1] > 10 * sizes[0]:
         return "derivatives grow without bound, as at a grazing"
-    # beside a grazing, on the side without a touch, derivatives tell nothing
+    # near a grazing, on the side without a touch, derivatives do not show the grazing
     return "the map may jump, bend or end here, as where a motion grazes a surface" if motions else ""

@@ -1,6 +1,6 @@
 """Vibration environment of a payload: spectral density, RMS, shock response, level over time, and tolerance limits.
 
-As reports of tests state it: NASA-HDBK-7005 (*Dynamic environmental criteria*, 2001) and MIL-STD-810H, Method 514.
+As in reports of tests: NASA-HDBK-7005 (*Dynamic environmental criteria*, 2001) and MIL-STD-810H, Method 514.
 Accelerations are arrays (..., samples) in m/s^2; the leading axes are rails, places, directions. Densities are in
 (m/s^2)^2/Hz, and divided by the square of `STANDARD_GRAVITY` in g^2/Hz.
 """
@@ -15,7 +15,7 @@ from ..tools.types import Numbers
 from .spectra import power_spectral_density
 
 _ROUNDING = 1e-9
-"""Share by which a band may be too narrow or too high because numbers are rounded."""
+"""Share by which a band may be too narrow or too high because of rounding."""
 
 
 class Envelope(NamedTuple):
@@ -30,7 +30,7 @@ class Envelope(NamedTuple):
 
 
 class VibrationEnvironment(NamedTuple):
-    """Everything that a report on vibration states; `*cases` are the axes (rails, ...) of the accelerations."""
+    """All results of a report on vibration; `*cases` are the axes (rails, ...) of the accelerations."""
 
     edges: np.ndarray
     """Edges of the bands, and natural frequencies of the shock response [Hz], shape (bands + 1,)."""
@@ -39,14 +39,15 @@ class VibrationEnvironment(NamedTuple):
     windows: np.ndarray
     """Density in each window [(m/s^2)^2/Hz], shape (*cases, windows, bands)."""
     density: np.ndarray
-    """Mean density over the windows that have the band, which is Welch's [(m/s^2)^2/Hz], shape (*cases, bands)."""
+    """Mean density over the windows that have the band, as Welch's method [(m/s^2)^2/Hz], shape (*cases, bands)."""
     maximax: np.ndarray
     """Greatest density over the windows [(m/s^2)^2/Hz], shape (*cases, bands)."""
     rms: np.ndarray
     """RMS of the whole record about its mean, of all frequencies [m/s^2], shape (*cases,)."""
     band_rms: np.ndarray
-    """The same in the bands that have a density [m/s^2], shape (*cases,): not more than `rms`, as it could be by
-    `density`, a mean of windows that leaves out those without the band, and counts the ends of a record less."""
+    """RMS in the bands that have a density [m/s^2], shape (*cases,): at most `rms`. The RMS from `density` could be
+    more, because `density` is a mean that leaves out windows without the band, and weights the ends of a record
+    less."""
     maximax_rms: np.ndarray
     """Greatest RMS of a window in its bands [m/s^2], shape (*cases,)."""
     shock_response: np.ndarray
@@ -73,14 +74,14 @@ def _histories(acceleration: Numbers, rate: float, axes: int = 1) -> tuple[np.nd
 
 
 def _sums(values: np.ndarray) -> np.ndarray:
-    """Return the sums of what is before each place along the last axis, (..., values + 1)."""
+    """Return the sums of all values before each place along the last axis, (..., values + 1)."""
     return np.insert(np.cumsum(values, axis=-1), 0, 0.0, axis=-1)
 
 
 def band_edges(low: float = 20.0, high: float = 2000.0, *, per_octave: float = 6.0) -> np.ndarray:
     """Return edges of equally wide bands from `low` to `high` [Hz] that are an octave / `per_octave` wide or less.
 
-    Of sixth octaves from 20 to 2000 Hz there are 40. **Raises:** `ValueError` unless 0 < low < high.
+    From 20 to 2000 Hz there are 40 sixth octaves. **Raises:** `ValueError` unless 0 < low < high.
     """
     low, high = number(positive, "low", low, "Hz"), number(positive, "high", high, "Hz")
     require(low < high, "low", f"be below {high:g} Hz", shown=f"{low:g} Hz")
@@ -99,16 +100,16 @@ def window_densities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the middle of each window [s] and its power spectral density in bands, (..., windows, bands).
 
-    Hann windows overlap by half, or by a little more so that the last one ends with the record; the mean of each is
-    subtracted. The mean over the windows is Welch's estimate (doi:10.1109/TAU.1967.1161901). Lines of a periodogram
-    count as constant over their width, so that the mean square of the windowed signal is conserved, and a band of
-    width B has about 2 B `window` / 1.94 degrees of freedom a window.
+    Hann windows overlap by half, or by slightly more so that the last window ends with the record; the mean of each
+    window is subtracted. The mean over the windows is Welch's estimate (doi:10.1109/TAU.1967.1161901). Lines of a
+    periodogram count as constant over their width, so that the mean square of the windowed signal is conserved. A
+    band of width B has about 2 B `window` / 1.94 degrees of freedom in each window.
 
     Bands narrower than the resolution 1 / `window`, or above half the sampling rate or `highest`, are NaN.
 
     **Arguments:** `rate` [Hz]; `edges` of bands [Hz], shape (bands + 1,); `window` [s]: by default the shortest that
-    resolves every band, 0.41 s for those of `band_edges`, and at most the record; `highest`: frequency up to
-    which each sample is reliable [Hz], shape (samples,).
+    resolves every band, 0.41 s for `band_edges`, and at most the record; `highest`: frequency up to which each sample
+    is reliable [Hz], shape (samples,).
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
@@ -126,7 +127,7 @@ def window_densities(
     resolved = (widths >= rate / size * (1 - _ROUNDING)) & (edges[1:] <= rate / 2 * (1 + _ROUNDING))
     densities = []
     for start in starts:
-        # one window at a time, because the spectra of all of them would take much memory
+        # one window at a time, because the spectra of all windows would need much memory
         part = slice(start, start + size)
         spectrum = power_spectral_density(x[..., part], rate)
         good = resolved if highest is None else resolved & (edges[1:] <= highest[part].min() * (1 + _ROUNDING))
@@ -146,7 +147,7 @@ def _band_means(frequency: np.ndarray, density: np.ndarray, edges: np.ndarray, r
 
 
 def band_rms(density: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN where none is."""
+    """Return the RMS [unit] of a density (..., bands) over the bands where it is known; NaN without any."""
     square = np.ma.masked_invalid(density * np.diff(edges)).sum(axis=-1)
     return np.sqrt(np.ma.filled(square, np.nan))
 
@@ -161,15 +162,15 @@ def check_quality(quality: float) -> float:
 def oscillator_response(
     acceleration: Numbers, rate: float, natural_frequency: float, *, quality: float = 10.0, rest: float | None = None
 ) -> np.ndarray:
-    """Return the absolute acceleration of an oscillator on a base that has an acceleration, (..., samples).
+    """Return the absolute acceleration of an oscillator on a base with a given acceleration, (..., samples).
 
     The ramp-invariant recursive filter is exact for accelerations that are linear between samples: D. O. Smallwood,
     *An improved recursive formula for calculating shock response spectra*, Shock and Vibration Bulletin 51(2), 1981,
     and ISO 18431-4:2007.
 
-    A record may begin in the midst of a motion, of which the oscillator has a part that the record does not tell.
-    It begins as an oscillator that has come through the record backwards, from its mean: what is slow moves both
-    together then, and what is fast leaves the mass at rest.
+    A record may begin during a motion. The record does not show the motion of the oscillator before its first sample.
+    Therefore the oscillator begins in the state in which a run backwards through the record, from its mean, ends.
+    Then slow motion moves base and mass together, and fast motion leaves the mass at rest.
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz]; `quality`:
     1 / (2 damping ratio), above 1/2; `rest`: steady acceleration before the first sample, in which base and
@@ -210,16 +211,17 @@ def shock_response_spectrum(
 ) -> np.ndarray:
     """Return the greatest absolute acceleration of oscillators on a base, of both signs, (..., natural frequencies).
 
-    A steady acceleration is no shock, see `oscillator_response`. Only responses at samples count: at ten samples a
-    period peaks are up to 5 % higher, and what is linear between samples lacks 3 % of a sine. Natural frequencies
-    above a tenth of the sampling rate are NaN. Slow oscillators have their peak after a pulse: let zeros follow it.
+    A steady acceleration is no shock, see `oscillator_response`. Only responses at samples count: with ten samples a
+    period true peaks are up to 5 % higher, and the linear curve between samples lacks 3 % of a sine. Natural
+    frequencies above a tenth of the sampling rate are NaN. Slow oscillators have their peak after a pulse, so that
+    zeros should follow the pulse.
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `natural_frequency` [Hz], shape
     (frequencies,); `quality`: 1 / (2 damping ratio), above 1/2; `rest`: as for `oscillator_response`, zero for a
     pulse from rest.
     """
     x, rate = _histories(acceleration, rate)
-    # here, because no oscillator may be slow enough to be computed
+    # here, because it may be that no oscillator is slow enough to be computed
     quality = check_quality(quality)
     rest = None if rest is None else number(finite, "rest", rest, "m/s^2")
     frequencies = numbers("natural_frequency", natural_frequency, 1, "Hz")
@@ -233,8 +235,8 @@ def shock_response_spectrum(
 def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s] and the RMS about the mean in a window around each [m/s^2], shape (..., times).
 
-    Times are an eighth of a window apart or less, and each stands for an equal part of the record. Windows at the
-    ends are shorter by what lies outside of the record.
+    Times are an eighth of a window apart or less, and each time represents an equal part of the record. Windows at
+    the ends are shorter by the part outside of the record.
 
     **Arguments:** `acceleration` [m/s^2], shape (..., samples); `rate` [Hz]; `window` [s].
     """
@@ -243,10 +245,10 @@ def running_level(acceleration: Numbers, rate: float, *, window: float = 0.1) ->
     samples = x.shape[-1]
     parts = min(math.ceil(4 * samples / half), samples)
     middles = (np.arange(parts) + 0.5) * samples / parts
-    # at least the sample in which the middle lies
+    # at least the sample that contains the middle
     begin = np.minimum(np.rint(np.maximum(middles - half, 0)), np.floor(middles)).astype(int)
     end = np.maximum(np.rint(np.minimum(middles + half, samples)), begin + 1).astype(int)
-    # a mean that is large beside the vibration would cost digits
+    # a mean that is large compared with the vibration would cost digits
     x = x - x.mean(axis=-1, keepdims=True)
     sums = map(_sums, (x, x**2))
     mean, square = ((below[..., end] - below[..., begin]) / (end - begin) for below in sums)
@@ -264,7 +266,7 @@ def _share(name: str, value: float) -> float:
 def tolerance_factor(samples: int, *, share: float = 0.95, confidence: float = 0.5) -> float:
     """Return k such that mean + k times standard deviation of normal samples exceeds a share of all values.
 
-    It does so with a probability of `confidence`: k = t / sqrt(n), with t that quantile of the noncentral t
+    The probability of this is `confidence`: k = t / sqrt(n), with t the `confidence` quantile of the noncentral t
     distribution of n - 1 degrees of freedom and noncentrality sqrt(n) z, where z is the normal quantile of `share`.
     NaN for one sample.
     """
@@ -281,8 +283,8 @@ def tolerance_factor(samples: int, *, share: float = 0.95, confidence: float = 0
 def envelope(ensemble: np.ndarray, *, share: float = 0.95, confidence: float = 0.5) -> Envelope:
     """Return maximum, mean and tolerance limit over the first axis of positive values, such as densities of rails.
 
-    The limit is 10^(m + k s), with m and s the mean and standard deviation of log10 of the values, and k by
-    `tolerance_factor`: P95/50 by default. What an estimate of a density scatters is part of s, and raises it.
+    The limit is 10^(m + k s), with m and s the mean and standard deviation of log10 of the values, and k from
+    `tolerance_factor`: P95/50 by default. The scatter of an estimated density is part of s, and raises it.
     """
     values = numbers("ensemble", ensemble, 1)
     samples = values.shape[0]
@@ -298,9 +300,8 @@ def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     """Return samples at unequal times as samples at `rate` from the first time on, (..., new samples).
 
     A cubic spline joins the samples, at a multiple of the rate where they are closer than 1 / `rate` for a hundredth
-    of the time or more; a linear-phase low-pass filter then takes away what would be aliased. Frequencies above a
-    quarter of the local sampling rate,
-    where a cubic spline lacks 3 % of the power of a sine, are not reliable.
+    of the time or more; a linear-phase low-pass filter then removes what would be aliased. Frequencies above a
+    quarter of the local sampling rate are not reliable, because a cubic spline lacks 3 % of a sine's power there.
 
     **Arguments:** `time` [s], shape (samples,), increasing; `samples`: [unit], shape (..., samples); `rate` [Hz].
     """
@@ -313,7 +314,7 @@ def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     gaps = np.diff(time)
     require(time.size > 1 and (gaps > 0).all(), "time", "be two times or more that increase", time)
     count = math.floor((time[-1] - time[0]) * rate * (1 + _ROUNDING)) + 1
-    # a few times that are close together, as of a clock that was set, would take any memory
+    # a few times that are close together, as of a clock that was reset, would need too much memory
     ranked = np.sort(gaps)
     closest = ranked[np.searchsorted(np.cumsum(ranked), 0.01 * ranked.sum())]
     multiple = math.ceil(1 / (closest * rate) * (1 - _ROUNDING))
@@ -335,12 +336,12 @@ def vibration_environment(
 ) -> VibrationEnvironment:
     """Return the vibration environment of an ensemble of histories.
 
-    **Arguments:** `acceleration` [m/s^2], shape (rails, ..., samples); `rate` [Hz]: ten times the highest frequency
-    or more, better twenty; `time`: of samples that are not at `rate`, which are then resampled [s], shape (samples,),
-    such as those at equal distances of a sled whose speed changes; `highest`: frequency up to which each given sample
-    is reliable, above which densities are NaN [Hz], shape (samples,); `edges` of bands [Hz], by default
-    `band_edges()`; `window` of densities [s], see `window_densities`; `averaging`: window of the level [s]; `quality`
-    of the oscillators of the shock response.
+    **Arguments:** `acceleration` [m/s^2], shape (rails, ..., samples); `rate` [Hz]: at least ten times the highest
+    frequency, better twenty; `time`: of samples that are not at `rate` and are resampled [s], shape (samples,), such
+    as samples at equal distances of a sled whose speed changes; `highest`: frequency up to which each given sample is
+    reliable, above which densities are NaN [Hz], shape (samples,); `edges` of bands [Hz], by default `band_edges()`;
+    `window` of densities [s], see `window_densities`; `averaging`: window of the level [s]; `quality` of the
+    oscillators of the shock response.
 
     **Raises:** `ValueError` for fewer than 8 samples, or samples that are not finite.
     """
@@ -356,7 +357,7 @@ def vibration_environment(
         reliable = 0.25 / np.diff(time)
         if highest is not None:
             reliable = np.minimum(reliable, highest[:-1])
-        # new samples are as reliable as the interval in which they lie
+        # new samples are as reliable as the interval that contains them
         new = time[0] + np.arange(x.shape[-1]) / rate
         highest = reliable[np.searchsorted(time[1:-1], new, side="right")]
     middles, windows = window_densities(x, rate, edges, window=window, highest=highest)

@@ -1,4 +1,4 @@
-"""Events between two points of a branch of periodic motions: detected by the multipliers, and located."""
+"""Events between two points of a branch of periodic motions: the multipliers show them, and a search locates them."""
 
 import contextlib
 from collections.abc import Callable
@@ -22,16 +22,16 @@ MEANINGS = {
 }
 """Labels of events, as in AUTO and COCO, with their meanings."""
 NARROWEST = 1e-10
-"""Share of a step at which halving ends."""
+"""Share of a step at which the halving of steps ends."""
 BRACKET = 1e-9
 """Share of a step before and after a root of a test function at which its sign is confirmed."""
 
 
 def resonance(angle: float) -> str:
-    """Return the strong resonance near the angle [rad] of a multiplier, such as "1:3"; empty for none.
+    """Return the strong resonance near the angle [rad] of a multiplier, such as "1:3"; empty where there is none.
 
-    There a Neimark-Sacker need not give birth to a torus (Kuznetsov, Elements of Applied Bifurcation Theory, chapter
-    9). Near is within 0.05 rad: the phase drifts by a turn in 126 periods.
+    At a strong resonance a Neimark-Sacker need not create a torus (Kuznetsov, Elements of Applied Bifurcation Theory,
+    chapter 9). Near means within 0.05 rad: the phase drifts by a turn in 126 periods.
     """
     strong = {"1:1": 0.0, "1:2": np.pi, "1:3": 2 * np.pi / 3, "1:4": np.pi / 2}
     angle = float(np.abs(np.angle(np.exp(1j * angle))))
@@ -49,7 +49,7 @@ class Event(NamedTuple):
     """One of `MEANINGS`."""
     node: Node
     low: float
-    """Lower bound of the parameter's value there; `high`: upper bound."""
+    """Lower bound of the parameter's value at the event; `high`: upper bound."""
     high: float
     multiplier: complex
     """Critical multiplier; NaN where there is none."""
@@ -58,16 +58,16 @@ class Event(NamedTuple):
     change: tuple[int, ...] = ()
     """Changes of `Observation.counts` at a grazing, along the branch."""
     place: int = -1
-    """Where the last parameter is among the unknowns."""
+    """Place of the last parameter among the unknowns."""
 
     @property
     def value(self) -> float:
-        """Value of the parameter there, of several the last."""
+        """Value of the parameter at the event, of several parameters the last."""
         return float(self.node.z[self.place])
 
 
 def observed(node: Node, observe: Observe | None) -> Node:
-    """Return a point of a branch with its multipliers and their errors, and with what `observe` makes of it."""
+    """Return a point of a branch with its multipliers, their errors, and the result of `observe`."""
     matrices = np.asarray(node.matrices)
     mu = np.asarray(multipliers(matrices))
     view = Observation() if observe is None else observe(node)
@@ -75,19 +75,19 @@ def observed(node: Node, observe: Observe | None) -> Node:
 
 
 def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
-    """Return the labels of events between two near points of a branch; events that cancel between them are missed.
+    """Return the labels of events between two near points of a branch; events that cancel each other are missed.
 
-    Where the number of real multipliers above +1 changes by an odd number, one of them has passed +1: at a fold if
-    the parameter turns back, else at a branch point. An odd change below -1 is a flip. The rest of the change in the
-    number of multipliers outside the unit circle comes in pairs: complex ones at a Neimark-Sacker, unless the number
-    of real ones above +1 or below -1 changed by two.
+    Where the number of real multipliers above +1 changes by an odd number, one multiplier has passed +1: at a fold if
+    the parameter turns back, otherwise at a branch point. An odd change below -1 is a flip. All other changes in the
+    number of multipliers outside the unit circle come in pairs: complex pairs at a Neimark-Sacker, unless the number
+    of real multipliers above +1 or below -1 changed by two.
     """
     above, below, outside = (abs(one.beyond(conserved, sign) - other.beyond(conserved, sign)) for sign in (1, -1, 0))
     # the parameter turns back between both points
     turns = int(one.tangent[-1] * other.tangent[-1] < 0)
     labels = [] if one.view.counts == other.view.counts else ["GR"]
     labels += ["LP"] * turns + ["BP"] * (above % 2 != turns) + ["PD"] * (below % 2)
-    # rounded up: a single multiplier that is left counts as a pair
+    # rounded up: a single remaining multiplier counts as a pair
     pairs = max(-(-(outside - above % 2 - below % 2) // 2), 0)
     flips = min(below // 2, pairs)
     folds = min(above // 2, pairs - flips)
@@ -101,27 +101,27 @@ class EventSearch(NamedTuple):
     observe: Observe | None
     tolerance: float
     conserved: bool = False
-    """True where the map is conservative at both ends of the step. At one end alone the product of all multipliers
-    may be 1 by chance, at an event."""
+    """Whether the map is conservative at both ends of the step. At one end, at an event, the product of all
+    multipliers may be 1 by chance."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
         """Return the located events in the step of a branch from a to b, in their order."""
         return self._replace(conserved=a.conserved and b.conserved).events(a, b)
 
     def at(self, share: float, a: Node, b: Node) -> Node | None:
-        """Return the branch's point on the plane across the chord at a share of the way from a to b, or None."""
+        """Return the branch's point on the plane across the chord, at a share of the way from a to b, or None."""
         chord = b.z - a.z
         near = a if share < 0.5 else b
         guess = a.z + share * chord
         row = near.weights**2 * chord
-        # well below the tolerance, because test functions near zero are as accurate as the point
+        # well below the tolerance, because test functions near zero are only as accurate as the point
         node = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * 1e-3)
-        # a point farther off than the chord is long belongs to another branch
+        # a point whose distance is more than the chord's length belongs to another branch
         found = node.residual <= self.tolerance and node.length(node.z - guess) <= node.length(chord)
         return observed(node, self.observe) if found else None
 
     def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
-        """Return the located events between a and b; halve the step until each is alone.
+        """Return the located events between a and b; halve the step until it has only one event.
 
         **Arguments:** `width`: distance from a to b as a share of the branch's step.
         """
@@ -130,12 +130,12 @@ class EventSearch(NamedTuple):
             return []
         if labels == ["BP"]:
             return [self.crossing(a, b) or self.inseparable(labels, a, b, width)]
-        # a pitchfork: the branch turns back where another one crosses it
+        # a pitchfork: the branch turns back where another branch crosses it
         if labels == ["LP", "BP"] and (event := self.crossing(a, b, turning=True)) is not None:
             return [event]
         if labels in (["LP"], ["PD"], ["NS"]):
             event = self.located(labels[0], a, b)
-            # not converged: a Neimark-Sacker and a flip may look like a single flip from both ends
+            # not converged: a Neimark-Sacker and a flip together may look like a single flip from both ends
             if event.converged or width <= NARROWEST:
                 return [event]
         if labels == ["GR"] and (event := self.grazing(a, b)) is not None:
@@ -148,14 +148,14 @@ class EventSearch(NamedTuple):
     def narrowed(self, test: Callable[[Node], float], a: Node, b: Node) -> tuple[Node, Node, Node, float]:
         """Search a zero of `test` between a and b by Brent's method.
 
-        **Returns:** the last point before it, the first one after it, the nearest one, and the share of the step
-        between the first two.
+        **Returns:** the last point before the zero, the first point after it, the nearest point, and the share of the
+        step between the first two points.
         """
         from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
 
         nodes = {0.0: a, 1.0: b}
 
-        # Brent's method may ask for a point twice; NaN, where there is no point, ends it with an error
+        # Brent's method may ask for a point twice; NaN (no point) ends it with an error
         def value(share: float) -> float:
             node = nodes[share] if share in nodes else self.at(share, a, b)
             if node is None:
@@ -165,7 +165,7 @@ class EventSearch(NamedTuple):
 
         root = None
         with contextlib.suppress(ValueError):
-            # where the test jumps, Brent's method may end with a wide bracket: two more points close in on the root
+            # where the test jumps, Brent's method may end with a wide bracket, so that two more points narrow it
             root = float(brentq(value, 0.0, 1.0, xtol=NARROWEST / 100, rtol=1e-14, maxiter=60, disp=False))
             value(max(root - BRACKET, 0.0))
             value(min(root + BRACKET, 1.0))
@@ -195,21 +195,21 @@ class EventSearch(NamedTuple):
 
         At the branch point itself the equations are singular.
 
-        **Arguments:** `turning`: whether it is a pitchfork's, on the branch that turns back there; None is returned
-        where the fold is elsewhere.
+        **Arguments:** `turning`: whether it belongs to a pitchfork, on the branch that turns back there; then the
+        result is None where the fold is elsewhere.
         """
         test = self.test("LP" if turning else "BP", a, b)
         index = self.index(a, b)
         rough = test(a) / (test(a) - test(b))
-        # points within a share of the step around it; around a larger one where these do not do
+        # points within a share of the step around it, or within a larger share where these points fail
         for spread in (0.2, 0.3, 0.5):
-            shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b where these are the branch point
+            shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b, near the branch point
             nodes = [self.at(share, a, b) for share in shares]
             nodes = [node for node in nodes if node is not None and _along(node, a, b)]
             tests = np.array([test(node) for node in nodes])
             if len(nodes) < 4 or np.all(tests > 0) or np.all(tests < 0):
                 continue
-            # the multiplier may touch +1 there instead of passing it: value and slope of its distance are zero
+            # the multiplier may touch +1 there without passing it: value and slope of its distance are zero
             beyond = np.array([[_critical("BP", node, index).real - 1] for node in nodes])
             touches = np.abs(_polynomials(tests, beyond)[:2]).max() < 1e-5 * np.abs(beyond).max()
             if np.abs(tests).min() > 1e-3 * np.abs(tests).max() and (touches or not turning):
@@ -220,7 +220,7 @@ class EventSearch(NamedTuple):
         unknowns = np.array([node.z for node in nodes])
         z = _polynomials(tests, unknowns)[0]
         tangent = _polynomials(tests, np.array([node.tangent for node in nodes]))[0]
-        # the point there without Newton's method, which leaves the direction undetermined
+        # this point is without Newton's method, which leaves the direction undetermined
         node = correct(self.equations, z, tangent, tolerance=self.tolerance, iterations=0)
         node = observed(node._replace(tangent=tangent, label="BP"), self.observe)
         # the error is the difference from a polynomial through fewer points
@@ -229,7 +229,7 @@ class EventSearch(NamedTuple):
         return Event("BP", node, value - error, value + error, _critical("BP", node, index), True, "")
 
     def grazing(self, a: Node, b: Node) -> Event | None:
-        """Return a single grazing, located; None where there are several, or other events near it."""
+        """Return a single grazing, located; None where there are several grazings, or other events near it."""
         before, after = a.view.counts, b.view.counts
         kinds = [k for k, (m, n) in enumerate(zip(before, after, strict=True)) if m != n]
 
@@ -237,7 +237,7 @@ class EventSearch(NamedTuple):
             counts = node.view.counts
             if counts not in (before, after) and changes(a, node, self.conserved):
                 return np.nan
-            # margins have no sign: make it positive on the side of a, where the counts are those of a
+            # margins have no sign: they become positive on the side of a, where the counts equal those of a
             return (1.0 if counts == before else -1.0) * min(node.view.margins[k] for k in kinds)
 
         low, high, _, width = self.narrowed(test, a, b)
@@ -246,20 +246,20 @@ class EventSearch(NamedTuple):
         return self.inseparable(["GR"], low, high, NARROWEST)
 
     def index(self, a: Node, b: Node) -> int:
-        """Return the index of the critical multiplier; sorted by modulus, multipliers keep it along the branch."""
+        """Return the index of the critical multiplier, constant along a branch where moduli sort the multipliers."""
         return min(node.beyond(self.conserved) for node in (a, b))
 
     def test(self, label: str, a: Node, b: Node) -> Callable[[Node], float]:
         """Return a continuous function of a point that is zero at the event."""
         if label == "LP":
             return lambda node: float(node.tangent[-1] * node.weights[-1])
-        if label == "BP":  # the product is smooth, also where a pair of multipliers meets at +1
+        if label == "BP":  # the product is also smooth where a pair of multipliers meets at +1
             return lambda node: float(np.prod(node.multipliers - 1).real)
         index = self.index(a, b)
         return lambda node: float(np.abs(node.multipliers[index]) - 1 - CONSERVED * self.conserved)
 
     def inseparable(self, labels: list[str], a: Node, b: Node, width: float) -> Event:
-        """Return one event in place of several that cannot be separated; or a grazing, which lies between points."""
+        """Return one event in place of several that cannot be separated; or a grazing, which is between points."""
         label = "GR" if "GR" in labels else labels[0]
         notes = []
         if set(labels) != {"GR"}:
@@ -285,7 +285,7 @@ class EventSearch(NamedTuple):
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:
-    """Return whether a point lies on the branch from a to b, not on one that crosses it."""
+    """Return whether a point is on the branch from a to b, and not on a branch that crosses it."""
     chord = a.weights * (b.z - a.z)
     cosine = abs(chord @ (node.weights * node.tangent)) / np.linalg.norm(chord)
     return bool(cosine > 0.95)

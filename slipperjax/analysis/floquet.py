@@ -78,7 +78,7 @@ def linearise(
 def product(
     matrices: Float[Array | np.ndarray, "intervals size size"],
 ) -> Float[Array | np.ndarray, "size size"]:
-    """Return the product of successive matrices, of which the first is applied first."""
+    """Return the product of successive matrices; the first matrix is applied first."""
     if is_traced(matrices):
         return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
     return functools.reduce(_after, np.asarray(matrices))
@@ -89,8 +89,8 @@ def multipliers(
 ) -> Complex[Array | np.ndarray, " size"]:
     """Return the eigenvalues of the product of successive Jacobians, the largest modulus first.
 
-    The product is not formed, because its rounding errors would hide the small ones: QR factors of the Jacobians are
-    passed through the intervals until they separate the moduli (orthogonal iteration; Lust 2001,
+    The product is not formed, because its rounding errors would hide small multipliers. QR factors of the Jacobians
+    are passed through the intervals until they separate the moduli (orthogonal iteration; Lust 2001,
     doi:10.1142/S0218127401003486). Inside `jax.jit` and other transformations the product is formed.
     """
     if is_traced(matrices):
@@ -125,10 +125,10 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
         basis = bases[-1]
     inside = []
     for k, matrix in enumerate(matrices):
-        # the last interval ends in the basis in which the first one begins
+        # the last interval ends in the basis in which the first interval begins
         then = bases[(k + 1) % len(matrices)]
         inside.append(then.T @ matrix @ bases[k])
-    # Blocks are separate where the entries below left, which couple them, are small in all matrices: 1e-12 of the
+    # Blocks are separate where the lower left entries, which couple them, are small in all matrices: 1e-12 of the
     # norm, to which rounding errors grow over many intervals. Larger blocks would cost more accuracy.
     cuts = [0]
     for k in range(1, size):
@@ -141,8 +141,8 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
 
 
 CONSERVED = 1e-6
-"""Greatest |ln| of the product of all multipliers' moduli at which a map counts as conservative: then the product is
-one up to the error of the integration."""
+"""Greatest |ln| of the product of all multipliers' moduli for a conservative map: the product is one up to the error
+of the integration."""
 ROUNDING = 100 * np.finfo(float).eps
 """Relative rounding error of the Jacobian over a period."""
 
@@ -150,7 +150,7 @@ ROUNDING = 100 * np.finfo(float).eps
 def is_conservative(
     multipliers: Inexact[Array | np.ndarray, "*cases size"],
 ) -> Bool[Array | np.ndarray | np.bool_, "*cases"]:
-    """Return whether multipliers are those of a conservative or reversible map: in pairs mu and 1/mu.
+    """Return whether multipliers belong to a conservative or reversible map: in pairs mu and 1/mu.
 
     Such pairs stay on the unit circle along whole stretches of a branch.
     """
@@ -160,7 +160,7 @@ def is_conservative(
 
 
 def circle_error(multipliers: Inexact[Array | np.ndarray, "*cases size"]) -> Float[Array | np.ndarray, "*cases"]:
-    """Return the error of the largest multiplier's modulus: nearer to 1 than this, it decides nothing of
+    """Return the error of the largest multiplier's modulus; a modulus nearer to 1 than this does not decide about
     stability."""
     xp = jnp if is_traced(multipliers) else np
     return xp.where(is_conservative(multipliers), CONSERVED, ROUNDING)
@@ -172,8 +172,8 @@ def rounding_errors(
 ) -> Float[np.ndarray, " size"]:
     """Return the rounding error of each multiplier, estimated from the successive Jacobians.
 
-    They are `ROUNDING` times the norm of the balanced product and the multiplier's condition, or the root of that
-    where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
+    The error is `ROUNDING` times the norm of the balanced product times the multiplier's condition, or the root of
+    this where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
     """
     from scipy.linalg import eig, matrix_balance  # here, because importing takes time that most runs need not spend
 
@@ -182,10 +182,10 @@ def rounding_errors(
         return np.full(np.shape(multipliers), ROUNDING)
     matrix = matrix_balance(whole_period)[0]
     values, left, right = eig(matrix, left=True)  # type: ignore[misc]
-    cosines = np.abs(np.sum(left.conj() * right, axis=0))  # zero for a double one
+    cosines = np.abs(np.sum(left.conj() * right, axis=0))  # zero for a double multiplier
     norm = np.linalg.norm(matrix, 2)
     errors = np.minimum(ROUNDING * norm / np.maximum(cosines, ROUNDING), np.sqrt(ROUNDING) * norm)
-    # each multiplier has the error of the nearest eigenvalue of the product
+    # each multiplier has the error of the product's nearest eigenvalue
     nearest = np.argmin(np.abs(np.asarray(multipliers)[:, None] - values), axis=1)
     return errors[nearest]
 

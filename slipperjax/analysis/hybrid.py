@@ -1,9 +1,9 @@
-"""Maps of systems that switch, rebound or are seen at a section: each crossing is found inside a step.
+"""Maps of systems that switch, rebound or cross a section: each crossing is found inside a step.
 
 The instant of a crossing depends on the state in a differentiable way, so that Jacobians of these maps contain the
 saltation matrix of each switch and rebound (Leine and Nijmeijer 2004, doi:10.1007/978-3-540-44398-8). Crossings must
-be transversal: at a grazing the derivative does not exist. Derivatives are there in forward and reverse mode. States
-are arrays along one axis.
+be transversal: at a grazing the derivative does not exist. Derivatives exist in forward and reverse mode. States are
+arrays along one axis.
 """
 
 import abc
@@ -30,14 +30,14 @@ Reset = Callable[[Array, Array], Array]
 CROSSING_ITERATIONS = 60
 """Most iterations for the instant of a crossing: enough bisections to reach rounding errors."""
 CLOSE = 1e-9
-"""Newton step, as a share of the integration step, after which the instant is exact: its error is the square."""
+"""Newton step, as a share of the integration step, after which the instant is exact: the error is its square."""
 SHORTEST = 1e-3
-"""Shortest flight between impacts, as a share of the integration step; instead of a shorter one the motion sticks."""
+"""Shortest flight between impacts, as a share of the integration step; below this the motion sticks instead."""
 MOST_EVENTS = 2000
-"""Impacts or crossings in one integration step after which the state is NaN; twice the number of flights of length
+"""Impacts or crossings in one integration step after which the state is NaN: twice the number of flights of length
 `SHORTEST`."""
 ON_SURFACE = 1e-9
-"""Way to the surface at which a motion slides, as a share of what both fields go towards it in a step."""
+"""Distance from the surface at which a motion slides, as a share of the way of both fields towards it in a step."""
 
 
 def rk4(field: Field, t: Array, y: Array, h: Array) -> Array:
@@ -58,14 +58,14 @@ def share_before(
 ) -> Float[Array, ""]:
     """Return the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
 
-    The crossing is the one towards the sign at the end. A start that rounding puts on the wrong side of the surface
-    is no crossing. The derivatives are those of the exact share, of any order and in both modes.
+    The crossing leads to the sign at the end. A start that is on the wrong side of the surface by rounding is no
+    crossing. Derivatives are those of the exact share, of any order and in both modes.
 
     **Arguments:** `flow(share)`: the state after this share of the step `dt`.
     """
     # the surface as a function of the share
     height = lambda share: surface(t + share * dt, flow(share))
-    # where there is no crossing, a function with a root at 1 stands in
+    # without a crossing, a function with a root at 1 replaces the surface's function
     sought = lambda share: jnp.where(crosses, height(share), share - 1)
 
     # the implicit derivative of the share, from the linearised function; zero where that is flat
@@ -77,10 +77,10 @@ def share_before(
 
 
 def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
-    """Return where a function on 0 to 1 takes the sign that it has at 1, by Newton's method within a bracket."""
+    """Return where a function on 0 to 1 gets the sign that it has at 1, by Newton's method within a bracket."""
     slope_at = lambda share: jax.jvp(height, (share,), (jnp.ones_like(share),))
     (start, end), (slope, _) = jax.vmap(slope_at)(jnp.stack([zero, zero + 1]))
-    # mirrored if need be, so that the function falls through zero
+    # mirrored if necessary, so that the function falls through zero
     side = jnp.where(end < 0, 1.0, -1.0)
     start, end, slope = side * start, side * end, side * slope
     # first guess: the falling zero of the parabola with the value and slope at the start and the value at the end
@@ -95,10 +95,10 @@ def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
         value, slope = (side * a for a in slope_at(x))
         low, high = jnp.where(value > 0, x, low), jnp.where(value > 0, high, x)
         newton = x - value / slope
-        # bisect where Newton's step leads out of the bracket, or to a zero at which the function rises
+        # bisect where Newton's step leaves the bracket, or leads to a zero at which the function rises
         good = (slope < 0) & (newton >= low) & (newton <= high)
         new = jnp.where(good, newton, (low + high) / 2)
-        # the length of a Newton step tells the error that is left, that of a bisection does not
+        # the length of a Newton step shows the remaining error, the length of a bisection does not
         done = jnp.abs(new - x) < jnp.where(good, CLOSE, jnp.finfo(new.dtype).eps)
         return new, low, high, count + 1, done
 
@@ -107,7 +107,7 @@ def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
 
 
 class AbstractCrossingStep(eqx.Module):
-    """Map over an interval of integration steps, in which steps that cross a surface are split at the crossing."""
+    """Map over an interval of integration steps; steps that cross a surface are split at the crossing."""
 
     dt: Float[Array, ""]
     t0: Float[Array, ""]
@@ -123,15 +123,16 @@ class AbstractCrossingStep(eqx.Module):
 
     @abc.abstractmethod
     def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Array, Bool[Array, ""]]:
-        """Return the state after a step that is split, if it `crosses`, and whether it then sticks to the surface."""
+        """Return the state after a split step, if it `crosses`, and whether the motion then sticks to the surface."""
 
     def _stuck(self, t, y) -> Bool[Array, ""] | bool:
-        """Return whether the motion sticks to the surface, so that the step from there is not a plain one."""
+        """Return whether the motion sticks to the surface, so that the step from there is not a plain step."""
         return False
 
     def nearness(self, state: Array, k: Real) -> tuple[Array, Array]:
         """Return how near the motion of an interval is to a grazing: the least gap at which it turns before it
-        touches the surface, and the least rate of a touch without which it would turn. Infinite where there is none.
+        touches the surface, and the least rate of a touch (with a smaller rate it would turn first). Infinite where
+        there is none.
         """
 
         def one(y, i):
@@ -197,17 +198,17 @@ class SwitchedStep(AbstractCrossingStep):
         return lambda t, y: jnp.where(slides, self._sliding(t, y), either(t, y))
 
     def _rates(self, t, y):
-        """Return how fast the surface's function grows along the field above, and along the one below."""
+        """Return how fast the surface's function grows along the field above, and along the field below."""
         return _along(self.above, self.surface)(t, y), _along(self.below, self.surface)(t, y)
 
     def _sliding(self, t, y):
-        """Return the mixture of both fields that stays on the surface, by Filippov."""
+        """Return Filippov's mixture of both fields, which stays on the surface."""
         above, below = self._rates(t, y)
         apart = jnp.where(below == above, 1.0, below - above)
         return (below * self.above(t, y) - above * self.below(t, y)) / apart
 
     def _held(self, t, y):
-        """Return a positive number where both fields point to the surface."""
+        """Return a positive number where both fields point towards the surface."""
         above, below = self._rates(t, y)
         return jnp.minimum(-above, below)
 
@@ -220,7 +221,7 @@ class SwitchedStep(AbstractCrossingStep):
         return lambda t, y: side * self.surface(t, y)
 
     def _near(self, t, y):
-        """Return whether the surface is so near that rounding errors may decide on which side of it the motion is."""
+        """Return whether the surface is so near that rounding errors may decide on which side the motion is."""
         above, below = self._rates(t, y)
         return jnp.abs(self.surface(t, y)) <= ON_SURFACE * self.dt * (jnp.abs(above) + jnp.abs(below))
 
@@ -229,7 +230,7 @@ class SwitchedStep(AbstractCrossingStep):
         end = rk4(field, t, y, self.dt)
         rate, then = _along(field, gap), t + self.dt
         fall, rise, last = rate(t, y), rate(then, end), gap(then, end)
-        # a gap that falls and rises may be below zero between, unless one of its tangents at the ends is not
+        # a gap that falls and rises may be below zero in between, unless one of its end tangents stays above zero
         dips = (fall < 0) & (rise > 0) & (gap(t, y) + self.dt * fall < 0) & (last - self.dt * rise < 0)
         return end, (last < 0) | dips
 
@@ -243,12 +244,12 @@ class SwitchedStep(AbstractCrossingStep):
         def to_event(carry):
             # advance to a crossing, to the end of sliding, or to the end of the step
             share, y, up, slides, _, count = carry
-            # positive until something happens; jit, so that each is traced once
+            # positive until an event occurs; jit, so that each function is traced once
             gap = self._gap(up)
             ahead = jax.jit(lambda t, y: jnp.where(slides, self._held(t, y), gap(t, y)))
             field = jax.jit(self._field(up, slides))
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            # what happens is looked for up to the lowest point, from which the gap may rise within the step
+            # events are searched up to the lowest point, because the gap may rise after it within the step
             lowest = _lowest(field, gap, at(share), y, at(1.0), flow(1.0))[0]
             reach = jnp.where(slides | self._near(at(share), y), 1.0, lowest)
             happens = crosses & (ahead(at(share) + reach * left(share), flow(reach)) < 0)
@@ -258,7 +259,7 @@ class SwitchedStep(AbstractCrossingStep):
             )
             share, y = share + part * (1 - share), flow(part)
             above, below = self._rates(at(share), y)
-            # sliding ends along the field that no longer points to the surface
+            # sliding ends along the field that no longer points towards the surface
             up = jnp.where(happens, jnp.where(slides, -above < below, ~up), up)
             slides = jnp.where(happens, ~slides & (above < 0) & (below > 0), slides)
             y = jnp.where(slides, _to_surface(self.surface, at(share), y), y)
@@ -295,11 +296,11 @@ class ImpactStep(AbstractCrossingStep):
         return end, self._falls(t, y, _lowest(self.field, self.surface, t, y, t + self.dt, end)[1])
 
     def _falls(self, t, y, height):
-        # it must fall, because rounding may put a start on the surface below it
+        # the gap must fall, because rounding may put a start on the surface below it
         return (height < 0) & (height < self.surface(t, y))
 
     def other_side(self, state, intervals):
-        # up to the last step as it is, which is then taken without the impact
+        # up to the unsplit last step, which is then taken without the impact
         state_before = jax.lax.fori_loop(0, intervals - 1, lambda k, s: self(s, 1.0 * k), state)
         begin = self.t0 + (intervals - 1) * self.steps * self.dt
         shorter = ImpactStep(self.dt, begin, self.steps - 1, self.field, self.surface, self.reset)
@@ -323,19 +324,19 @@ class ImpactStep(AbstractCrossingStep):
         at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
 
         def to_event(carry):
-            # advance to an impact, to the release of a motion that sticks, or to the end of the step
+            # advance to an impact, to the release of a sticking motion, or to the end of the step
             share, y, stuck, _, count = carry
-            # jit, so that each is traced once: tracing takes longer than all steps
+            # jit, so that each function is traced once: tracing takes longer than all steps
             surface = jax.jit(lambda t, y: jnp.where(stuck, self._push(t, y), self.surface(t, y)))
             field = jax.jit(self._field(stuck))
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            # the end of the step, if nothing happens before
+            # the end of the step, unless an event occurs before
             end = flow(1.0)
             lowest = jnp.where(stuck, 1.0, _lowest(self.field, self.surface, at(share), y, at(1.0), end)[0])
             released = self._push(at(1.0), end) > 0
             touches = self._falls(at(share), y, self.surface(at(share) + lowest * left(share), flow(lowest)))
             happens = crosses & jnp.where(stuck, released, touches)
-            # a touch is looked for up to the lowest point, from which the gap may rise within the step
+            # a touch is searched up to the lowest point, because the gap may rise after it within the step
             reach = jnp.where(happens, lowest, 1.0)
             part = reach * share_before(
                 surface, lambda part: flow(part * reach), at(share), reach * left(share), happens
@@ -356,7 +357,7 @@ class ImpactStep(AbstractCrossingStep):
         return lambda t, y: jnp.where(stuck, self._held(t, y), self.field(t, y))
 
     def _reaction(self, t, y):
-        """Return the change of the state by an impact, scaled to change the rate of the gap by one."""
+        """Return the change of the state by an impact, scaled so that the rate of the gap changes by one."""
         slope = jax.grad(lambda y: self._rate(t, y))(y)
         # the change by an impact for a change of the state along the gradient of the rate
         jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
@@ -368,8 +369,8 @@ class ImpactStep(AbstractCrossingStep):
         return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
     def _settled(self, t, y):
-        """Return the state moved onto the surface, with no rate of the gap."""
-        # to the surface along its normal, then no rate across it
+        """Return the state moved onto the surface, with a zero rate of the gap."""
+        # first to the surface along its normal, then the rate across it becomes zero
         y = _to_surface(self.surface, t, y)
         return y - self._rate(t, y) * self._reaction(t, y)
 
@@ -393,11 +394,11 @@ class ReturnStep(eqx.Module):
             i, y, risen, _ = carry
             end = rk4(self.field, i * self.dt, y, self.dt)
             height = self.surface((i + 1) * self.dt, end)
-            # after a reset that does not lift off, the surface falls at once
+            # after a reset without lift-off, the surface falls at once
             falls = (risen | (self.reset is not None)) & (height < 0)
             return jnp.where(falls, i, i + 1), jnp.where(falls, y, end), risen | (height > 0), falls
 
-        # Rounding puts a start on the surface above or below it, so the surface must have risen before it can fall.
+        # Rounding puts a start on the surface above or below it. Therefore the surface must rise before it can fall.
         risen = jnp.zeros((), bool)
         if self.reset is not None:
             state = self.reset(start, state)
@@ -407,15 +408,15 @@ class ReturnStep(eqx.Module):
         t = i * self.dt
         flow = lambda share: rk4(self.field, t, y, share * self.dt)
         end = flow(share_before(self.surface, flow, t, self.dt, falls))
-        # NaN where the motion sticks, or does not return within the most steps
+        # NaN where the motion sticks, or does not return within `most` steps
         return jnp.where(falls & risen, end, jnp.nan)
 
 
 def in_both_modes(function: Callable[[Array, Array], Array], state: Array, k: Real) -> Array:
-    """Return function(state, k), differentiable in both modes, although while loops know forward mode only.
+    """Return function(state, k), differentiable in both modes, although while loops have only forward mode.
 
-    Its Jacobian is formed by forward mode, with respect to all numbers that are differentiated, also those that
-    `function` closes over: a derivative costs as many tangents as there are such numbers. States are small.
+    Forward mode gives the Jacobian with respect to all differentiated numbers, also those that `function` closes
+    over. A derivative costs as many tangents as there are such numbers. States are small.
     """
     kernel = lambda state, k: in_one_kernel(function, state, k)
     return by_jacobian(kernel, jnp.asarray(state), jnp.asarray(k), most=math.inf)
@@ -427,14 +428,14 @@ def switched_step(
     """Return the map of an ODE over an interval, where the right-hand side jumps when `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
-    Where both fields point to the surface, the motion slides along it until one no longer does, by Filippov
-    (doi:10.1007/978-94-015-7793-9): dry friction sticks. A crossing there and back within one step is noticed by the
-    lowest point of a cubic.
+    Where both fields point towards the surface, the motion slides along it until one field points away, by Filippov
+    (doi:10.1007/978-94-015-7793-9): dry friction sticks. The lowest point of a cubic shows a crossing there and back
+    within one step.
 
     **Arguments:** `above`, `below`: y' at (t, y) where surface(t, y) >= 0, and elsewhere; `dt`: integration step, in
     the system's unit of time; `steps`: steps in one interval; `t0`: time at which interval 0 starts.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     _check(above=above, below=below, surface=surface)
     return SwitchedStep(*_instants(dt, t0, steps), above, below, surface)
@@ -452,14 +453,14 @@ def impact_step(
     """Return the map of a system with rigid stops over an interval: when `surface` falls to zero, `reset` is applied.
 
     Each impact is found inside a step. Where impacts accumulate (chattering), the motion sticks to the surface
-    instead of a flight shorter than `SHORTEST` of a step: the gap stays closed, held by a force in the direction of
-    the impacts, and the motion slides along the surface until the vector field pulls it off (Nordmark and Piiroinen
-    2009, Nonlinear Dynamics 58, 85). The state becomes NaN where `reset` does not turn the motion around. A touch
-    within one step is noticed by the lowest point of a cubic.
+    instead of making a flight shorter than `SHORTEST` of a step. A force in the direction of the impacts keeps the
+    gap closed, and the motion slides along the surface until the vector field pulls it off (Nordmark and Piiroinen
+    2009, Nonlinear Dynamics 58, 85). The state becomes NaN where `reset` does not turn the motion around. The lowest
+    point of a cubic shows a touch within one step.
 
-    The instants k steps dt + t0 are those of a strobe, at which an impact changes the state at once. An impact that
-    falls on the strobe is no bifurcation: `continue_motion` goes on beyond it, from the state on the other side of
-    the impact, and labels the place ST.
+    The instants k steps dt + t0 are instants of a strobe, at which an impact changes the state at once. An impact
+    that falls on the strobe is no bifurcation: `continue_motion` continues beyond it, from the state on the other
+    side of the impact, and labels the place ST.
 
     **Arguments:**
 
@@ -468,7 +469,7 @@ def impact_step(
     - `reset`: the state after an impact at (t, y), such as a velocity times minus the coefficient of restitution.
     - `dt`, `steps`, `t0`: as for `switched_step`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     _check(vector_field=vector_field, surface=surface, reset=reset)
     return ImpactStep(*_instants(dt, t0, steps), vector_field, surface, reset)
@@ -482,20 +483,21 @@ def return_step(
     dt: Real,
     most: int = 100_000,
 ) -> ReturnStep:
-    """Return the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next one.
+    """Return the Poincare map of an autonomous system: from one fall of `surface` to zero to the next fall.
 
-    `shoot` on it finds periodic orbits of a flow without a phase condition: along the flow the map's Jacobian has the
-    multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact map, from
-    just before an impact to just before the next. A motion that sticks to the surface has no next impact: NaN.
+    `shoot` on this map finds periodic orbits of a flow without a phase condition. Along the flow the map's Jacobian
+    has the multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact
+    map, from just before an impact to just before the next. A motion that sticks to the surface has no next impact:
+    NaN.
 
     **Arguments:**
 
     - `vector_field`: y' at (t, y), t from the start of a return; a forced system carries its phase in the state.
-    - `surface`: a number at (t, y); where it should rise, take its negative.
+    - `surface`: a number at (t, y); use its negative where it should rise.
     - `reset`: as for `impact_step`, at the start of each return; default none.
     - `dt`: integration step; `most`: steps after which the state is NaN.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     _check(vector_field=vector_field, surface=surface, reset=vector_field if reset is None else reset)
     return ReturnStep(vector_field, surface, reset, positive("dt")(dt), whole("most", most, 1))
@@ -506,7 +508,7 @@ def _instants(dt, t0, steps):
 
 
 def _lowest(field: Field, gap: Surface, t: Array, y: Array, then: Array, end: Array) -> tuple[Array, Array]:
-    """Return the share of a flight at which its gap is least, and that gap, by a cubic."""
+    """Return the share of a flight at which its gap is least, and the gap there, by a cubic."""
     rate = _along(field, gap)
     (start, slope), (last, last_slope) = ((-gap(*at), -(then - t) * rate(*at)) for at in ((t, y), (then, end)))
     share, height = highest_point(start, slope, last, last_slope)

@@ -13,7 +13,7 @@ class Regime(enum.IntEnum):
     """Kind of motion: its code in arrays, and its names in results. Code 0 also marks cases not computed."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
-    """None of the others for certain."""
+    """Not certainly one of the other kinds."""
     PERIODIC = 1, "period", "periodic"
     REGULAR = 2, "torus", "regular"
     """Neither periodic nor chaotic: a torus."""
@@ -22,7 +22,7 @@ class Regime(enum.IntEnum):
     """Chaotic for long, then regular."""
 
     kind_name: str
-    """Name by recurrence alone, one of `KINDS`; empty where recurrence cannot tell."""
+    """Name by recurrence only, one of `KINDS`; empty where recurrence cannot show the kind."""
     regime_name: str
     """Name by recurrence and the largest Lyapunov exponent, one of `REGIMES`."""
 
@@ -56,9 +56,9 @@ REGIMES = "periodic", "regular", "chaotic", "unresolved", "transient chaos"
 
 
 def lasting(name: str, least_mean_life: float | Numbers) -> str:
-    """Return the label of a regime; for chaos with the least mean life that was measured, if any.
+    """Return the label of a regime; for chaos with the measured least mean life, if any.
 
-    A transient longer than that cannot be told from chaos.
+    A transient that lasts longer than this life cannot be distinguished from chaos.
 
     **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of each case [forcing periods], see
     `slipperjax.lyapunov_sweep`, NaN where it was not measured.

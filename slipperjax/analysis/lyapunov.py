@@ -6,7 +6,7 @@ growth are the local exponents, whose means are the spectrum (doi:10.1007/BF0212
 
 `step` must be differentiable *as a map*: the instant of an event inside it (a touchdown, a switch) must depend on the
 state in a differentiable way. If the force jumps at the end of the integration step that contains the event, the
-derivative lacks the saltation term, and the exponents are wrong however short the steps.
+derivative lacks the saltation term, and the exponents are wrong even for very short steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +49,7 @@ class LyapunovSpectrum(eqx.Module):
     period: Float[Array, "*lanes"]
     """Length of a period [s], or in the unit of the system's time."""
     status: Int[Array, "*lanes"] | None = None
-    """Status code of the state at the end, see `slipperjax.Status`; None where it was not checked."""
+    """Status code of the state at the end, see `slipperjax.Status`; None where the state was not checked."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
@@ -79,16 +79,16 @@ class LyapunovSpectrum(eqx.Module):
     @property
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
         """Standard errors of `per_period` [1/period], see `one_motion_standard_error`; not for use under a
-        transformation. Of chaos they are those of what the record has seen: it may have other bands, or end."""
+        transformation. For chaos they are valid only for what the record shows: it may have other bands, or end."""
         return one_motion_standard_error(self.history) / np.asarray(self.periods)[..., None]
 
     @property
     def resolved(self) -> Bool[np.ndarray, "*lanes"]:
-        """True where the largest exponent is known not to be positive; not for use under a transformation.
+        """Whether it is known that the largest exponent is not positive; not for use under a transformation.
 
-        Chaos of one motion is never resolved: a record of N periods in which it does not end shows with 95 %
-        confidence that its mean life exceeds N / 3, and no more. For slippers `slipperjax.lyapunov_sweep` runs
-        several motions for longer.
+        Chaos of one motion is never resolved. A record of N periods in which chaos does not end shows with 95 %
+        confidence only that its mean life exceeds N / 3. For slippers `slipperjax.lyapunov_sweep` runs several
+        motions for longer.
         """
         good = is_sure(self.per_period[..., 0], self.stderr[..., 0]) & ~self._chaotic
         return np.asarray(good if self.status is None else good & (np.asarray(self.status) == 0))
@@ -99,7 +99,7 @@ class LyapunovSpectrum(eqx.Module):
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
-        """Exponents [1/period] by a smoothly weighted mean, more accurate than `per_period` for regular motions, see
+        """Exponents [1/period] as a smoothly weighted mean, more accurate than `per_period` for regular motions, see
         `weighted_mean`; not for use under a transformation."""
         return weighted_mean(self.history) / np.asarray(self.periods)[..., None]
 
@@ -138,24 +138,24 @@ def gram_schmidt(
     rows: Array,
     weights: Array,
 ) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
-    """Return orthonormal rows by Gram-Schmidt, each projected twice, and the logarithms of their lengths before.
+    """Return orthonormal rows by Gram-Schmidt, each projected twice, and the logarithms of their former lengths.
 
-    A row that vanishes has a logarithm of about -354 (of the root of the smallest number in double precision) and is
-    replaced by a fixed direction, made orthogonal to the rows before it.
+    A row that vanishes has a logarithm of about -354 (the root of the smallest number in double precision). A fixed
+    direction, made orthogonal to the earlier rows, replaces it.
     """
     count, size = rows.shape
-    # squares up to this count as zero
+    # squares up to this number count as zero
     tiny = jnp.finfo(rows.dtype).tiny
-    # scalar products are those of the weighted components
+    # scalar products use the weighted components
     dual = lambda a: weights[None] ** 2 * a
     spare = fixed_directions(1, count, size, weights)
     basis, logs = [], []
-    # each row beside its spare direction, which replaces it where it vanishes
+    # each row with its spare direction, which replaces the row where it vanishes
     for row, other in zip(rows, spare, strict=True):
         pair = jnp.stack([row, other])
         if basis:
             before = jnp.stack(basis)
-            # twice is enough for orthogonality to rounding
+            # two projections are enough for orthogonality up to rounding
             for _ in range(2):
                 pair = pair - (dual(pair) @ before.T) @ before
         square, spare_square = jnp.sum(dual(pair) * pair, axis=1)
@@ -173,7 +173,7 @@ def orthonormalise(
     state: PyTree,
     scale: Scale | None = None,
 ) -> tuple[PyTree, Float[Array, " count"]]:
-    """Return tangents made orthonormal at `state`, and the logarithms of their lengths; NaN where a state is not
+    """Return tangents made orthonormal at `state`, and the logarithms of their lengths; NaN where the state is not
     finite."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
@@ -211,7 +211,7 @@ def push_tangents(
     **Returns:** the state and the tangents at the end, and the logarithms of their growth in each interval.
     """
 
-    # out_axes None below: the state at the end, the same for all tangents, is computed once
+    # out_axes None below: the state at the end is the same for all tangents, and is computed once
     def push(state, tangent, k):
         return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
 
@@ -242,26 +242,26 @@ def map_spectrum(
 ) -> LyapunovSpectrum:
     """Return the Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
-    Compiled once for each `step`: a new lambda is compiled again, an `equinox.Module` with other values in its arrays
+    Compiled once for each `step`. A new lambda is compiled again; an `equinox.Module` with other values in its arrays
     is not. For many starts, use `jax.jit(jax.vmap(...))` over this function.
 
     **Arguments:**
 
     - `step`: `step(state, k)`, the state one interval later. The interval should be so short that no tangent grows
-        or shrinks by more than about 1e12 relative to another, and so long that orthonormalising costs less than the
-        steps.
+        or shrinks by more than about 1e12 relative to another tangent, and so long that the steps cost more than
+        orthonormalising.
     - `state`: a pytree of real numbers.
     - `intervals`: number of intervals that count.
     - `count`: number of exponents, the largest first; default all.
-    - `transient`: intervals before the tangents start; `align`: intervals after these in which the tangents align
-        with their directions. Neither counts.
+    - `transient`: intervals before the tangents start; `align`: further intervals in which the tangents align with
+        their directions. Both do not count.
     - `scale`: weights of the components, see `push_tangents`.
     - `index`: index of the first interval.
     - `periods`: periods in an interval; `period`: length of a period [s].
 
     **Returns:** a `LyapunovSpectrum`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     check_functions(step, scale)
     state = check_state(state)
@@ -274,7 +274,7 @@ def map_spectrum(
     index = finite("index")(index)
     periods = positive("periods")(periods)
     period = positive("period", "s")(period)
-    # As an argument of the program, any transient runs without compiling again; reverse mode needs it as a constant.
+    # As an argument of the program, any transient runs without a new compilation; reverse mode needs a constant.
     fixed = transient if is_traced((step, state)) else None
     settings = count, align, intervals, transient > 0, fixed
     with returns_its_state(step, state, index):
@@ -310,13 +310,13 @@ def check_state(state: PyTree) -> PyTree:
 
 @contextmanager
 def returns_its_state(step: Step, state: PyTree, index: Real = 0.0) -> Iterator[None]:
-    """Raise `ValueError` where a computation fails because `step` returns no state like the one it gets."""
+    """Raise `ValueError` where a computation fails because `step` returns another kind of state than it gets."""
     failure = None
     try:
         yield
     except TypeError as error:
         failure = error
-    # only then, because it traces `step` once more
+    # only after a failure, because this traces `step` once more
     if failure is not None:
         end = jax.eval_shape(lambda s, k: step(s, k), state, index)
         kinds = lambda tree: jax.tree.map(lambda leaf: f"{leaf.dtype}{list(leaf.shape)}", tree)
@@ -327,13 +327,13 @@ def returns_its_state(step: Step, state: PyTree, index: Real = 0.0) -> Iterator[
 
 
 def check_real(name: str, value: object) -> Any:
-    """Return a value; raise `ValueError` for complex numbers, of which tangents and distances would lose a part."""
+    """Return a value; raise `ValueError` for complex numbers, because tangents and distances would lose a part."""
     require(not np.iscomplexobj(value), name, "be real: of complex numbers take real and imaginary parts", value)
     return value
 
 
 SURE = 3.0
-"""Number of standard errors by which an exponent must exceed zero to count as positive."""
+"""Number of standard errors by which a positive exponent must exceed zero."""
 LEAST = 1e-3
 """Exponents up to this count as zero [1/period]."""
 
@@ -344,7 +344,7 @@ def is_chaotic(exponent: Numbers, stderr: Numbers) -> np.ndarray:
 
 
 def is_sure(exponent: Numbers, stderr: Numbers) -> np.ndarray:
-    """Return whether the sign of a largest Lyapunov exponent is known, or the exponent to 0.01 [1/period]."""
+    """Return whether the sign of a largest Lyapunov exponent is known, or its value to 0.01 [1/period]."""
     exponent, stderr = np.asarray(exponent), np.asarray(stderr)
     return np.asarray(is_chaotic(exponent, stderr) | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01)))
 
@@ -355,11 +355,11 @@ def regime(
     """Return the regime of each case, one of `slipperjax.analysis.REGIMES`.
 
     A case is unresolved where it is not trusted, where exponent and recurrence contradict each other, and where the
-    exponent is neither positive nor known well enough to be called zero or negative.
+    exponent is neither positive nor known well enough to count as zero or negative.
 
     **Arguments:** `exponent`, `stderr`: the largest exponent and its standard error [1/period]; `kind`: of
     `Attractors`; `trusted`: whether status and certificates are good; `escapes`: number of longer motions that were
-    chaotic at first and regular in the end. All have the same shape.
+    chaotic at first and regular at the end. All have the same shape.
     """
     exponent = numbers("exponent", exponent)
     stderr = numbers("stderr", stderr)
@@ -369,7 +369,7 @@ def regime(
     chaotic = is_chaotic(exponent, stderr)
     periodic = kind == Regime.PERIODIC.kind_name
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
-    # chaos that some of the longer motions have left
+    # chaos that some longer motions have left
     lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     codes = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
     good = trusted.astype(bool) & np.isfinite(exponent) & is_sure(exponent, stderr) & ~contradicts
@@ -377,7 +377,7 @@ def regime(
 
 
 def kaplan_yorke(exponents: Numbers) -> Float[np.ndarray, "*lanes"]:
-    """Return Kaplan-Yorke dimensions by exponents along the last axis, in any order and unit
+    """Return Kaplan-Yorke dimensions from exponents along the last axis, in any order and unit
     (doi:10.1007/BFb0064319).
 
     0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
@@ -403,13 +403,13 @@ def _spanned(falling: np.ndarray) -> int:
 
 
 def dimension_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes"]:
-    """Return the standard error of the Kaplan-Yorke dimension by the record of one motion's exponents.
+    """Return the standard error of the Kaplan-Yorke dimension from the record of one motion's exponents.
 
-    With the sum S of the k exponents before the one, l < 0, at which the sum becomes negative, the dimension is
-    k - S / l, and its change by each exponent of an interval makes a record of its own, whose error by
-    `one_motion_standard_error` has what the exponents' errors have in common: where S + l is constant, as for a
-    constant divergence, that error is smaller than theirs. 0 where all exponents are negative or their sum is
-    positive, as the dimension is a whole number then.
+    Let l < 0 be the exponent at which the sum becomes negative, and S the sum of the k exponents before it. The
+    dimension is k - S / l. Its change by each exponent of an interval makes a record of its own, with an error by
+    `one_motion_standard_error`. This error includes what the exponents' errors have in common: it is smaller where
+    S + l is constant, as for a constant divergence. It is 0 where all exponents are negative or their sum is
+    positive, because the dimension is a whole number then.
 
     **Arguments:** `history`: exponents of the intervals, shape (*lanes, intervals, count), in any unit.
     """
@@ -434,9 +434,9 @@ def dimension_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes"]:
 def weighted_mean(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
     """Return the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
-    For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
-    reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For
-    chaos it is as accurate as a plain mean over about half of the record.
+    For a regular motion the local exponents are a quasi-periodic series. The error of the plain mean falls as the
+    reciprocal of its length; the error of this mean falls faster than any power of it (doi:10.1088/1361-6544/aa84c2).
+    For chaos it is as accurate as a plain mean over about half of the record.
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
@@ -454,15 +454,15 @@ def standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
     autoregression of these means, of the order that minimises Akaike's criterion, accounts for the remaining
     correlation by its spectral density at frequency zero. Local exponents are mostly anticorrelated, because parts
     that depend on the position alone cancel from one interval to the next; block means alone would overestimate the
-    error. For an exponent with such parts only, like the zero exponent of a flow, the result is too large by a factor
-    of about two. NaN below 8 intervals.
+    error. For an exponent that has only such parts, like the zero exponent of a flow, the result is too large by a
+    factor of about two. NaN below 8 intervals.
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
     history = numbers("history", history, 2)
     if history.shape[-2] < 8:
         return np.full(history.shape[:-2] + history.shape[-1:], np.nan)
-    # number of blocks: 100 to 199, or the intervals themselves where these are fewer
+    # number of blocks: 100 to 199, or the number of intervals where this is less
     n = history.shape[-2] // max(1, history.shape[-2] // 100)
     means = _means_of_parts(history, n)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -489,13 +489,13 @@ def standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
 
 
 def one_motion_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
-    """Return the standard error of the mean of one motion's record, allowing for changes as slow as the record.
+    """Return the standard error of the mean of one motion's record, including changes as slow as the record.
 
-    It combines two estimates in quadrature. One is the greatest of `standard_error` and the errors by the scatter of
-    the record's quarters and of its eighths, which are greater where correlation is longer than the blocks of the
-    first (doi:10.1063/1.457480). The other is the standard deviation of the straight line through the eighths, for
-    changes slower than the record. For records that show all of their correlation the result is 1.4 to 1.7 times the
-    true error. No record shows changes that take several times its length.
+    It combines two estimates in quadrature. The first is the greatest of three errors: `standard_error`, and the
+    errors from the scatter of the record's quarters and of its eighths; the scatter is greater where correlation is
+    longer than the blocks (doi:10.1063/1.457480). The second is the standard deviation of the straight line through
+    the eighths, for changes slower than the record. For records that show all of their correlation the result is 1.4
+    to 1.7 times the true error. No record shows changes that take several times its length.
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
@@ -515,7 +515,7 @@ def one_motion_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes cou
 def _means_of_parts(history: np.ndarray, parts: int) -> np.ndarray:
     """Return the means of the record in parts of equal length, of shape (*lanes, parts, count).
 
-    Intervals at the start that are left over do not count.
+    Remaining intervals at the start do not count.
     """
     length = history.shape[-2] // parts
     used = history[..., history.shape[-2] - parts * length :, :]
@@ -530,9 +530,9 @@ def _scatter(means: np.ndarray) -> np.ndarray:
 def pooled_standard_error(history: Numbers) -> Float[np.ndarray, "*lanes count"]:
     """Return the standard error of the mean over several independent motions on one attractor.
 
-    It is the larger of two estimates. One is `standard_error` within the motions. The other is the scatter of the
-    means of their halves about the mean of all, which contains drift and correlations as long as a motion's record:
-    for 500 forcing periods of a chaotic slipper it can be twice the first.
+    It is the larger of two estimates. The first is `standard_error` within the motions. The second is the scatter of
+    the means of their halves about the mean of all, which contains drift and correlations as long as a motion's
+    record; for 500 forcing periods of a chaotic slipper it can be twice the first.
 
     **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
     """

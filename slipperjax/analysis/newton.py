@@ -1,6 +1,6 @@
-"""Newton's method for equations that are evaluated with their derivatives.
+"""Newton's method for equations that give their derivatives together with their values.
 
-Periodic motions, points of curves and bifurcations are all zeros of `AbstractEquations`, found by `newton`.
+Periodic motions, points of curves and bifurcations are zeros of `AbstractEquations`, found by `newton`.
 """
 
 import abc
@@ -16,7 +16,7 @@ from ..tools.types import Real, Whole
 from .floquet import solve
 
 LEAST_FALL = 0.1
-"""Least relative fall of the residual, over the share of Newton's step that was taken, for a step to be accepted."""
+"""Least relative fall of the residual, over the taken share of Newton's step, for a step to be accepted."""
 
 NullVectors = tuple[Array | np.ndarray, Array | np.ndarray] | None
 """Left and right null vectors at a critical motion, of shape (size,); None for other equations."""
@@ -35,7 +35,7 @@ class Linearisation(NamedTuple):
 
 
 class AbstractEquations(eqx.Module):
-    """Equations for as many unknowns; or for one unknown more, whose solutions form a curve."""
+    """Equations for as many unknowns; or for one unknown more, so that the solutions form a curve."""
 
     @abc.abstractmethod
     def evaluate(self, z: Float[Array, " more"]) -> Linearisation:
@@ -59,7 +59,7 @@ class AbstractEquations(eqx.Module):
         return z
 
     def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "AbstractEquations":
-        """Return equivalent equations that are better conditioned near a point `z`, by default the same ones."""
+        """Return equivalent equations that are better conditioned near a point `z`, by default the same equations."""
         return self
 
 
@@ -70,7 +70,7 @@ class Root(NamedTuple):
     linearisation: Linearisation
     """At `z`."""
     residual: Float[Array, ""]
-    """Greatest weighted component of the residual; infinite where that is not finite."""
+    """Greatest weighted component of the residual; infinite where it is not finite."""
     iterations: Int[Array, ""]
     equations: AbstractEquations
     """The equations after their last update."""
@@ -109,20 +109,20 @@ def newton(
     - `z`: first guess.
     - `tolerance`: weighted residual at which the iteration ends. `iterations`: most iterations.
     - `halvings`: how often a step may be halved until the residual falls enough, see `LEAST_FALL`; the last half is
-        accepted whatever it gives.
+        accepted in any case.
     - `updates`: how often the equations are updated at `z` before the first step. If not 0, they are also updated
         after each step.
-    - `polish`: whether one more step, which is not counted, follows where the residual is below `tolerance`, but
+    - `polish`: whether one more step, which does not count, follows where the residual is below `tolerance`, but
         above a thousandth of it.
 
-    **Returns:** a `Root`; look at its `residual`.
+    **Returns:** a `Root`; check its `residual`.
     """
-    # Updates change arrays of the equations, which the loop then carries; otherwise they are constants of it.
+    # Updates change arrays of the equations, and the loop carries these; otherwise they are constants of the loop.
     numbers, fixed = eqx.partition(equations, eqx.is_array if updates else False)
-    # jit, so that the equations are traced once: for the shapes of the result and for the loop
+    # jit, so that the equations are traced once, for the shapes of the result and for the loop
     evaluate = jax.jit(lambda numbers, z: eqx.combine(numbers, fixed).evaluate(z), inline=True)
 
-    # Each pass evaluates one point: for an update, a full step or a half. So the program has the equations once.
+    # Each pass evaluates one point: for an update, a full step or a half step. So the program has the equations once.
     def advance(carry: _Carry) -> _Carry:
         current: AbstractEquations = eqx.combine(carry.numbers, fixed)
         now = evaluate(carry.numbers, carry.z)
@@ -133,7 +133,7 @@ def newton(
         ended = ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
         polishing = accepted & (size <= tolerance) & (size > 1e-3 * tolerance) & ~carry.polishing & polish
         done = carry.polishing | (accepted & ~updating & ended & ~polishing)
-        # an accepted step ends here, where the next one begins; another one is halved
+        # an accepted step ends here, where the next step begins; other steps are halved
         pick = lambda here, before: jnp.where(accepted, here, before)
         start = pick(carry.z, carry.start)
         missed = pick(now.residual, carry.missed)
@@ -156,7 +156,7 @@ def newton(
         )
 
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(evaluate, numbers, z))
-    # arrays of the same types as a pass returns; otherwise JAX traces the loop a second time
+    # arrays with the types that a pass returns; otherwise JAX traces the loop a second time
     one = jnp.ones(())
     yes = jnp.ones((), bool)
     begin = _Carry(
@@ -183,5 +183,5 @@ def weighted_size(residual: Array, weights: Array) -> Array:
 
 
 def without_derivatives(tree: PyTree) -> PyTree:
-    """Return a pytree through whose arrays no derivatives pass."""
+    """Return a pytree whose arrays pass no derivatives."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)

@@ -52,7 +52,7 @@ class OdeStep(eqx.Module):
             max_steps=self.steps + 1,
             throw=False,
         )
-        # the only state that is saved is that at the end
+        # only the state at the end is saved
         return jax.tree.map(lambda ys: ys[0], solution.ys)
 
 
@@ -69,7 +69,7 @@ def ode_step(
 
     **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     require(callable(vector_field), "vector_field", "be a function", vector_field)
     require(

@@ -1,9 +1,9 @@
 """Quantiles and means over random conditions, such as rails, with their errors and intervals.
 
-Rails are independent, and runs over one rail are not. Errors are by the bootstrap, which draws rails with all of
-their runs, so that what runs share counts. Intervals of quantiles are by order statistics of as many independent runs
-as all are worth. A rail with a lost run is left out for all designs. Planes of quantiles follow Koenker and Bassett
-1978, doi:10.2307/1913643.
+Rails are independent, but runs over one rail are not. Errors come from the bootstrap, which draws rails with all of
+their runs, so that the common part of these runs counts. Intervals of quantiles come from order statistics, for the
+number of independent runs that has the same information as all runs. A rail with a lost run is left out for all
+designs. Planes of quantiles follow Koenker and Bassett 1978, doi:10.2307/1913643.
 """
 
 import functools
@@ -17,12 +17,12 @@ from jaxtyping import Bool, Float
 from ..tools.checks import require
 
 LEAST_BEYOND = 4
-"""Fewest rails beyond a quantile. All of n rails lie below the quantile 1 - 4/n with a probability below exp(-4), or
+"""Fewest rails beyond a quantile. All of n rails are below the quantile 1 - 4/n with a probability below exp(-4), or
 1.8 %, so that order statistics bound a 95 % interval on both sides."""
 
 
 def check_quantile(quantile: object, rails: int) -> None:
-    """Refuse a quantile that needs more independent rails than there are; None stands for the mean.
+    """Refuse a quantile that needs more independent rails than there are; None means the mean.
 
     **Raises:** `ValueError` unless it is None or a share between 0 and 1, with `least_rails` or more.
     """
@@ -35,12 +35,12 @@ def check_quantile(quantile: object, rails: int) -> None:
 
 def least_rails(quantile: float | None) -> int:
     """Return the fewest independent rails that give a quantile, or with None a mean, and its error."""
-    # 1 - 0.95 is a little more than 0.05
+    # 1 - 0.95 is slightly more than 0.05
     return 2 if quantile is None else math.ceil(LEAST_BEYOND / min(quantile, 1 - quantile) * (1 - 1e-9))
 
 
 def whole_rails(numbers: Float[np.ndarray, "rails ..."]) -> Bool[np.ndarray, " rails"]:
-    """Return whether a rail has the numbers of all its runs, in all cases: the others are left out in all cases."""
+    """Return whether a rail has the numbers of all its runs, in all cases; other rails are left out in all cases."""
     return np.asarray(np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim))))
 
 
@@ -94,15 +94,15 @@ def bootstrap(
     **Arguments:** `fit`: estimates numbers, given the weight of each condition; `groups`: number of conditions;
     `resamples`: number of draws with replacement; 100 give a standard error to 7 %.
     """
-    # how often each condition is drawn is its weight
+    # the weight of a condition is the number of times that it is drawn
     draws = np.random.default_rng(seed).multinomial(groups, np.full(groups, 1 / groups), size=resamples)
     return fit(np.ones(groups)), np.stack([fit(draw.astype(float)) for draw in draws])
 
 
 def standard_error(drawn: Float[np.ndarray, "resamples ..."], groups: int) -> np.ndarray:
-    """Return the standard errors of numbers from those of resamples by `bootstrap`.
+    """Return the standard errors of numbers from the numbers of the resamples of `bootstrap`.
 
-    The mean of n values drawn from n scatters less than that of n others, by sqrt((n - 1) / n).
+    The mean of n values drawn from n values scatters less than the mean of n new values, by sqrt((n - 1) / n).
     """
     return drawn.std(axis=0, ddof=1) * np.sqrt(groups / (groups - 1))
 
@@ -128,13 +128,13 @@ def estimate(
     resamples: int = 400,
     seed: int = 0,
 ) -> Estimates:
-    """Estimate a quantile or the mean of each case, and how much it differs from that of a case, with 95 % intervals.
+    """Estimate a quantile or the mean of each case, and its difference from that of a base case, with 95 % intervals.
 
-    Intervals of differences hold for all pairs of cases at once, by Tukey's studentized range: they are true also of
-    the case that is best by chance. Where too few rails are whole, all is NaN.
+    Intervals of differences hold for all pairs of cases at once, by Tukey's studentized range. Therefore they are
+    also true for the case that is best by chance. Where too few rails are whole, all results are NaN.
 
-    **Arguments:** `numbers`: of the runs, NaN where one was lost; `quantile`: a share [1], or None for the mean;
-    `base`: the case from which differences count, None for that of the lowest value; `resamples`, `seed`: of
+    **Arguments:** `numbers`: of the runs, NaN for a lost run; `quantile`: a share [1], or None for the mean;
+    `base`: the case from which differences count, None for the case of the lowest value; `resamples`, `seed`: of
     `bootstrap`.
     """
     numbers = numbers[whole_rails(numbers)]
@@ -152,7 +152,7 @@ def estimate(
         low, high = quantile_interval(numbers, quantile)
     base = int(np.argmin(value)) if base is None else base
     difference = value - value[base]
-    # all cases of a resample have the same rails, so that what these have in common cancels
+    # all cases of a resample have the same rails, so that their common part cancels
     difference_stderr = standard_error(drawn - drawn[:, base : base + 1], rails)
     reach = range_factor(max(cases, 2), rails) * difference_stderr
     return Estimates(value, stderr, low, high, difference, difference_stderr, difference - reach, difference + reach)
@@ -160,9 +160,9 @@ def estimate(
 
 @functools.cache
 def range_factor(cases: int, rails: int) -> float:
-    """Return the errors that 95 % of the greatest differences between equal cases do not exceed [1].
+    """Return the number of errors that 95 % of the greatest differences between equal cases do not exceed [1].
 
-    By Tukey's studentized range: of 2, 3, 5 and 10 cases on many rails 1.96, 2.34, 2.73 and 3.16.
+    By Tukey's studentized range: for 2, 3, 5 and 10 cases on many rails 1.96, 2.34, 2.73 and 3.16.
     """
     from scipy.stats import studentized_range
 
@@ -174,11 +174,11 @@ def quantile_interval(
 ) -> Float[np.ndarray, "2 cases"]:
     """Return the ends of the 95 % interval of a quantile of each case.
 
-    With one start true whatever the distribution, for as many values lie below as a binomial law says. With several,
-    runs are worth as many independent ones as make the scatter of the share below the same (Woodruff 1952,
-    doi:10.1080/01621459.1952.10483443; Korn and Graubard 1998).
+    With one start per rail the interval is true for any distribution, because the number of values below a quantile
+    follows a binomial law. With several starts, the number of independent runs is the one with the same scatter of
+    the share below (Woodruff 1952, doi:10.1080/01621459.1952.10483443; Korn and Graubard 1998).
 
-    **Arguments:** `numbers`: finite, of enough rails for the quantile.
+    **Arguments:** `numbers`: finite, with enough rails for the quantile.
     """
     from scipy.stats import binom
 
@@ -191,7 +191,7 @@ def quantile_interval(
         each = starts if scatter == 0 else np.clip(quantile * (1 - quantile) / scatter, 1, starts)
         worth = round(rails * each)
         low, high = binom.ppf([0.025, 0.975], worth, quantile)
-        # from 1 on, in the order of all runs
+        # numbered from 1, in the order of all runs
         places = np.floor(low * len(ordered) / worth), np.ceil((high + 1) * len(ordered) / worth)
         ends[:, k] = ordered[np.clip(places, 1, len(ordered)).astype(int) - 1]
     return ends
@@ -200,7 +200,7 @@ def quantile_interval(
 def sample_fit(
     numbers: Float[np.ndarray, "rails starts cases"], quantile: float | None
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of how often each rail was drawn, which gives the quantiles or means of the cases."""
+    """Return a function of the number of draws of each rail, which returns the quantiles or means of the cases."""
 
     def fit(weights: np.ndarray) -> np.ndarray:
         drawn = numbers[np.repeat(np.arange(len(numbers)), weights.astype(int))].reshape(-1, numbers.shape[-1])

@@ -21,12 +21,12 @@ from .lyapunov import Scale, Step, check_functions, check_state, returns_its_sta
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
 Consistent = Callable[[Step, PyTree, PyTree], PyTree]
-"""Function `consistent(step, proposed, mapped)`: a consistent state for one that Newton's method proposes; `mapped`
-is the state to which the map takes the last iterate."""
+"""Function `consistent(step, proposed, mapped)`: a consistent state for a state that Newton's method proposes;
+`mapped` is the state to which the map takes the last iterate."""
 
 
 class Shot(eqx.Module):
-    """A periodic motion, if its `residual` is small, as Newton's method left it."""
+    """A periodic motion from Newton's method, if its `residual` is small."""
 
     state: PyTree
     """The state at the start."""
@@ -57,14 +57,14 @@ def shoot(
     - `step(state, k)`: the state one interval later, differentiable, with k the number of the interval, from 0 on.
     - `state`: a pytree of floats, the first guess.
     - `intervals`: number of intervals after which the motion recurs.
-    - `scale`: function of a state that returns the weights of the residual's components; those of weight zero do not
-        count. By default all are one.
+    - `scale`: function of a state that returns the weights of the residual's components; components of weight zero do
+        not count. By default all weights are one.
     - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; by default they stay.
     - `tolerance`: residual at which the iteration ends. `max_iterations`: most iterations.
 
-    **Returns:** a `Shot`; look at its `residual`, which is NaN or large where there is no such motion nearby.
+    **Returns:** a `Shot`; check its `residual`, which is NaN or large where there is no such motion nearby.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     check_functions(step, scale)
     require(consistent is None or callable(consistent), "consistent", "be a function", consistent)
@@ -86,8 +86,8 @@ def _shoot(functions, static, state, tolerance):
 
     # the iteration itself is not differentiated
     constant, guess = without_derivatives((functions, ravel_pytree(state)[0]))
-    # Short steps get stuck where the map's derivative jumps: of 70 orbits at 880 to 2300 m/s, of period 1 and 2, 64
-    # are found with 2 halvings, 58 with 8.
+    # Short steps get stuck where the map's derivative jumps. Of 70 orbits at 880 to 2300 m/s, of period 1 and 2, 64
+    # are found with 2 halvings, and 58 with 8.
     options = dict(tolerance=tolerance, iterations=limit, halvings=2, polish=True)
     root = newton(motions(*constant), guess, **options)
     z = root.z
@@ -108,13 +108,13 @@ def minimal_period(
     *,
     scale: Scale | None = None,
 ) -> dict[int, Array]:
-    """Return how nearly a motion recurs after each divisor of `intervals`, after which it recurs. Pure.
+    """Return how nearly a motion that recurs after `intervals` also recurs after each divisor of `intervals`. Pure.
 
     **Arguments:** as for `shoot`.
 
-    **Returns:** residuals, as in `Shot`, by divisor; the first divisor with a small one is the minimal period.
+    **Returns:** residuals, as in `Shot`, by divisor; the first divisor with a small residual is the minimal period.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
@@ -136,7 +136,7 @@ def _residuals(functions, static, state):
 
     run = lambda state: jax.lax.scan(interval, state, jnp.arange(float(intervals)))[1]
     residuals = in_one_kernel(run, state)
-    # residuals are those after 1, 2, ... intervals
+    # residuals after 1, 2, ... intervals
     return {n: residuals[n - 1] for n in range(1, intervals + 1) if intervals % n == 0}
 
 
@@ -198,7 +198,7 @@ class PeriodicMotions(AbstractEquations):
         size = self.size
         unravel = ravel_pytree(self.like)[1]
 
-        # The parameters join the state as components that stay, so that one Jacobian holds all derivatives.
+        # The parameters become constant components of the state, so that one Jacobian has all derivatives.
         def step(unknowns, k):
             end = self.family(*unknowns[size:])(unravel(unknowns[:size]), k)
             return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])

@@ -1,6 +1,6 @@
 """Power spectral density, and the frequency and power of its lines.
 
-A regular motion forced at f1 and f2 has lines at m f1 + n f2 only. Lines at fractions of a forcing frequency are
+A regular motion forced at f1 and f2 has lines only at m f1 + n f2. Lines at fractions of a forcing frequency are
 sub-harmonics, which come with period doubling. A chaotic motion raises the floor between the lines.
 """
 
@@ -31,15 +31,15 @@ class Line(NamedTuple):
     prominence: float
     """Height above the local floor [dB]."""
     present: bool
-    """True where there is a line, as defined by `find_line`; the other numbers are there without one, too."""
+    """Whether there is a line, as defined by `find_line`; the other numbers exist without a line, too."""
 
 
 def power_spectral_density(signal: Numbers, sampling_rate: float) -> Spectrum:
     """Return the one-sided power spectral density of evenly spaced samples, by one periodogram of all of them.
 
-    The mean is subtracted, and a Hann window w keeps weak lines visible beside strong ones. The density at f_k is
+    The mean is subtracted, and a Hann window w keeps weak lines visible next to strong lines. The density at f_k is
     2 |sum_j w_j x_j exp(-2 pi i j k / N)|^2 / (sampling_rate sum_j w_j^2), without the 2 at zero and at the Nyquist
-    frequency, so that the sum of the density times the width of the bins is the mean square of the windowed signal,
+    frequency. Thus the sum of the density times the width of the bins is the mean square of the windowed signal,
     sum (w x)^2 / sum w^2.
 
     **Arguments:** `signal`: real samples [unit] along the last axis, 8 or more; `sampling_rate` [Hz].
@@ -62,17 +62,18 @@ def find_line(
     *,
     tolerance: float | None = None,
 ) -> Line:
-    """Return the line of a spectrum at one frequency, or the strength of the spectrum there if it has none.
+    """Return the line of a spectrum at one frequency, or the strength of the spectrum there if it has no line.
 
-    A line is a local maximum of the density that falls by 6 dB on both sides and stands 15 dB above the local floor,
-    the running median over 65 bins: each bin of white noise does so with a chance of 2^-31.6 (3e-10). Lines must
-    be about 8 bins apart or more. Frequencies are refined by a parabola through the logarithms of the three highest
-    bins, within 0.02 bins. The power is the sum over the main lobe, which holds more than 99.9 % of a line's power;
-    the floor's contribution to it is not subtracted. Densities 120 dB below the maximum count as floor, because the
-    rounding errors of a periodic signal are periodic, too, and have lines. Lines within two bins of the ends cannot
-    be distinguished from a trend, and are omitted.
+    A line is a local maximum of the density that falls by 6 dB on both sides and is 15 dB above the local floor, the
+    running median over 65 bins. Each bin of white noise is such a maximum with a chance of 2^-31.6 (3e-10). Lines
+    must be about 8 bins apart or more. A parabola through the logarithms of the three highest bins refines
+    frequencies, within 0.02 bins. The power is the sum over the main lobe, which has more than 99.9 % of a line's
+    power; the floor's part is not subtracted. Densities 120 dB below the maximum count as floor, because the rounding
+    errors of a periodic signal are also periodic, and have lines. Lines within two bins of the ends cannot be
+    distinguished from a trend, and are omitted.
 
-    **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin.
+    **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from `frequency` [Hz], by default one
+    bin.
 
     **Raises:** `ValueError` for a density of several cases and a frequency outside the spectrum.
     """
@@ -105,7 +106,7 @@ def find_line(
     k = choice[np.argmax(level[choice])]
     shift = 0.0
     if lines.size:
-        # the vertex of the parabola, in bins from the highest one
+        # the vertex of the parabola, in bins from the highest bin
         left, middle, right = level[k - 1 : k + 2]
         bend = left - 2 * middle + right
         shift = 0.5 * (left - right) / bend if bend < 0 else 0.0

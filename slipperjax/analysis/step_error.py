@@ -1,4 +1,4 @@
-"""Errors of results and of their derivatives, by the same results on more steps."""
+"""Errors of results and of their derivatives, from the same results with more steps."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 from ..tools.checks import require, tuple_of, whole
 
 FINER = 3, 6, 12
-"""Multiples of a motion's steps with which its derivatives are taken. Derivatives converge an order later than
+"""Multiples of a motion's steps with which its derivatives are computed. Derivatives converge one order later than
 values: with the default steps one in ten is wrong by a third."""
 
 
@@ -26,12 +26,12 @@ def with_step_error(
     - `function(steps)`: numbers or arrays as a pytree, such as derivatives of an orbit.
     - `steps`: steps per forcing period, which are multiplied by each of `finer`, in rising order.
 
-    **Returns:** the result with the most steps, and its errors as a pytree of arrays. The error is the last
-    difference of results, or the one before divided by the square of the ratio of steps, if that is greater: the last
-    may be small by chance. Read them as standard errors: nearly all true errors lie within three of them, see the
-    pages on orbits and design.
+    **Returns:** the result with the most steps, and its errors as a pytree of arrays. The error is the greater of two
+    numbers: the last difference of results, which may be small by chance, and the difference before it, divided by
+    the square of the ratio of steps. Read them as standard errors: nearly all true errors are within three of them,
+    see the pages on orbits and design.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     require(callable(function), "function", "be a function of the number of steps", function)
     steps = whole("steps", steps, 1)

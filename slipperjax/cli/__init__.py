@@ -20,22 +20,22 @@ def _one_line(message, *_) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command and exit: with 0, with 1 where no result means anything, with 2 and a line on what is wrong,
-    or after an interrupt with 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
+    """Run a command and exit. The code is 0; 1 where no result means anything; 2, with a line on the problem, for an
+    error; or after an interrupt 130 (Ctrl-C), 143 (`kill`) or 129 (a closed terminal).
 
-    **Arguments:** `arguments`: of the command line; default those of the process, which an interrupt then ends
-    without waiting for its threads.
+    **Arguments:** `arguments`: of the command line; default the arguments of the process, which an interrupt then
+    ends without waiting for its threads.
     """
     warnings.showwarning = _one_line
     if arguments is None:
-        # keep the garbage collector from modules, and call it less often: a short run takes a fifth less time
+        # keep modules from the garbage collector, and call it less often: a short run takes a fifth less time
         gc.freeze()
         gc.set_threshold(50_000)
         sweep.hide_dask()
     # an interrupt may raise here, or set its code while the command ends by itself
     with Signals() as signals:
         try:
-            # in a context of its own, which keeps the warnings that were given
+            # in a context of its own, which keeps the warnings already given
             code = copy_context().run(_called, sys.argv[1:] if arguments is None else arguments, signals)
         except KeyboardInterrupt:
             code = INTERRUPTED
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> None:
             if arguments is None:
                 leave(code)
     if arguments is None:
-        gc.freeze()  # the process ends, and nothing need be collected
+        gc.freeze()  # the process ends, so that nothing must be collected
     sys.exit(code)
 
 
@@ -64,11 +64,11 @@ def _called(arguments: list[str], signals: Signals) -> int:
         return code if isinstance(code, int) else 0
     except click.exceptions.Abort:
         return INTERRUPTED
-    except SystemExit:  # by click, where the reader of a pipe such as `head` wants no more
+    except SystemExit:  # by click, where the reader of a pipe such as `head` has closed it
         return 0
     except Exception as error:
         usage = isinstance(error, click.ClickException)
-        # what an interrupt breaks on its way is no error of its own
+        # errors that an interrupt causes are not reported
         if not usage and not isinstance(error, ValueError | OSError) and signals.code is None:
             raise
         text = error.format_message() if usage else str(error)

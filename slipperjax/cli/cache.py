@@ -1,4 +1,4 @@
-"""The command that tells which compiled programs are kept, and deletes them."""
+"""The command that lists kept compiled programs, and deletes them."""
 
 from datetime import datetime
 
@@ -9,12 +9,12 @@ from .options import app, flag
 @app.command()
 @flag("--clear", "Delete all programs of this kind of processor.")
 def cache(clear: bool) -> None:
-    """Tell which compiled programs are kept: their folder, number, size and oldest."""
+    """List kept compiled programs: their folder, number, size and oldest program."""
     folder = kept_folder()
     if folder is None:
         print("no programs are kept: the cache is off, or its folder cannot be used")
         return
-    # the sign of a passed self-test is a file, too
+    # the file that records a passed self-test is also a file there
     found = [entry for entry in entries(folder) if entry.path.name.endswith((WHOLE, OF_JAX))]
     size = f"{sum(entry.size for entry in found) / 1e6:.1f} MB"
     if clear:

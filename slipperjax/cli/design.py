@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 OPTIMISE = "design.optimise.optimise_design"
 TRIAL_PATIENCE = 20.0
-"""Seconds that an interrupted command waits for the trial that is being judged."""
+"""Seconds that an interrupted command waits for the present trial."""
 AROUND = {1: 11, 2: 5, 3: 3}
-"""Designs along each variable in a grid around the best one, by the number of variables."""
+"""Designs along each variable in a grid around the best design, by the number of variables."""
 
 OBJECTIVE_UNITS = {
     "peak_slipper_force": "kN",
@@ -55,7 +55,7 @@ OBJECTIVE_UNITS = {
     "grazing_distance": "mm",
     "exponent": "1/period",
 }
-"""Objectives with their display units: a copy, so that help need not wait for the import of design."""
+"""Objectives with their display units: a copy, so that help does not wait for the import of design."""
 OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 SPEED = Measure(PARAMETERS["speed"])
 
@@ -72,7 +72,7 @@ SPEED = Measure(PARAMETERS["speed"])
 @option(
     "--speeds",
     (SPEED, SPEED, COUNT),
-    "Speeds that the design must serve: first and last [m/s], and their number; default: the scene's alone.",
+    "Speeds that the design must serve: first and last [m/s], and their number; default: only the scene's speed.",
     metavar="FIRST LAST COUNT",
 )
 @option(
@@ -92,7 +92,7 @@ SPEED = Measure(PARAMETERS["speed"])
 @option(
     "--starts",
     COUNT,
-    "Number of starting designs: the scene's own, if within the bounds, then good ones far from each other.",
+    "Number of starting designs: the scene's own, if within the bounds, then good designs far from each other.",
     default=Default(OPTIMISE, "starts"),
 )
 @option(
@@ -105,7 +105,7 @@ SPEED = Measure(PARAMETERS["speed"])
     default=Default(OPTIMISE, "transient"),
 )
 @option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=Default(OPTIMISE, "seed"))
-@option("--check/--no-check", None, "Simulate a grid of designs around the best one.", default=True)
+@option("--check/--no-check", None, "Simulate a grid of designs around the best design.", default=True)
 @option(
     "--margins/--no-margins",
     None,
@@ -127,7 +127,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
     for name, low, high in vary:
         require(name not in variables, "--vary", "name each parameter once", name)
         variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
-    # one case alone, the scene, without speeds
+    # without speeds there is one case, the scene
     over = {} if speeds is None else {"speed": _speeds(*speeds, variables=variables)}
     limits: dict[Objective, tuple[float, ...]] = {}
     # limits of each objective in its display unit
@@ -147,9 +147,9 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
     # an interrupted search keeps its best design
     with keeping(keep):
         best = on_thread(call, TRIAL_PATIENCE)
-    # before the checks, which take a while
+    # before the checks, which take some time
     said(*best.summary(), of_case)
-    # checks of a design that is not the best one would mislead
+    # checks of a design that is not the best would mislead
     if best.status == "converged":
         best = on_thread(partial(_checked, best, check, margins), TRIAL_PATIENCE)
     said(files.write(best))
@@ -157,7 +157,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
 
 
 def _checked(best: "Design", check: bool, margins: bool) -> "Design":
-    """Return a design with the checks that are wanted; print what they found."""
+    """Return a design with the requested checks; print their results."""
     from ..design.checks import event_margins, surroundings
     from ..results.designs import NEAREST
 
@@ -179,7 +179,7 @@ def _checked(best: "Design", check: bool, margins: bool) -> "Design":
             best = replace(best, margins=event_margins(best, progress=True))
             words = best.summary()
             said(*words[words.index(NEAREST) :])
-        except ValueError as error:  # what was found stands
+        except ValueError as error:  # the results so far are kept
             said(f"nearest events were not found: {error}")
     return best
 
@@ -188,7 +188,7 @@ def _speeds(low: float, high: float, count: int, variables: Collection[str]) -> 
     """Return the speeds of --speeds [m/s]."""
     alone = not given("speed") and "speed" not in variables
     require(alone, "--speeds", "not be given with --speed or --vary speed", shown="given")
-    # one speed alone has two equal ends
+    # a single speed has two equal ends
     good = 0 < low <= high < np.inf and (count > 1) == (low < high)
     need = "be the lowest and the highest speed, above zero, and their number"
     require(good, "--speeds", need, shown=f"{low:g} to {high:g} m/s and {count}")

@@ -16,15 +16,15 @@ from .sweep import Axis, axis, make_grid
     "Horizontal axis of a map to compute: parameter, first value, last value, number of values.",
 )
 @axis("--by", "Vertical axis, likewise; without it a bifurcation diagram is computed.")
-@option("--port", FROM_ZERO, "Port at which this machine serves the page; 0: any that is free.", default=0)
+@option("--port", FROM_ZERO, "Port at which this machine serves the page; 0: any free port.", default=0)
 @flag("--no-browser", "Print the address without opening a browser.")
 @takes_case
 @click.argument("source", metavar="[STORE|FILE|SCENE]", type=FILE, required=False)
 def explore(case: Case, over: Axis | None, by: Axis | None, port: int, no_browser: bool, source: Path | None) -> int:
-    """Look at a map in the browser: click a point to see how that slipper moves, drag a box to compute it finer.
+    """Look at a map in the browser: click a point to see the motion of this slipper, drag a box to compute it finer.
 
-    STORE or FILE: a store or a netCDF file that sweep, bifurcation, lyapunov or run wrote. SCENE: a TOML file, of
-    which a map is computed. To change a scene by options such as --mass, give it by --scene instead.
+    STORE or FILE: a store or a netCDF file that sweep, bifurcation, lyapunov or run wrote. SCENE: a TOML file, for
+    which a map is computed. To change a scene by options such as --mass, give it with --scene instead.
     """
     from ..explorer.launch import explore as serve
 
@@ -38,11 +38,11 @@ def explore(case: Case, over: Axis | None, by: Axis | None, port: int, no_browse
     grid = None if over is None else make_grid(case.scene, *filter(None, (by, over)))
     try:
         page = serve(case.scene if source is None else source, grid, start=case.start, port=port)
-    except ImportError as error:  # which says how to install Bokeh
+    except ImportError as error:  # its text says how to install Bokeh
         raise ValueError(str(error)) from None
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
         page.open_browser()
-    # the server has a thread of its own; this one waits for Ctrl-C
+    # the server has its own thread; this thread waits for Ctrl-C
     while True:
         time.sleep(1.0)

@@ -1,4 +1,4 @@
-"""Files of a command: those of --out, written whole or not at all, also after an interrupt."""
+"""Files of a command: the files of --out, written whole or not at all, also after an interrupt."""
 
 import sys
 import tempfile
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from ..results.result import AbstractResult
 
 USUAL = (".nc", ".png")
-"""Endings of the files that are written for an --out without one."""
+"""Endings of the files for an --out without an ending."""
 PARTIAL = "_partial"
-"""Added to the names of files with the part of a result that was finished before an interrupt."""
+"""Text added to the names of files with a partial result after an interrupt."""
 
 
 def make_folder(folder: Path, out: Path) -> None:
-    """Make the folder of `out`; raise `ValueError` where it cannot be made or written to.
+    """Make the folder of `out`; raise `ValueError` where this is impossible, or where it cannot be written to.
 
     Commands call this first, so that no long computation ends without a place for its result.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # permissions alone do not tell whether a disk takes a file
+        # permissions do not show whether a disk takes a file
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -48,7 +48,7 @@ class Outputs:
         for path in [out] if isinstance(out, Path) else out:
             if path.name in ("", ".."):
                 raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{path}'.")
-            # what comes after a point in a number is no ending
+            # the digits after the point of a number are no ending
             if path.suffix[1:].isalpha():
                 check_ending(path, "--out")
                 self.paths.append(path)
@@ -56,10 +56,10 @@ class Outputs:
                 self.paths += [path.with_name(path.name + ending) for ending in usual]
         for path in self.paths:
             make_folder(path.parent, path)
-            # a folder in the way is found before anything runs
+            # a folder at the place of a file is found before anything runs
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
-        # on standard error, so that output stays what scripts read
+        # on standard error, so that scripts read unchanged output
         old = [str(path) for path in self.paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
@@ -70,42 +70,42 @@ class Outputs:
 
     @property
     def pictures(self) -> list[Path]:
-        """Those that are pictures."""
+        """The files that are pictures."""
         return [path for path in self.paths if path.suffix.lower() in PICTURES]
 
     def write(self, result: "AbstractResult", *, drawn: bool = True, **options: object) -> str:
         """Write a result.
 
-        **Arguments:** `drawn`: whether pictures are written, too; `options`: of the picture.
+        **Arguments:** `drawn`: whether pictures are also written; `options`: of the picture.
 
-        **Returns:** what was written, in words.
+        **Returns:** a text that names the written files.
         """
         paths = [path for path in self.paths if drawn or path not in self.pictures]
         return result.write(*paths, **options)
 
     def keep(self, result: "AbstractResult", **options: object) -> str:
-        """Write what an interrupt left, with `PARTIAL` in the names of the files."""
+        """Write the partial result of an interrupt, with `PARTIAL` in the names of the files."""
         return self.named(PARTIAL).write(result, **options)
 
 
 def kept_in(store: Path | None) -> str:
-    """Return in words where an interrupt leaves what was finished: in a store, or nowhere."""
+    """Return a text that says where an interrupt leaves finished results: in a store, or nowhere."""
     is_there = store is not None and store.exists()
     return f"kept in {store}; the same command goes on" if is_there else "nothing is written"
 
 
 @contextmanager
 def keeping(keep: Callable[[Any], str], store: Path | None = None) -> Iterator[None]:
-    """Keep what an interrupted computation inside has finished, and print how much it is and where it is kept.
+    """Keep the finished part of an interrupted computation inside, and print its extent and its place.
 
-    **Arguments:** `keep`: stores a partial result, and returns where it is, in words; `store`: where results go
-    before, if anywhere.
+    **Arguments:** `keep`: stores a partial result, and returns a text on its place; `store`: where results were
+    written before, if anywhere.
     """
     try:
         yield
     except Interrupted as stop:
         count = f"{stop.finished} of {stop.of}" if stop.of else stop.finished or "no"
-        # some computations have nothing of use before their end
+        # some computations have no useful result before their end
         kept = kept_in(store) if stop.result is None else keep(stop.result)
         print(f"{count} {stop.unit} were finished: {kept}", file=sys.stderr)
         raise
@@ -116,5 +116,5 @@ def keeping(keep: Callable[[Any], str], store: Path | None = None) -> Iterator[N
 
 
 def said(*lines: str) -> None:
-    """Print lines, at once, also where the output is a file."""
+    """Print lines at once, also where the output is a file."""
     print("\n".join(lines), flush=True)

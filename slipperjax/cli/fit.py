@@ -45,11 +45,11 @@ FIT = "fitting.fit.fit"
 @option(
     "--by",
     click.Choice(["trajectories", "features"]),
-    "Compare signals sample by sample, for periodic motions and short records, or features of them, in chaos.",
+    "Compare signals sample by sample, for periodic motions and short records; or compare their features, in chaos.",
     default="trajectories",
 )
-@option("--starts", COUNT, "Of trajectories: searches at once.", default=16)
-@option("--window", COUNT, "Of trajectories: forcing periods after which a motion begins anew; default: never.")
+@option("--starts", COUNT, "With trajectories: number of simultaneous searches.", default=16)
+@option("--window", COUNT, "With trajectories: forcing periods after which a motion begins again; default: never.")
 @option(
     "--confidence",
     click.FloatRange(0.0, 1.0, True, True),
@@ -76,8 +76,8 @@ def fit(
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
 
     FILE: a TOML file with a table for each sensor, such as [sensors.front]. RECORD: a CSV or netCDF file of a run,
-    with a column of times and one for each sensor, such as "time [s], front [g]". One of these may be -, standard
-    input.
+    with a column of times and a column for each sensor, such as "time [s], front [g]". One of these files may be -,
+    standard input.
     """
     from ..fitting.fit import fit as find
     from ..fitting.likelihood import Features
@@ -93,7 +93,7 @@ def fit(
     unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
     require(unknowns, "--fit", "be given for one parameter or more", shown="missing")
     method: AbstractFitMethod = Features() if by == "features" else Trajectories(starts, window)
-    # one that the user did not choose, the method does
+    # the method chooses a solver that the user did not choose
     solver = case.solver if given("solver") else None
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
     files = Outputs(out)

@@ -1,4 +1,4 @@
-"""Signals: Ctrl-C and `kill` end a command in order, and at once where it has to be."""
+"""Signals: Ctrl-C and `kill` end a command properly, and at once where necessary."""
 
 import os
 import signal
@@ -27,10 +27,10 @@ class Signals:
         self._before: dict[int, Callable[..., object] | int | None] = {}
 
     def __enter__(self) -> "Signals":
-        # Python lets no other thread set handlers
+        # Python allows only the main thread to set handlers
         if threading.current_thread() is threading.main_thread():
             for number in ENDING:
-                # what the caller ignores, as nohup does, stays ignored
+                # signals that the caller ignores, as nohup does, stay ignored
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     self._before[number] = signal.signal(number, self._interrupt)
             self._hook = sys.unraisablehook
@@ -38,7 +38,7 @@ class Signals:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # the caller's handlers again
+        # restore the caller's handlers
         for number, handler in self._before.items():
             signal.signal(number, handler)
         if self._before:
@@ -51,9 +51,9 @@ class Signals:
         raise KeyboardInterrupt
 
     def _unraisable(self, event: "sys.UnraisableHookArgs") -> None:
-        """Raise an interrupt again that Python swallowed in a callback, such as JAX's in the garbage collector."""
+        """Raise again an interrupt that Python lost in a callback, such as JAX's in the garbage collector."""
         if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
-            # from another thread and later, for here nothing can be raised either
+            # later and from another thread, because nothing can be raised here
             again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
             again.daemon = True  # it must not keep the process alive
             again.start()
@@ -70,8 +70,8 @@ def ignore_signals() -> None:
 def leave(code: int) -> None:
     """End the process at once.
 
-    Threads inside XLA cannot be stopped, and last for as long as their call. They must not meet the interpreter's
-    shutdown, which takes away what they use.
+    Threads inside XLA cannot be stopped until their call ends. They must not run during the interpreter's shutdown,
+    which removes objects that they use.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -79,20 +79,20 @@ def leave(code: int) -> None:
 
 
 def on_thread(call: Callable[[], Kept], patience: float = 0.0) -> Kept:
-    """Return what `call` returns on another thread, so that the main one answers signals while XLA compiles or runs.
+    """Return the result of `call` on another thread, so that the main thread answers signals while XLA works.
 
     **Arguments:** `patience`: seconds to wait after a signal for a call that then returns a partial result.
     """
     pool = ThreadPoolExecutor(1)
     try:
-        # a thread has no context of its own: this one's has standard input, and the warnings that were given
+        # a thread has no context; this thread's context has standard input, and the warnings already given
         future = pool.submit(copy_context().run, call)
         try:
             return future.result()
-        except Interrupted:  # raised by the call itself, with what it has finished
+        except Interrupted:  # raised by the call itself, with its finished part
             raise
         except KeyboardInterrupt:
-            # most calls end within half a second: nothing is printed then
+            # most calls end within half a second; nothing is printed then
             if patience and not wait([future], 0.5).done:
                 print(f"waiting at most {patience:g} s for what is being computed", file=sys.stderr)
                 wait([future], patience)
@@ -100,4 +100,4 @@ def on_thread(call: Callable[[], Kept], patience: float = 0.0) -> Kept:
                 return future.result()
             raise
     finally:
-        pool.shutdown(wait=False)  # a call that goes on keeps nobody waiting
+        pool.shutdown(wait=False)  # no thread waits for a call that continues

@@ -1,4 +1,4 @@
-"""The commands that look at one case: a trajectory, a periodic motion, and its branch through a parameter."""
+"""The commands for one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -43,13 +43,13 @@ period = option(
     "--period", COUNT, "Forcing periods after which the motion repeats.", default=Default(CONTINUE, "period")
 )
 SWITCHED = ("PD", "BP")
-"""Labels of the events at which other branches leave: flips and branch points."""
+"""Labels of the events at which other branches begin: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
-"""Options that the file of --from has already decided."""
+"""Options that the file of --from has already set."""
 LONGEST_PREPARED = 1000
-"""Forcing periods of the longest run whose picture is prepared while it is compiled."""
+"""Forcing periods of the longest run whose picture is prepared while the run is compiled."""
 BRANCH_PATIENCE = 10.0
-"""Seconds that an interrupted command waits for the point that is being computed."""
+"""Seconds that an interrupted command waits for the present point."""
 
 
 @app.command()
@@ -79,7 +79,7 @@ def simulate(
     # matplotlib cannot be used while another thread imports it
     for thread in preparing:
         thread.join()
-    # made once
+    # computed once
     found = Result(trajectory.ds)
     said(files.write(found), case.text(), *found.summary())
     return LOST if is_lost(int(trajectory.status)) else 0
@@ -93,7 +93,7 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
     from ..orbits.simulate import stand_in
 
     trajectory = stand_in(scene, periods, **options)
-    # words and pictures are imported by them, too
+    # these calls also import texts and pictures
     trajectory.summary()
 
 
@@ -142,7 +142,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 @option(
     "--switch",
     click.Choice(SWITCHED),
-    "Also follow the branches that leave at every flip (PD) or branch point (BP), into files with _PD1 and so "
+    "Also follow the branches that begin at every flip (PD) or branch point (BP), into files with _PD1 and so "
     "on in their names; repeat for both.",
     multiple=True,
 )
@@ -178,13 +178,13 @@ def follow_branch(
 
     def followed(call: Callable[[], Kept], files: Outputs) -> Kept:
         """Return the branch of a call; where that is interrupted, write the points so far."""
-        # each picture has the branches before it, too
+        # each picture also has the branches before it
         with keeping(partial(files.keep, quantity=quantity, brute=beneath, others=drawn)):
             return on_thread(call, BRANCH_PATIENCE)
 
     files = Outputs(out)
     branch = followed(call, files)
-    # no first orbit was found, and why is printed
+    # no first orbit was found, and the reason is printed
     if branch is None:
         return LOST
     # an extended branch has its scene in the file, not in the options
@@ -193,20 +193,20 @@ def follow_branch(
     picture = dict(quantity=quantity, brute=beneath)
     said(*branch.summary(), text, files.write(branch, **picture))
     drawn.append(branch)
-    # branches that leave at events are drawn with those before
+    # branches that begin at events are drawn together with earlier branches
     for label in sorted(set(switch)):
         for number, event in enumerate(branch.events_named(label), 1):
             name = f"{label}{number}"
             place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
             own = files.named(f"_{name}")
-            # no branch leaves at some events, and the others are followed all the same
+            # no branch begins at some events; the others are still followed
             try:
                 other = followed(partial(branch.switched, event, **options), own)
             except ValueError as error:
                 print(f"{place}: {error}", file=sys.stderr)
                 continue
             said(f"{place}:", *other.summary())
-            # all of them in the first picture
+            # the first picture has all branches
             said(own.write(other, drawn=False), other.write(*files.pictures, others=tuple(drawn), **picture))
             drawn.append(other)
     return 0
@@ -229,7 +229,7 @@ def _from_case(
     require(low <= value <= high, "--over", need, shown=f"{text(low)} to {text(high)}")
 
     def call():
-        # the first orbit has the steps of the branch, and shares its programs
+        # the first orbit has the steps of the branch, and uses the same programs
         steps = steps_of_branch(case.scene, quantity, (low, high), case.steps_per_period)
         with_steps = case.options | dict(steps_per_period=steps)
         first = periodic_orbit(case.scene, period, transient=transient, **with_steps)
@@ -247,7 +247,7 @@ def _further(
     from ..orbits.branches import OrbitBranch
     from ..sweeps.loading import load
 
-    # the first of them is named
+    # only the first of these options is named
     for name in given(*WITHOUT_FROM):
         raise ValueError(f"Option {name} must not be given with --from, whose file says it.")
     try:

@@ -1,4 +1,4 @@
-"""The command that writes a scene's file to begin with: every number with its unit, and what it means."""
+"""The command that writes a first scene file: every number with its unit and its meaning."""
 
 import dataclasses
 import json
@@ -78,7 +78,7 @@ OF_SLIPPER = {
     "middle": "centre of mass",
     "box": "section",
 }
-"""Words of a file of one slipper."""
+"""Texts for a file of one slipper."""
 OF_SLED = {
     "what": "A sled on slippers",
     "body": "sled",
@@ -86,7 +86,7 @@ OF_SLED = {
     "middle": "middle",
     "box": "slippers",
 }
-"""Words of a file of a sled."""
+"""Texts for a file of a sled."""
 SLED = ((1.2, 0.9, -0.2), (-1.2, 0.9, -0.2), (1.2, -0.9, -0.2), (-1.2, -0.9, -0.2))
 """Places of the slippers of --sled [m]."""
 
@@ -135,7 +135,7 @@ REMARKS = {
     "ramp": "over which it becomes straight at its ends",
     "first": "where it begins",
 }
-"""What the values of a random rail are."""
+"""Explanations of the values of a random rail."""
 
 FRICTION = Template("""\
 [friction]
@@ -162,11 +162,11 @@ RAILS = {
     **{f"german-{name}": f"of German railways, {name} disturbance" for name in ("low", "high")},
     **{f"fra-{k}": f"of class {k} of the Federal Railroad Administration" for k in range(1, 7)},
 }
-"""Random rails by the words of --rail."""
+"""Random rails by the names for --rail."""
 WINDOW = 1.0
 """Window of the run [m]."""
 TRAVEL = 500.0
-"""Length of the run where no file says how far [m]."""
+"""Length of the run where no file gives it [m]."""
 
 
 def _number(name: str, default: float | None, text: str) -> Adds:
@@ -189,12 +189,12 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @option(
     "--section",
     INPUT,
-    "Table of the section, or -, standard input: columns point (a name), y (left), z (up), two rows for each face.",
+    "Table of the section, or - for standard input: columns point (name), y (left), z (up), two rows for each face.",
 )
 @option(
     "--corner",
     (_MILLIMETRES, _MILLIMETRES),
-    "A point of the section instead [mm], y and z; repeat, two for each face, clockwise with y to the right.",
+    "A point of the section, without a table [mm]: y and z; repeat, two for each face, clockwise, y to the right.",
     multiple=True,
     metavar="Y Z",
 )
@@ -211,7 +211,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "--mount",
     (METRES, METRES, METRES),
     "Place of a sled's slipper from the sled's centre of mass [m]: x forwards, y to the left, z upwards; repeat for "
-    "each. Slippers at y above 0 are on the left rail, below 0 on the right one; with 0 for all there is one rail.",
+    "each. Slippers at y above 0 are on the left rail, below 0 on the right rail; if all are at 0, there is one.",
     multiple=True,
     metavar="X Y Z",
 )
@@ -230,9 +230,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "Travelling speed [m/s], or a table with its history: columns time or distance, and speed.",
     default="1250",
 )
-@option(
-    "--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: the same all the way."
-)
+@option("--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: constant speed.")
 @option(
     "--rail",
     str,
@@ -240,12 +238,17 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     default="sled",
     metavar="RAIL",
 )
-@option("--right-rail", str, "The right rail, as --rail; default: of the same survey or spectrum.", metavar="RAIL")
+@option(
+    "--right-rail",
+    str,
+    "The right rail, in the form of --rail; default: the same survey or spectrum.",
+    metavar="RAIL",
+)
 @_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
-@flag("--force", "Replace a file that is there.")
+@flag("--force", "Replace an existing file.")
 def new(
     file: Path,
     section: Path | None,
@@ -266,12 +269,12 @@ def new(
     force: bool,
     **numbers: float,
 ) -> None:
-    """Write a scene to begin with: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
+    """Write a first scene: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
 
-    What is not given is that of the paper's slipper on a random sled track. Look through the file, change it, and run
-    it by `slipperjax run FILE`.
+    All other values are those of the paper's slipper on a random sled track. Read the file, change it, and run it
+    with `slipperjax run FILE`.
     """
-    # here, because help needs none of them
+    # here, because help does not need these
     from ..model.scene_files import scene_from_toml
 
     require(file.suffix.lower() == ".toml", "file", "end with .toml", shown=str(file))
@@ -310,14 +313,14 @@ def new(
     ]
     values["loads"] = "\n\n".join(loads)
     text = SCENE.substitute(values)
-    # what is wrong is found before anything is written
+    # errors are found before anything is written
     scene_from_toml(text, str(file))
     write_whole(file, text.encode())
     print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
 
 
 def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, list[str]]:
-    """Return the points of the section [mm] and their names, two after each other for each face."""
+    """Return the points of the section [mm] and their names, two successive points for each face."""
     from ..tools.tables import Table
 
     if section is not None and corners:
@@ -346,8 +349,8 @@ def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> t
 
 
 def _rails(places: np.ndarray, rail: str, right: str | None) -> dict[str, str]:
-    """Return the rails on which slippers at places are [m], by the tables of the file: "track" is a single rail,
-    "track.rail" stands for two of one survey or spectrum."""
+    """Return the rails for slippers at places [m], by the tables of the file: "track" is a single rail, "track.rail"
+    means two rails of one survey or spectrum."""
     y = places[:, 1]
     if not y.any():
         require(right is None, "--right-rail", "come with --sled, or a --mount on it", right)
@@ -357,7 +360,7 @@ def _rails(places: np.ndarray, rail: str, right: str | None) -> dict[str, str]:
 
 
 def _gauge(places: np.ndarray) -> float | None:
-    """Return the distance between two rails [m]; None where slippers at places [m] say none."""
+    """Return the distance between two rails [m]; None where the places of slippers [m] do not give it."""
     beside = np.abs(places[:, 1])
     return float(2 * beside[0]) if beside.all() and np.ptp(beside) == 0 else None
 
@@ -379,7 +382,7 @@ def _mounts(places: np.ndarray) -> str:
 def _way(
     file: Path, speed: str, end_speed: float | None, rails: dict[str, str], gauge: float | None, travel: float | None
 ) -> dict[str, str]:
-    """Return what the template says of rails, speed and length of the run, from options."""
+    """Return the template's texts for rails, speed and length of the run, from options."""
     from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
 
     surveys = []
@@ -404,7 +407,7 @@ def _way(
     length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
     way = {"begin": f"{begin:.9g}", "travel": f"{length:.9g}", "track": _track(file, rails, gauge, length)}
     if history is not None:
-        # distances of the rail stay as they are, others begin where it does
+        # distances of the rail stay unchanged; other distances begin with the rail
         start = float(history.distance[0])
         on_rail = begin <= start < begin + (spans[0] if surveys else length)
         shift = f"{0.0 if on_rail else begin - start:.9g}"
@@ -418,18 +421,18 @@ def _way(
 
 
 def _track(file: Path, rails: dict[str, str], gauge: float | None, length: float) -> str:
-    """Return the tables of the rails for a run of some length [m]; those that are not random are surveys."""
+    """Return the tables of the rails for a run of some length [m]; rails that are not random are surveys."""
     between = f'gauge = "{gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
     between = between if gauge else f"# {between}"
     tables = []
     for seed, (table, rail) in enumerate(rails.items()):
         alike = table == "track.rail"
         if rail in RAILS:
-            # of two alike the pair has the seed
+            # for two similar rails the pair has the seed
             one = _random(rail, length, table, None if alike else seed)
             tables.append(RANDOM_RAILS.substitute(gauge=between, rail=one) if alike else one)
         else:
-            # a survey is known by its file, but not in a table within the track's
+            # a survey is known by its file, except in a table within the track's table
             first = {"track": "", "track.rail": f"{between}\n"}.get(table, 'type = "SurveyedTrack"\n')
             path = _beside(file, user_path(rail))
             tables.append(SURVEY.substitute(table=table.removesuffix(".rail"), first=first, file=path))
@@ -458,19 +461,19 @@ def _random(rail: str, length: float, table: str, seed: int | None) -> str:
 
 
 def _existing(option: str, text: str, otherwise: str) -> Path:
-    """Return the path of a file that an option names; raise `ValueError` where there is none."""
+    """Return the path of a file that an option names; raise `ValueError` where there is no file."""
     path = user_path(text)
     require(path.is_file(), option, f"be a file, or {otherwise}", text, names=RAILS if "rail" in option else ())
     return path
 
 
 def _beside(file: Path, other: Path) -> str:
-    """Return the path of another file as seen from the folder of a file, as a text of TOML."""
+    """Return the path of another file relative to the folder of a file, as a text of TOML."""
     return json.dumps((other if other.is_absolute() else Path(os.path.relpath(other, file.parent))).as_posix())
 
 
 def _part(template: Template, value: float | str | None, example: float | str, **words: str) -> str:
-    """Return a part of the file; without its value as remarks with an example."""
+    """Return a part of the file; if it has no value, as remarks with an example."""
     given = example if value is None else value
     text = template.substitute(words, value=given if isinstance(given, str) else f"{given:.9g}")
     return "\n".join(f"# {line}" for line in text.splitlines()) if value is None else text

@@ -1,6 +1,6 @@
-"""The root command, and the options that commands share: their types and help, and what they stand for.
+"""The root command, and the options that commands share: their types, their help, and their values.
 
-Commands import what they need when they are called: help is quick.
+Commands import what they need only when they are called, so that help is fast.
 """
 
 import ast
@@ -31,7 +31,7 @@ from ..tools.files import listed, read_standard_input, user_path
 from .files import USUAL
 
 LOST = 1
-"""Exit code where no number that came out means anything."""
+"""Exit code where no computed number means anything."""
 WRONG = 2
 """Exit code after an error."""
 INTERRUPTED = 130
@@ -56,13 +56,13 @@ def flag(name: str, text: str) -> Adds:
 
 
 class Default:
-    """The default of an argument of a function of the package, which stands there alone: commands know no other.
+    """The default of an argument of a function of the package; commands do not state it a second time.
 
-    It is read from the source, because importing the function would take long.
+    The default is read from the source, because importing the function would take long.
     """
 
     def __init__(self, function: str, argument: str):
-        """**Arguments:** `function`: its module and its name, such as sweeps.sweep.sweep."""
+        """**Arguments:** `function`: its module and name, such as sweeps.sweep.sweep."""
         self.function = function
         self.argument = argument
 
@@ -75,7 +75,7 @@ class Default:
 
 @functools.cache
 def _defaults(function: str) -> dict[str, object]:
-    """Return the defaults of the arguments of a function that are written as numbers, texts or tuples of these."""
+    """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these."""
     module, _, name = function.rpartition(".")
     source = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py").read_text()
     named = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
@@ -89,7 +89,7 @@ def _defaults(function: str) -> dict[str, object]:
 
 
 class Group(click.Group):
-    """A group of commands that ends silently at an interrupt, where click would print."""
+    """A group of commands that ends silently at an interrupt; click would print a line."""
 
     def invoke(self, ctx: click.Context) -> object:
         # click would print a line, and exit with 1
@@ -103,7 +103,7 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
     if wanted:
         from ..flow.datasets import versions
 
-        # the package first, and in brackets what it computes with
+        # first the package, and in brackets the packages with which it computes
         of = dict(versions())
         print(f"slipperjax {of.pop('slipperjax')} ({', '.join(f'{name} {version}' for name, version in of.items())})")
         ctx.exit()
@@ -138,7 +138,7 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
     else:
         keep_in(None)
     if modules:
-        sys.path.insert(0, str(Path.cwd()))  # where `python` would look, too
+        sys.path.insert(0, str(Path.cwd()))  # where `python` would also search
     for name in modules:
         try:
             importlib.import_module(name)
@@ -152,7 +152,7 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
 class FilePath(click.Path):
     """A path; ~ is the user's home, also in texts that a shell does not expand, such as --out=~/run.
 
-    With `allow_dash` - is standard input, which is read at once.
+    With `allow_dash`, - is standard input, which is read at once.
     """
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> object:
@@ -179,10 +179,10 @@ FROM_ZERO = Whole(0)
 
 
 class Measure(click.ParamType):
-    """A number in a display unit, or a text with any unit of that kind, such as "1/16 in".
+    """A number in a display unit, or a text with any unit of the same kind, such as "1/16 in".
 
-    Without a quantity texts stay texts: the parameter is named by another value of the same option, and `shown_value`
-    converts them when both are known.
+    Without a quantity texts stay texts: another value of the same option names the parameter, and `shown_value`
+    converts the texts when both values are known.
     """
 
     name = "float"
@@ -214,7 +214,7 @@ def shown_value(quantity: Quantity, value: float | str) -> float:
 
 
 def parameters_of(quantities: Mapping[str, Quantity]) -> str:
-    """Return help on what parameters there are and in which units their values are."""
+    """Return help that lists the parameters and the units of their values."""
     units = ", ".join(f"{name} [{q.display_unit}]" for name, q in quantities.items())
     return f"Parameters: {units}; or a path such as section.play.2 [SI unit]. Other units: '1/16 in'."
 
@@ -235,7 +235,7 @@ def result(default: str | None, text: str = "") -> Adds:
     return option("--out", FILE, help, default=usual, multiple=True, show_default=default or False)
 
 
-_PAPER = inspect.signature(paper_scene).parameters  # whose defaults are stated in help
+_PAPER = inspect.signature(paper_scene).parameters  # help states their defaults
 
 
 def _of_case(name: str) -> Adds:
@@ -257,12 +257,12 @@ begin = option(
     # inf and NaN are numbers, too
     callback=lambda ctx, _, value: None if value is None else number(finite, "begin", value, "m"),
 )
-"""The option of commands that travel along the rail."""
+"""The option of commands whose motion travels along the rail."""
 MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
-"""Contact memories by the words of --memory."""
+"""Contact memories by the words for --memory."""
 CASE: dict[str, Adds] = {
     "scene": option(
-        "--scene", INPUT, "TOML file of a scene, or -, standard input, or netCDF file of a result with that scene."
+        "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
     **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
     "wavelength": option(
@@ -273,11 +273,13 @@ CASE: dict[str, Adds] = {
         default=None,
         show_default="8, or the scene file's",
     ),
-    "rail": option("--rail", INPUT, "Measured rail, a CSV or netCDF file or -, in place of the scene's."),
+    "rail": option(
+        "--rail", INPUT, "Measured rail in place of the scene's: a CSV or netCDF file, or - for standard input."
+    ),
     "memory": option(
         "--memory",
         click.Choice(list(MEMORIES)),
-        "Which velocity the damping refers to: at touchdown (event, or smooth by an equation without events), or the "
+        "Velocity to which the damping refers: at touchdown (event, or smooth by an equation without events), or the "
         "fastest since touchdown (peak).",
         show_default="the scene file's, or peak on surveyed and random rails and event on others",
     ),
@@ -298,31 +300,31 @@ CASE: dict[str, Adds] = {
         "--steps-per-period", COUNT, "Integration steps per forcing period; default: as the scene needs."
     ),
 }
-"""Options that choose a scene, change it, and say how it is integrated, by the names of their values."""
+"""Options that choose a scene, change it, and set its integration, by the names of their values."""
 
 
 class Case(NamedTuple):
-    """A scene, its start and how it is integrated, as options describe them."""
+    """A scene, its start and the settings of its integration, from options."""
 
     scene: Scene
     start: Motion | State | None = None
     """None for the start of Table 2."""
     solver: diffrax.AbstractSolver | None = None
     steps_per_period: int | None = None
-    """None for as many as the scene needs."""
+    """None for the number that the scene needs."""
     file: SceneFile | None = None
-    """What the scene's TOML file says, where it is from one."""
+    """Contents of the scene's TOML file, if the scene is from such a file."""
 
     @property
     def options(self) -> dict[str, object]:
-        """All but the scene, as arguments of the package's functions."""
+        """All values except the scene, as arguments of the package's functions."""
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
     def text(self, varied: Iterable[str] = (), start: str = "") -> str:
-        """Return the case in words: a sled's slippers, speed, clearance and length, unless varied, and its start."""
+        """Return the case as a text: a sled's slippers, speed, clearance and length, unless varied, and its start."""
         from ..flow.datasets import scene_attributes
 
-        # values that depend on a varied parameter are absent there
+        # values that depend on a varied parameter are absent
         known = scene_attributes(self.scene, list(varied))
         slippers = self.scene.slipper.names
         words = [f"{len(slippers)} slippers"] if slippers else []
@@ -333,7 +335,7 @@ class Case(NamedTuple):
                 words.append(f"{name} {q.shown(value):g} {q.display_unit}")
         if not start:
             start = "from Table 2's start" if self.start is None else "from the scene file's start"
-            # a varied coordinate of the start replaces that one
+            # a varied coordinate of the start replaces the start's own
             but = [name for name in varied if name in STARTS]
             start += f" but for {listed(but)}" if but else ""
         return ", ".join([*words, start])
@@ -342,9 +344,9 @@ class Case(NamedTuple):
 def takes_case(command: Command) -> Command:
     """Return a command that also has the options of `CASE`, and whose function gets a `Case` as its argument `case`.
 
-    A command with an option or argument `scene` of its own keeps that one.
+    A command that has its own option or argument `scene` keeps it.
     """
-    # the place where click keeps what the decorators below this one have added
+    # click keeps here what the decorators below have added
     own = {one.name for one in getattr(command, "__click_params__", [])}
 
     @functools.wraps(command)
@@ -352,7 +354,7 @@ def takes_case(command: Command) -> Command:
         case = make_case(**{name: given.pop(name) for name in CASE})
         return command(case=case, **given)
 
-    # decorators apply from the last, so that help lists the first one first
+    # decorators apply from the last, so that help lists the first option first
     made: Command = call
     for name, add in reversed(CASE.items()):
         made = made if name in own else add(made)
@@ -360,7 +362,7 @@ def takes_case(command: Command) -> Command:
 
 
 def given(*names: str) -> list[str]:
-    """Return those of a command's options that the user gave, as they are written on the command line."""
+    """Return those of a command's options that the user gave, in the form of the command line."""
     # values may also be defaults
     source = click.get_current_context().get_parameter_source
     return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
@@ -382,9 +384,9 @@ def make_case(
     **Arguments:** the options of `CASE`; `wavelength`: [m]; `values`: parameters by name in display units, None where
     the scene's value stays.
 
-    **Raises:** `ValueError` that names the argument or option which is wrong.
+    **Raises:** `ValueError` that names the wrong argument or option.
     """
-    # here, because help needs none of them
+    # here, because help does not need these
     from ..model.surveys import load_rail
     from ..model.tracks import HarmonicTrack
     from ..solvers.named import resolve_solver
@@ -394,14 +396,14 @@ def make_case(
     found = None if scene is None else load(scene)
     made = paper_scene() if found is None else found.scene
     start = None if found is None else found.start
-    # parts of the scene first, because parameters are written into them
+    # parts of the scene first, because parameters are written into the parts
     parts: dict[str, object] = {}
     if memory is not None:
         parts["memory"] = MEMORIES[memory]()
     if rail is not None:
         parts["track"] = load_rail(rail)
     if wavelength:
-        # other rails have no wavelengths of their own
+        # other rails have no wavelengths
         track = parts.get("track", made.track)
         if not isinstance(track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {track!r}.")
@@ -431,12 +433,12 @@ def make_bounds(
 
     **Arguments:** `option`: for errors; `low`, `high`: in the display unit, or texts with a unit.
 
-    **Raises:** `ValueError` that names the option or the parameter which is wrong.
+    **Raises:** `ValueError` that names the wrong option or parameter.
     """
     quantity = parameter(name, scene)
     low = shown_value(quantity, low)
     high = shown_value(quantity, high)
-    # out of range is an error, implausible a warning
+    # a value out of range is an error, an implausible value gives a warning
     bounds = quantity.check(quantity.from_shown(np.array([low, high])))
     shown = f"{low:g} to {high:g} {quantity.display_unit}"
     require(low < high, option, "have two bounds, the smaller first", shown=shown)

@@ -1,4 +1,4 @@
-"""The command that runs a scene over a length of rail, and reports what a track test would measure."""
+"""The command that runs a scene over a length of rail, and reports the values that a track test would measure."""
 
 import itertools
 import json
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from ..results.result import Result
 
 FURTHER = "-environment"
-"""Added to the names of files with the vibration environment of a run."""
+"""Text added to the names of files with the vibration environment of a run."""
 COMPARE = "sweeps.compare.compare"
 SEPARATOR = "\t"
-"""Between the words of --over, which may have spaces in them."""
+"""Separator between the words of --over, because words may have spaces in them."""
 
 
 class _Comparing(click.Command):
@@ -49,7 +49,7 @@ class _Comparing(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if "--over" in args:
             first = args.index("--over") + 1
-            # the name, and all that begin as numbers do, such as 2024_sled.toml, which is the file
+            # the name, and all words that begin like numbers, except a file such as 2024_sled.toml
             is_value = lambda word: re.match(r"[-+]?\.?\d", word) and not word.lower().endswith(".toml")
             values = itertools.takewhile(is_value, args[first + 1 :])
             joined = [*args[first : first + 1], *values]
@@ -68,18 +68,18 @@ class _Comparing(click.Command):
 @option(
     "--rails",
     COUNT,
-    "With --over: number of rails, the survey first, or seeds of a random one; the median takes 8, 0.95 takes 80.",
+    "With --over: number of rails, first the survey, or seeds of a random rail; the median needs 8, 0.95 needs 80.",
     default=Default(COMPARE, "rails"),
 )
 @option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
 @option(
     "--quantiles",
     float,
-    "With --over: share of the runs below what is compared; the last one decides; repeat for several.",
+    "With --over: share of the runs with lower values; the last share decides; repeat for several.",
     multiple=True,
     default=Default(COMPARE, "quantiles"),
 )
-@option("--store", FILE, "With --over: keep runs in this store, from which the same command goes on.")
+@option("--store", FILE, "With --over: keep runs in this store, from which the same command continues.")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
@@ -88,7 +88,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     designs by many runs over the same rails from the same starts.
 
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input. With a
-    table [environment], the vibration environment of its places is printed, too, and written into further files, with
+    table [environment], the vibration environment of its places is also printed, and written into further files with
     -environment in their names.
     """
     from ..sweeps.environment import check_environment, environment
@@ -110,7 +110,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     further = None
     places = file.environment
     if places is not None:
-        # before a long run
+        # checked before a long run
         check_environment(case.scene, **places)
         further = files.named(FURTHER)
         history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
@@ -120,7 +120,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     _keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
-    # of a lost run nothing but its status is said
+    # for a lost run only its status is printed
     if further is not None and places is not None and not lost:
         report = environment(ran, **places)
         said(further.write(report), *report.summary())
@@ -128,7 +128,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
 
 
 def _keep_units(result: "Result", case: Case) -> None:
-    """Put the units of the scene's file into a result: reports of it have them later, too."""
+    """Add the units of the scene's file to a result, so that later reports also use them."""
     from ..plots.style import UNITS
 
     assert case.file is not None
@@ -136,7 +136,7 @@ def _keep_units(result: "Result", case: Case) -> None:
 
 
 def _compared(case: Case, over: str, options: dict[str, object], files: Outputs) -> int:
-    """Compare designs, write and print what was found."""
+    """Compare designs; write and print the results."""
     from ..sweeps.compare import compare
 
     name, *written = over.split(SEPARATOR)
@@ -154,5 +154,5 @@ def _compared(case: Case, over: str, options: dict[str, object], files: Outputs)
 
 
 def _start(case: Case) -> str:
-    """Return in words where a run begins whose scene has no start; empty for one that has."""
+    """Return a text that says where a run begins whose scene has no start; empty for a scene with a start."""
     return "from rest on the rail" if case.start is None else ""

@@ -34,7 +34,7 @@ def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> 
     answers = {}
     seconds = {}
     partial = ()
-    # what is finished is written at once; the report gets its name when all of it is
+    # finished figures are written at once; the report gets its name when all figures are finished
     for done in runs:
         write_figures(done, out)
         answers |= done.answers
@@ -50,6 +50,6 @@ def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> 
 
 
 def _delete(partial: Iterable[Path]) -> None:
-    """Delete the files of partial results, once the whole ones are written."""
+    """Delete the files of partial results after the whole files are written."""
     for path in partial:
         path.unlink(missing_ok=True)

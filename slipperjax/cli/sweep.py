@@ -1,4 +1,4 @@
-"""The commands that run many cases, and those that look after stores of them."""
+"""The commands that run many cases, and the commands for stores of cases."""
 
 import math
 import sys
@@ -50,11 +50,11 @@ PERIODS = {
     "orbits": Default(ORBIT_SWEEP, "period"),
     "motion": lambda: MIN_TEST,
 }
-"""Default of --periods by the record; for all others it is that of `sweep`."""
+"""Default of --periods by the record; for other records the default of `sweep`."""
 
 
 def axis(name: str, text: str, **more: object) -> Adds:
-    """Return an option that takes a parameter and the values that it is varied over."""
+    """Return an option that takes a parameter and the values over which it is varied."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
 
@@ -69,7 +69,7 @@ log = option(
 
 
 def transient(function: str) -> Adds:
-    """Return the option for the periods before the recorded ones, whose default is that of a function."""
+    """Return the option for the periods before the recorded periods; its default is that of a function."""
     default = Default(function, "transient")
     return option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=default)
 
@@ -127,12 +127,12 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option(
     "--sample",
     COUNT,
-    "Number of points of a Sobol sample of the box that --over and --by span, in place of every combination.",
+    "Number of points of a Sobol sample of the box of --over and --by, in place of every combination.",
 )
 @option(
     "--record",
     str,
-    "What to record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
+    "Record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
     "peak_force, rms; repeat for several. Default: sections.",
     multiple=True,
 )
@@ -140,16 +140,18 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option(
     "--periods",
     COUNT,
-    "Forcing periods to record; of orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
+    "Forcing periods to record; for orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
 )
 @begin
-@option("--store", FILE, "Zarr store to write, such as map.zarr; the same command resumes where the last one ended.")
+@option(
+    "--store", FILE, "Zarr store to write, such as map.zarr; the same command resumes where the last command ended."
+)
 @option("--tile", COUNT, "Number of cases that are computed and written together.")
-@flag("--fresh", "Delete what the store holds, and start over.")
+@flag("--fresh", "Delete the contents of the store, and start again.")
 @option("--share", str, "Compute only share I of N of the store, for the jobs of an array.", metavar="I/N")
 @option("--processes", COUNT, "Number of processes that share the work; default: threads of one process.")
 @option("--cluster", str, "Address of a dask scheduler, such as tcp://host:8786.")
-@flag("--explain", "Print the time, memory and disk space that it will take, and stop.")
+@flag("--explain", "Print the time, memory and disk space that the sweep will need, and stop.")
 @show
 @result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case
@@ -169,16 +171,16 @@ def sweep(
     transient,
     **storing,
 ):
-    """Simulate every combination of parameters, or a sample, into a file, or into a store from which it resumes."""
+    """Simulate every combination of parameters, or a sample, into a file, or into a store that can be resumed."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.orbits import NearestOrbit
     from ..sweeps.sweep import sweep as run
 
-    # the first record with a default of its own decides on the periods
+    # the first record with its own default decides about the periods
     names = record or ("sections",)
     usual = next((PERIODS[name] for name in names if name in PERIODS), Default(SWEEP, "periods"))
     periods = periods or usual()
-    # one record is given by itself, as in scripts
+    # a single record is passed alone, as in scripts
     records = names[0] if len(names) == 1 else list(names)
     if records == "orbits":
         records = NearestOrbit(periods)
@@ -202,10 +204,10 @@ def sweep(
 def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, np.ndarray]:
     """Return values in SI units by parameter name, logarithmically spaced for the names in `log`.
 
-    **Arguments:** `axes`: of `--over` and of each `--by`; `sample`: number of points spread over the box that they
-    span, in place of every combination.
+    **Arguments:** `axes`: of `--over` and of each `--by`; `sample`: number of points spread over the box of these
+    axes, in place of every combination.
 
-    **Raises:** `ValueError` that names the option which is wrong.
+    **Raises:** `ValueError` that names the wrong option.
     """
     from ..sweeps.estimate import Estimate
     from ..sweeps.grid import sample_box
@@ -223,7 +225,7 @@ def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | 
         quantity.check(quantity.from_shown(np.array([low, high])))
         count = count if sample is None else 2  # the sides of a box
         cases = count * math.prod(map(len, grid.values()))
-        Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before they take the memory
+        Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before the grid takes the memory
         spread = np.geomspace if name in log else np.linspace
         grid[name] = quantity.from_shown(spread(low, high, count))
     for name in log:
@@ -250,7 +252,7 @@ def _target(
     make_folder(store.parent, store)
     numbers = None
     if share is not None:
-        # whatever else the text has leaves fewer numbers than two
+        # any other text gives fewer numbers than two
         numbers = tuple(int(part) for part in share.split("/") if part.isdigit())
         require(len(numbers) == 2, "--share", "be I/N, as 3/16", share)
     return Store(store, tile=tile, fresh=fresh, share=numbers)
@@ -276,24 +278,24 @@ def _executor(count: int | None, address: str | None) -> AbstractContextManager:
 
 
 def hide_dask() -> None:
-    """Let dask count as not installed in this process, until --cluster needs it.
+    """Make dask count as not installed in this process, until --cluster needs it.
 
-    Where it is installed, xarray imports it with the first dataset, which takes half as long as importing JAX.
+    Where dask is installed, xarray imports it with the first dataset, which takes half as long as importing JAX.
     """
-    # which asks once whether dask is installed
+    # xarray asks once whether dask is installed
     if "xarray" not in sys.modules:
-        # by which Python finds no such module
+        # with this entry Python finds no such module
         sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
 
 
 def _show_dask() -> None:
-    """Let dask be found again."""
+    """Make dask available again."""
     if sys.modules.get("dask", sys) is None:
         del sys.modules["dask"]
 
 
 def _of_store(store: Path, out: Sequence[Path]) -> Outputs:
-    """Return the files of a store, by default a picture of its name."""
+    """Return the files of a store, by default a picture with the store's name."""
     return Outputs(out or [store.with_suffix("")], usual=(".png",))
 
 
@@ -316,7 +318,7 @@ def _swept(
     path = None if store is None else store.path
 
     def keep(found: "Result") -> str:
-        # a store has written what is finished
+        # a store has already written finished results
         if store is not None or files is None:
             return kept_in(path)
         return files.keep(found, drawn=_is_drawn(found))
@@ -331,21 +333,21 @@ def _swept(
         return 0
     _write(found, files, show)
     said(case.text(grid), *found.summary(), f"{seconds:.1f} s with compiling")
-    # one case with numbers makes a result
+    # one case with valid numbers gives a result
     return LOST if is_lost(found["status"].values).all() else 0
 
 
 def _is_drawn(found: "Result") -> bool:
-    """Return whether a sweep has a picture, which those over more than two parameters have not."""
+    """Return whether a sweep has a picture; a sweep over more than two parameters has none."""
     return found["status"].ndim <= 2
 
 
 def _write(found: "Result", files: Outputs, show: str | None) -> None:
-    """Write the files of a sweep, as far as it has them."""
+    """Write those files of a sweep that it can have."""
     drawn = _is_drawn(found)
     if not drawn:
         said(f"no picture of {found['status'].ndim} parameters: take a part of the data, and quantity_map")
-    # a store without a picture has nothing more to write
+    # a store without a picture needs no further file
     said(*filter(None, [files.write(found, drawn=drawn, show=show)]))
 
 
@@ -369,9 +371,9 @@ def status(path: Path) -> None:
 @store.command()
 @path
 def check(path: Path) -> int:
-    """Read all of the store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
+    """Read the whole store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
 
-    The exit code is 1 where there were any.
+    The exit code is 1 where tiles were damaged.
     """
     from ..sweeps.store import check_store, store_status
 
@@ -392,6 +394,6 @@ def draw(path: Path, show: str | None, out: Sequence[Path]) -> None:
     found = load(path)
     try:
         _write(found, _of_store(path, out), show)
-    except RuntimeError as error:  # of a checksum
+    except RuntimeError as error:  # error of a checksum
         raise ValueError(f"{path} is damaged, see `slipperjax store check {path}`: {error}") from None
     said(str(store_status(path)))

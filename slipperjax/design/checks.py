@@ -20,7 +20,7 @@ from .optimise import Design
 from .problem import Problem
 
 EVENTS = ("LP", "PD", "NS", "BP", "GR")
-"""Labels of events to keep away from."""
+"""Labels of events from which a design should keep a distance."""
 
 
 def surroundings(
@@ -32,19 +32,19 @@ def surroundings(
     periods: int = 64,
     **options: object,
 ) -> xr.Dataset:
-    """Compute the objective around a design by simulation alone, as one batch: an independent check.
+    """Compute the objective around a design by simulation only, as one batch: an independent check.
 
     Designs over rails that do not recur are judged by ensembles on other rails, with standard errors.
 
-    **Arguments:** `points`: designs along each variable, rounded up to an odd number so that the design itself is
-    one; `width`: their greatest distance to either side, as a share of the box; those beyond a bound are moved to it.
-    `transient`, `periods`, `options`: as for `sweep`; the steps are those of the search.
+    **Arguments:** `points`: number of designs along each variable, rounded up to an odd number so that the design
+    itself is included; `width`: their greatest distance to each side, as a share of the box; designs beyond a bound
+    are moved to the bound. `transient`, `periods`, `options`: as for `sweep`; the steps are those of the search.
 
-    **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form,
-    and `total`, the worst or the mean of the cases, over the variables. Attribute `improvement_found`: difference of
-    the lowest total from the design's own, over it [1].
+    **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form, and `total`,
+    the worst or the mean of the cases, over the variables. Attribute `improvement_found`: difference between the
+    lowest total and the design's own total, relative to the latter [1].
 
-    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
+    **Raises:** `ValueError` that names the wrong argument; `Interrupted` after Ctrl-C.
     """
     problem = instance("design", design, Design, "a result of optimise_design").problem
     count = whole("points", points, 1) | 1
@@ -74,7 +74,7 @@ def surroundings(
             ds[one.name] = ds[one.name].where(ds["status"] == Status.FINITE)
     values = ds[smooth.name]
     of_cases = list(problem.over)
-    # a case without a value leaves the design without one
+    # a case without a value leaves its design without a value
     join = values.max if problem.robust == "worst" else values.mean
     total = join(of_cases, skipna=False)
     total = total.assign_attrs(values.attrs, long_name=f"{problem.robust} {smooth.name}")
@@ -84,8 +84,8 @@ def surroundings(
 
 
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
-    """Judge designs of a grid by ensembles on rails that no search uses, a million batches further; of a set of rails
-    on those of the last judgement."""
+    """Judge designs of a grid by ensembles on rails that no search uses: seeds a million batches further; for a set
+    of rails, the rails of the last judgement."""
     other = problem.unseen.with_seed(problem.unseen.ensemble.seed + 1_000_000)
     # every combination of the variables, design by design
     designs = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
@@ -95,7 +95,7 @@ def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset
     shape = [len(values) for values in axes.values()]
     coords = {name: (name, values, parameter(name, problem.scene).attributes) for name, values in axes.items()}
     ds = xr.Dataset({"status": (dims, evaluation.status.reshape(shape))}, coords)
-    # the smooth form may be the objective itself
+    # the smooth form may be equal to the objective
     for one in (problem.objective, problem.objective.smooth):
         k = problem.index(one)
         value = evaluation.value[:, k].reshape(shape)
@@ -114,16 +114,17 @@ def event_margins(
     points: int = 60,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Find how far a parameter may change, either way, before the orbit of a case meets an event.
+    """Find how far a parameter may change, in both directions, before the orbit of a case meets an event.
 
     `continue_orbit` follows each orbit from the design, one parameter at a time.
 
-    **Arguments:** `names`: of the parameters, default the variables and those of `over`; `cases`: by number,
-    default the worst, and the one with the largest multiplier; `width`: greatest change, over the magnitude of the
-    parameter, or where a variable is zero over the width of its bounds [1]; `points`: most points of each branch.
+    **Arguments:** `names`: of the parameters, default the variables and the parameters of `over`; `cases`: by number,
+    default the worst case, and the case with the largest multiplier; `width`: greatest change, relative to the
+    magnitude of the parameter, or to the width of its bounds where a variable is zero [1]; `points`: most points of
+    each branch.
 
     **Returns:** an `xarray.Dataset` along `margin`: `case`, `parameter`, `direction` (-1 or 1), `label` of the event
-    (empty where none was met), `value` of the parameter there, or where the branch ended, and `change` from the
+    (empty where no event was met), `value` of the parameter there, or where the branch ended, and `change` from the
     design, in SI units; `relative` change [1], as `width`.
 
     **Raises:** `ValueError` where a case has no orbit, or another parameter than a variable is zero.
@@ -132,7 +133,7 @@ def event_margins(
     far = number(positive, "width", width)
     names = [*problem.names, *problem.over] if names is None else list(names)
     cases = _telling_cases(design) if cases is None else list(cases)
-    # steps half as long, to resolve events
+    # half the step, to resolve events
     steps = dict(steps_per_period=2 * problem.steps, solver=problem.solver)
     rows = []
     for case in cases:
@@ -141,7 +142,7 @@ def event_margins(
         scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
         start = StateLayout.of(scene).unpack(jnp.asarray(design.cases["state"].values[case]))
         orbit = periodic_orbit(scene, period, start=start, **steps)
-        # one parameter at a time, both ways
+        # one parameter at a time, in both directions
         for name in names:
             value = float(scene.value(name))
             size = size_of(problem, name, value)
@@ -165,10 +166,10 @@ def event_margins(
 
 
 def size_of(problem: Problem, name: str, value: float) -> float:
-    """Return the size of a parameter, over which its changes count: its magnitude, or the width of a variable's box
-    where it is zero.
+    """Return the size of a parameter, to which its changes are relative: its magnitude, or where a variable is zero
+    the width of its box.
 
-    **Raises:** `ValueError` for another parameter that is zero.
+    **Raises:** `ValueError` for a parameter that is zero and no variable.
     """
     size = abs(value) or float(np.ptp(problem.bounds.get(name, 0.0)))
     require(size > 0, "names", "be of variables, or of parameters that are not zero", name)
@@ -176,11 +177,11 @@ def size_of(problem: Problem, name: str, value: float) -> float:
 
 
 def _telling_cases(design: Design) -> list[int]:
-    """Return the worst case and the one nearest to instability, of those on orbits."""
+    """Return the worst case and the case nearest to instability, among cases on orbits."""
     period = design.cases["period"].values
     if not period.any():
         return []
-    # per forcing period
+    # multipliers per forcing period
     modulus = design.cases["multiplier"].values ** (1 / np.maximum(period, 1))
     found = []
     for values in (design.cases["smooth"].values, modulus):
@@ -191,16 +192,16 @@ def _telling_cases(design: Design) -> list[int]:
 
 
 def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, float]]:
-    """Return direction, label and parameter of the first event on each side of where a branch began."""
+    """Return direction, label and parameter of the first event on each side of the place where a branch began."""
     along = branch.ds[branch.parameter.name].values
     begin = int(np.argmin(np.abs(along - value)))
     events = []
-    # branches may turn: the first step from the beginning tells the direction
+    # branches may turn: the first step from the beginning gives the direction
     for side, last in ((-1, 0), (1, len(along) - 1)):
         neighbour = along[min(max(begin + side, 0), len(along) - 1)]
         direction = int(np.sign(neighbour - value)) or side
         met = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
         first = min(met, key=lambda event: abs(event.point - begin), default=None)
-        # without an event the branch's own end stands
+        # without an event, the end of the branch
         events.append((direction, first.label, first.value) if first else (direction, "", float(along[last])))
     return events

@@ -1,4 +1,4 @@
-"""Ensembles of runs around a design: their sizes, their rails, and the planes through their values."""
+"""Ensembles of runs around a design: their sizes, their rails, and planes through their values."""
 
 import abc
 from dataclasses import dataclass, replace
@@ -16,17 +16,17 @@ from ..orbits.motions import recurs
 from ..tools.checks import instance, require, whole
 
 Planes = tuple[Float[np.ndarray, "objectives unknowns"], Float[np.ndarray, "objectives unknowns"]]
-"""Of each objective its value at a design and its slopes per reach, and the standard errors of both; NaN where runs
-are too few."""
+"""For each objective, its value at a design and its slopes per reach, and the standard errors of both; NaN where
+there are too few runs."""
 
 
 class AbstractEnsemble(abc.ABC):
-    """Runs at the corners of a small box around a design, through whose values a plane is laid."""
+    """Runs at the corners of a small box around a design, with a plane through their values."""
 
     box_reach: ClassVar[float]
-    """Distance of the runs' parameters from a design's [unit box]."""
+    """Distance of the runs' parameters from a design's parameters [unit box]."""
     relative_reach: ClassVar[float]
-    """The same in `sensitivities`, over the parameters' values [1]."""
+    """The same distance in `sensitivities`, over the parameters' values [1]."""
     transient: int
     periods: int
     seed: int
@@ -35,10 +35,10 @@ class AbstractEnsemble(abc.ABC):
     def conditions(
         self, track: AbstractTrack, corners: int
     ) -> tuple[Int[np.ndarray, " runs"], dict[str, np.ndarray]]:
-        """Return what the runs at each corner differ by, the same at all corners and for all designs.
+        """Return the differences between the runs at each corner, the same at all corners and for all designs.
 
-        **Returns:** the number of the rail of each run, those of one rail not being independent; and the numbers that
-        choose the rails, by their paths in the scene, of no path where all share one.
+        **Returns:** the number of the rail of each run, because runs on one rail are not independent; and the numbers
+        that choose the rails, by their paths in the scene, without a path where all runs have one rail.
         """
 
     @abc.abstractmethod
@@ -51,34 +51,34 @@ class AbstractEnsemble(abc.ABC):
     ) -> Planes:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
-        **Arguments:** `corners`: differences from the design, in the reach; `kept`: whether each run stayed on the
-        rail; `rail`: of `conditions`.
+        **Arguments:** `corners`: differences from the design, in multiples of the reach; `kept`: whether each run
+        stayed on the rail; `rail`: of `conditions`.
         """
 
 
 @dataclass(frozen=True)
 class EnsembleSettings(AbstractEnsemble):
-    """Ensembles of runs from disturbed starts, of whose values the mean is taken.
+    """Ensembles of runs from disturbed starts, whose values are averaged.
 
-    The defaults give slopes to some 10 % where averages change by as much.
+    With the defaults the error of slopes is about 10 % where averages change by as much.
     """
 
     box_reach = 0.005
     relative_reach = 0.002
     members: int = 32
-    """Runs of each case, at all corners together."""
+    """Runs of each case, in all corners together."""
     transient: int = 60
     """Forcing periods before recording, in which disturbances grow to the attractor's size."""
     periods: int = 100
     """Recorded forcing periods of each run."""
     seed: int = 0
-    """Of the disturbances."""
+    """Random seed of the disturbances."""
 
     def __post_init__(self):
         _check_whole(self, members=4)
 
     def conditions(self, track, corners):
-        # every corner has as many runs as are needed for all members
+        # each corner has as many runs as are needed for all members
         return np.arange(-(-self.members // corners)), {}
 
     def fit(self, corners, values, kept, rail):
@@ -86,7 +86,7 @@ class EnsembleSettings(AbstractEnsemble):
         rows = values.reshape(-1, objectives)
         used = kept.ravel() & np.isfinite(rows).all(axis=1)
         system = _system(corners, runs)[used]
-        # degrees of freedom that are left for the errors
+        # remaining degrees of freedom, for the errors
         freedom = len(system) - system.shape[1]
         if freedom <= 0 or used.mean() < 0.5:
             return _unknown(corners, objectives)
@@ -99,24 +99,24 @@ class EnsembleSettings(AbstractEnsemble):
 
 @dataclass(frozen=True)
 class RailEnsemble(AbstractEnsemble):
-    """Ensembles of runs along rails that do not recur, of whose values a quantile is taken.
+    """Ensembles of runs along rails that do not recur, with a quantile of their values.
 
-    Where the scene's track is one of many rails, each run of a corner has its own: seeds of a `RandomTrack` or of
-    `RandomRails`, or numbers of a `TrackSet`, of which ensembles with an even seed have the even ones, and those with
-    an odd seed the odd ones. Where a set has fewer, its rails come again from other starts. All designs run on the
-    same rails. A rail with a lost run is left out. Periods are reference lengths of travel.
+    Where the scene's track is one of many rails, each run of a corner has its own rail: seeds of a `RandomTrack` or
+    of `RandomRails`, or numbers of a `TrackSet`. Of a `TrackSet`, ensembles with an even seed use the even numbers,
+    those with an odd seed the odd numbers. Where a set has fewer rails than runs, its rails repeat with other starts.
+    All designs run on the same rails. A rail with a lost run is left out. Periods are reference lengths of travel.
     """
 
     box_reach = 0.05
     relative_reach = 0.05
     rails: int = 80
-    """Runs at each corner of a box, each on a rail of its own where there are as many."""
+    """Runs at each corner of a box, each on its own rail where there are enough rails."""
     transient: int = 5
     """Reference lengths before recording."""
     periods: int = 100
     """Recorded reference lengths of each run."""
     seed: int = 0
-    """Number of the batch of rails: batches of an even and an odd seed have no rail in common."""
+    """Number of the batch of rails: batches of an even and an odd seed have no common rail."""
     quantile: float | None = 0.95
     """Share of rails on which the objective is lower [1]; None for the mean."""
 
@@ -133,19 +133,19 @@ class RailEnsemble(AbstractEnsemble):
                 chosen[path] = half[np.arange(count) % len(half)]
             else:
                 chosen[path] = self.seed * count + np.arange(count, dtype=float)
-        # rails that have a part in common are not independent; of one rail alone each start counts
+        # rails with a common part are not independent; on a single rail each start counts
         parts = [np.unique(numbers, return_inverse=True)[1] for numbers in chosen.values()]
         return min(parts, key=np.max, default=np.arange(count)), chosen
 
     def unseen(self, track: AbstractTrack) -> str:
-        """Return in words what a search along these rails has not seen, along which its designs are judged."""
+        """Return a text that names what a search along these rails has not used, for the last judgement."""
         rail, chosen = replace(self, seed=self.seed + 1).conditions(track, 1)
         if not chosen:
             return f"from {len(rail)} other starts along the one rail of the search"
         return f"along {len(np.unique(rail))} rails that the search has not seen"
 
     def fit(self, corners, values, kept, rail):
-        # a rail counts with all its runs at all corners
+        # a rail counts only with all its runs at all corners
         lost = ~(kept & np.isfinite(values).all(axis=2)).all(axis=0)
         counted = ~np.isin(rail, rail[lost])
         _, index = np.unique(rail[counted], return_inverse=True)
@@ -175,7 +175,7 @@ def _check_whole(ensemble: AbstractEnsemble, **size: int) -> None:
 
 
 def _system(corners: Float[np.ndarray, "corners parameters"], runs: int) -> Float[np.ndarray, "rows unknowns"]:
-    """Return the system of planes through runs at corners, corner by corner."""
+    """Return the system of equations of planes through runs at corners, corner by corner."""
     return np.column_stack([np.ones(len(corners) * runs), np.repeat(corners, runs, axis=0)])
 
 
@@ -186,7 +186,7 @@ def _unknown(corners: np.ndarray, objectives: int) -> Planes:
 
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
     """Return the parts of a track that are one of many rails, by the paths of the numbers that choose them."""
-    # what is within such a track, it chooses itself; one rail alone is no choice
+    # such a track chooses the rails within it; a single rail is no choice
     if isinstance(track, TrackSet) and len(track.tracks) == 1:
         return {}
     if track.chosen_by:
@@ -200,9 +200,9 @@ def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
 
 
 def ensemble_for(scene: Scene, ensemble: AbstractEnsemble | None) -> AbstractEnsemble:
-    """Return a user's ensemble, by default the one that a scene's track needs.
+    """Return a user's ensemble, by default an ensemble that suits the scene's track.
 
-    **Raises:** `ValueError` for one without rails where the track does not recur, for too few rails or short ones.
+    **Raises:** `ValueError` for one without rails where the track does not recur, and for too few or too short rails.
     """
     on_rails = not bool(recurs(scene))
     kind = RailEnsemble if on_rails else EnsembleSettings
@@ -215,18 +215,18 @@ def ensemble_for(scene: Scene, ensemble: AbstractEnsemble | None) -> AbstractEns
         periods = ensemble.transient + ensemble.periods
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
-        # the search has one half of a set of rails, and the last judgement the other
+        # the search uses one half of a set of rails, and the last judgement the other half
         halves = [replace(ensemble, seed=seed).conditions(scene.track, 1)[0] for seed in (0, 1)]
         check_quantile(ensemble.quantile, min(len(np.unique(rail)) for rail in halves))
     return ensemble
 
 
 def box_corners(parameters: int) -> Float[np.ndarray, "corners parameters"]:
-    """Return corners of a box of -1 and 1 on which the columns are orthogonal to each other and to their mean.
+    """Return corners of a box from -1 to 1 whose columns are orthogonal to each other and to their mean.
 
     Columns of a Hadamard matrix: about as many corners as parameters (Plackett and Burman 1946,
     doi:10.1093/biomet/33.4.305).
     """
-    # the least power of 2 above the number of parameters; the first column, all ones, stands for the mean
+    # the least power of 2 above the number of parameters; the first column, all ones, is for the mean
     count = 2 ** int(parameters).bit_length()
     return -scipy.linalg.hadamard(count)[:, parameters:0:-1].astype(float)

@@ -1,8 +1,8 @@
-"""Derivatives of objectives on periodic orbits, by the theorem of implicit functions.
+"""Derivatives of objectives on periodic orbits, by the implicit function theorem.
 
-An orbit x recurs, P(x, p) = x, so that its derivative by a parameter solves (I - P_x) dx/dp = P_p, of which Newton's
-method leaves the inverse. Forward mode pushes the parameters through the motion once to find P_p, and again along
-(dx/dp, dp).
+An orbit x recurs, P(x, p) = x. Therefore its derivative with respect to a parameter solves (I - P_x) dx/dp = P_p, and
+Newton's method provides the inverse of I - P_x. Forward mode goes through the motion once along the parameters to
+find P_p, and a second time along (dx/dp, dp).
 """
 
 import functools
@@ -32,12 +32,12 @@ from ..tools.compile import jit
 from ..tools.types import Real
 
 Objective = AbstractNumber | LargestExponent
-"""A number that a motion is judged by. Equal ones share compiled programs."""
+"""A number that judges a motion. Equal numbers share compiled programs."""
 
 
 @dataclass(frozen=True)
 class PeriodValues(Unlabelled):
-    """The values of some numbers in each forcing period, whose totals are differentiated."""
+    """The values of some numbers in each forcing period; their totals are differentiated."""
 
     numbers: tuple[AbstractNumber, ...]
 
@@ -50,17 +50,17 @@ class PeriodValues(Unlabelled):
 
 @dataclass(frozen=True)
 class OrbitObjectives:
-    """Objectives that are differentiated on orbits by parameters."""
+    """Objectives on orbits that are differentiated with respect to parameters."""
 
     objectives: tuple[Objective, ...]
     names: tuple[str, ...]
-    """Of the parameters."""
+    """Names of the parameters."""
     most_steps: int
-    """Steps per period that its programs have capacity for."""
+    """Steps per period for which its programs have capacity."""
 
     @property
     def numbers(self) -> tuple[AbstractNumber, ...]:
-        """The objectives that are computed from courses of periods: all but exponents."""
+        """The objectives that are computed from courses of periods: all except exponents."""
         return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
 
     @property
@@ -69,7 +69,7 @@ class OrbitObjectives:
         return tuple(one for one in self.objectives if isinstance(one, LargestExponent))
 
     def no_slopes(self, rows: np.ndarray) -> np.ndarray:
-        """Return derivatives of states, (cases, parameters, size), that no parameter moves."""
+        """Return derivatives of states, (cases, parameters, size), that are zero for all parameters."""
         return np.zeros((len(rows), len(self.names), rows.shape[1]))
 
     def pushed(self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray) -> SlopePassage:
@@ -89,20 +89,20 @@ class OrbitObjectives:
         Float[np.ndarray, "cases objectives"],
         Float[np.ndarray, "cases objectives parameters"],
     ]:
-        """Return the derivatives of states at the start of orbits, the objectives on these, and their derivatives;
-        NaN where the period of the map is 0.
+        """Return the derivatives of states at the start of orbits, the objectives on these orbits, and the
+        objectives' derivatives; NaN where the period of the map is 0.
 
         **Arguments:** `rows`: states at the start of the orbits; `inverse`: of I - P_x.
         """
         slopes = np.full((len(rows), len(self.names), rows.shape[1]), np.nan)
         value = np.full((len(rows), len(self.objectives)), np.nan)
         gradient = np.full((*value.shape, len(self.names)), np.nan)
-        # orbits of one period alike
+        # all orbits of one period together
         for period in np.unique(maps.periods[maps.periods > 0]):
             index = np.flatnonzero(maps.periods == period)
-            # P_p at the end of the period, with the start held
+            # P_p at the end of the period, with a fixed start
             end = self._periods(maps, index, rows[index], self.no_slopes(rows[index]))[-1][-1]
-            # dx/dp = (I - P_x)^-1 P_p, along which the objectives are differentiated
+            # dx/dp = (I - P_x)^-1 P_p; the objectives are differentiated along it
             slopes[index] = np.einsum("cij,ckj->cki", inverse[index], end.slopes)
             periods = self._periods(maps, index, rows[index], slopes[index])
             found: dict[Objective, tuple] = {one: self._exponents(maps, index, periods) for one in self.exponents}
@@ -121,7 +121,7 @@ class OrbitObjectives:
     def _periods(
         self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray, SlopePassage]]:
-        """Return states and derivatives at the start of each forcing period of orbits, and what passes in it."""
+        """Return states and derivatives at the start of each forcing period of orbits, and the period's result."""
         found = []
         for _ in range(maps.periods[index[0]]):
             passed = self.pushed(maps, index, rows, slopes)
@@ -181,7 +181,7 @@ def _matrix_slopes(
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
             return linearise(step, unravel(x), 1, index=epoch)[1][0]
 
-        # along each parameter, with what it changes at the start
+        # along each parameter, with the change of the start
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))
         return jax.vmap(push, out_axes=(None, 0))(slopes, jnp.eye(p.size))
@@ -202,7 +202,7 @@ def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarr
         change = matrix @ change + slope @ product
         product = matrix @ product
     mu, left, right = scipy.linalg.eig(product, left=True, right=True)  # pyright: ignore[reportAssignmentType]
-    # the derivative of an eigenvalue, by its left and right eigenvectors
+    # the derivative of an eigenvalue from its left and right eigenvectors
     k = int(np.argmax(np.abs(mu)))
     w = left[:, k].conj()
     v = right[:, k]

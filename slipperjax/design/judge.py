@@ -1,12 +1,12 @@
-"""Judging designs: objectives and their derivatives on the motion that each case settles to, as one batch.
+"""Judging designs: objectives and their derivatives on the motion to which each case settles, as one batch.
 
-A case whose motion is a stable periodic orbit is judged on the orbit, by exact derivatives; any other motion that
-stays on the rail by an ensemble.
+A case whose motion is a stable periodic orbit is judged on the orbit, with exact derivatives. Any other motion that
+stays on the rail is judged by an ensemble.
 
-In chaos the derivative of one motion grows without bound, while an average over the attractor may change smoothly
-with a parameter. Many runs with parameters at corners of a small box, and disturbed starts, are one batch; each gives
-the objective over its periods, and a plane through them gives the average and its derivatives with standard errors.
-All corners have the same disturbances.
+In chaos the derivative of one motion grows without bound, but an average over the attractor may change smoothly with
+a parameter. An ensemble is one batch of many runs, with parameters at the corners of a small box and disturbed
+starts. Each run gives the objective over its periods. A plane through these values gives the average and its
+derivatives with standard errors. All corners have the same disturbances.
 """
 
 from collections.abc import Mapping
@@ -36,10 +36,10 @@ from .ensembles import RailEnsemble, box_corners
 from .objectives import Evaluation, EvaluationPlan
 
 LANES_PER_CALL = VECTOR_LANES
-"""Cases in each call, filled with copies: a search asks for many cases first and for few later on, and each number of
-cases would need programs of its own."""
+"""Cases in each call, filled up with copies: a search needs many cases first and few later, and each number of cases
+would need its own programs."""
 JACOBIAN = 35.0
-"""Cost of a period with its Jacobian, in unrecorded ones: measured."""
+"""Cost of a period with its Jacobian, in unrecorded periods: measured."""
 SLOPES_COST = 8.0
 """Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
 
@@ -70,7 +70,7 @@ def ensemble_averages(
 ) -> Evaluation:
     """Return an evaluation with objectives and derivatives from ensembles in place of its own.
 
-    Where too few runs stay on the rail, values are NaN and the status is the worst of the runs.
+    Where too few runs stay on the rail, values are NaN and the status is the worst status of the runs.
 
     **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
     attractors.
@@ -87,7 +87,7 @@ def ensemble_averages(
     for k, name in enumerate(plan.names):
         here = grid[name][:, None]
         reach = plan.reach[name]
-        # corners beyond a bound are moved to it
+        # corners beyond a bound are moved to the bound
         corner = np.clip(here + signs[:, k] * reach, *plan.bounds.get(name, (-np.inf, np.inf)))
         offsets[..., k] = (corner - here) / reach
         runs[name] = each((here + offsets[..., k] * reach)[..., None])
@@ -129,10 +129,10 @@ def _run_members(
     runs = make_plan(
         Grid(plan.scene, grid, product=False), plan.start, options, RecordSet(plan.numbers), plan.exponents
     )
-    # each run has its own start, in place of the plan's
+    # each run has its own start, in place of the plan's start
     starts = list(motions.reshape(-1, len(MOTION_NUMBERS)).T)
     runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), starts)
-    # starts may be deep inside contacts, which is no oversight
+    # starts may be deep inside contacts, which is intended
     work = lambda part: run_chunk(part, states_and_penetrations(part.scenes, part.starts)[0])
     run = run_cases(runs, work, periods=runs.periods)
     made = run.checked(lambda: run.results)
@@ -148,19 +148,19 @@ def judge_on_orbits(
     grid: Mapping[str, np.ndarray],
     warm_start: Evaluation | None = None,
 ) -> Evaluation:
-    """Evaluate cases on the stable periodic orbits that they settle to; values of the others are NaN.
+    """Evaluate cases on the stable periodic orbits to which they settle; values of other cases are NaN.
 
     **Arguments:** `grid`: values by name, one for each case; `warm_start`: an evaluation of the same cases with
-    parameters near these. Its orbits are followed where they are still stable; elsewhere the motion settles anew
-    from its states.
+    similar parameters. Its orbits are followed where they are still stable; elsewhere the motion settles again from
+    its states.
     """
     options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
     settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
-    # fewer periods do not show whether an orbit was reached
+    # fewer periods would not show whether an orbit was reached
     transient = settling.strobes(0, max(plan.transient, 20))
     cases = transient.cases
     groups = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
-    # the last chunk is filled with copies
+    # the last chunk is filled up with copies
     chunks = [Chunk(filled(index, LANES_PER_CALL), len(index), transient.schedules[0]) for index in groups]
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
@@ -188,11 +188,11 @@ def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluatio
     return Evaluation.of_states(plan, rows_of(initial_states(scenes, starts, epoch)))
 
 
-# Steps in the evaluation of a chunk, which write into `found`. Period maps are over the periods in it.
+# Steps in the evaluation of a chunk, which write into `found`; period maps are over the periods in `found`.
 
 
 def _compile_ahead(plan: EvaluationPlan, maps: Maps, rows: np.ndarray) -> None:
-    """Compile the program of derivatives, the longest of all, while others are compiled and run."""
+    """Compile the program of derivatives, the longest program, while others are compiled and run."""
     # programs that call LAPACK must run one at a time, see `calls_lapack`
     if plan.names and not calls_lapack(plan.solver):
         ahead(lambda: plan.pushed(maps, np.arange(len(rows)), rows, plan.no_slopes(rows)))
@@ -203,7 +203,7 @@ def _follow(found: Evaluation, maps: Maps, warm_start: Evaluation) -> None:
     # lost cases keep their start
     finite = np.all(np.isfinite(warm_start.state), axis=1)
     found.state[finite] = warm_start.state[finite]
-    # gaps change with the parameters, and the contacts' memory must agree with them
+    # gaps change with the parameters, and the contacts' memory must agree with the gaps
     found.state[:] = maps.settled(np.arange(len(finite)), found.state, found.state)
     _find_orbits(found, maps, np.where(finite, warm_start.period, 0), warm_start.inverse)
 
@@ -223,7 +223,7 @@ def _settle(found: Evaluation, maps: Maps, part: Part) -> None:
     found.status[unsettled] = run.status[unsettled]
     if reached.period.any():
         _find_orbits(found, maps, reached.period)
-    # the others are only classified
+    # the other motions are only classified
     others = found.period == 0
     if others.any():
         kinds = classify(strobe[others], scales=COORDINATE_SCALES, floor=FLOOR).kind
@@ -232,7 +232,7 @@ def _settle(found: Evaluation, maps: Maps, part: Part) -> None:
 
 
 def _find_orbits(found: Evaluation, maps: Maps, period: np.ndarray, inverse: np.ndarray | None = None) -> None:
-    """Find periodic orbits near the states, of cases whose `period` is not 0; the stable ones are their motions.
+    """Find periodic orbits near the states of cases whose `period` is not 0; stable orbits become the cases' motions.
 
     **Arguments:** `inverse`: of I - P_x, from a warm start, whose orbits must be near the states.
     """
@@ -243,9 +243,9 @@ def _find_orbits(found: Evaluation, maps: Maps, period: np.ndarray, inverse: np.
     good = (period > 0) & (orbits.status == Status.FINITE) & orbits.stable
     if inverse is not None:
         moved = np.abs(maps.weights(np.arange(len(rows)), rows) * (rows - found.state))[:, : len(MOTION_NUMBERS)]
-        # an orbit further away than one unit of the scales is another one
+        # an orbit further away than one unit of the scales is another orbit
         good &= np.max(moved, axis=1) <= 1.0
-    # the other cases keep what they had
+    # the other cases keep their values
     found.period[good] = period[good]
     found.kind[good] = Regime.PERIODIC
     found.state[good] = rows[good]
@@ -254,15 +254,15 @@ def _find_orbits(found: Evaluation, maps: Maps, period: np.ndarray, inverse: np.
 
 
 def _differentiate(found: Evaluation, maps: Maps, plan: EvaluationPlan) -> None:
-    """Set objectives and their derivatives on the orbits of the cases that have one."""
+    """Set objectives and their derivatives for the cases on orbits."""
     on_orbit = found.period > 0
     if plan.names:
         _, found.value[:], found.gradient[:] = plan.on(maps, found.state, found.inverse)
         cost = 2 * SLOPES_COST
         if plan.exponents:
-            # each Jacobian once for its value, and about twice more for each derivative
+            # each Jacobian costs once for its value, and about twice more for each derivative
             cost += (1 + 2 * len(plan.names)) * JACOBIAN
         found.simulated[:] += cost * found.period
-    # on orbits there is no chance, and so no standard error
+    # on orbits there is no chance, and therefore no standard error
     found.stderr[on_orbit] = 0.0
     found.gradient_stderr[on_orbit] = 0.0

@@ -1,6 +1,6 @@
 """Methods of search: from values and derivatives in every case to the next trial.
 
-Designs are points of the unit box. Each start moves on its own; their trials are judged as one batch.
+Designs are points of the unit box. Each start moves separately; the trials of all starts are judged as one batch.
 """
 
 import abc
@@ -21,22 +21,22 @@ VIOLATION_PRICE = 30.0
 
 
 class CaseValues(NamedTuple):
-    """Objective and constraints of a design in its cases, and their derivatives by the unit box."""
+    """Objective and constraints of a design in its cases, and their derivatives with respect to the unit box."""
 
     value: Float[np.ndarray, " cases"]
     slope: Float[np.ndarray, "cases parameters"]
     excess: Float[np.ndarray, " constraints"]
-    """Violation of each constraint in each case, in multiples of its limit; negative where it is kept."""
+    """Violation of each constraint in each case, in multiples of its limit; negative where the constraint is met."""
     excess_slope: Float[np.ndarray, "constraints parameters"]
     weight: Float[np.ndarray, " cases"] | None
     """Weights of the cases in a mean; None for the worst case."""
 
     @property
     def total(self) -> float:
-        """The objective over all cases; infinite where one has none."""
+        """The objective over all cases; infinite where a case has none."""
         if not np.all(np.isfinite(self.value)):
             return np.inf
-        # a mean needs all cases, as the worst does
+        # both the mean and the worst case need all cases
         return float(np.max(self.value) if self.weight is None else self.weight @ self.value)
 
     @property
@@ -46,7 +46,7 @@ class CaseValues(NamedTuple):
 
     @property
     def violation(self) -> float:
-        """The greatest violation of a constraint, in multiples of its limit; 0 without."""
+        """The greatest violation of a constraint, in multiples of its limit; 0 without a violation."""
         worst = np.max(self.excess, initial=0.0)
         return float(worst) if np.isfinite(worst) else np.inf
 
@@ -64,7 +64,7 @@ class AbstractMethod(abc.ABC):
         at: Float[np.ndarray, " parameters"],
         values: CaseValues,
     ) -> Generator[Any, CaseValues, None]:
-        """Yield a design to try; when its `CaseValues` were sent, yield whether it is taken; and so on until the end.
+        """Yield a design to try; after its `CaseValues` were sent, yield whether the design is accepted; and so on.
 
         **Arguments:** `at`: the first design, with its `values`.
         """
@@ -75,9 +75,9 @@ class TrustRegion(AbstractMethod):
     """Linear programs in a region that shrinks where they mislead.
 
     The objective in every case and the constraints are linearised, and the worst case (or the mean) is minimised in a
-    box around the design; its size follows from the error of the last prediction. At the corners where worst cases
-    meet, this converges like Newton's method; along curved ridges and limits a rejected trial is followed by one that
-    allows for its curvature. (Madsen 1975, doi:10.1093/imamat/16.3.321)
+    box around the design. The error of the last prediction decides the size of the box. At corners where several
+    worst cases meet, this converges like Newton's method. Along curved ridges and limits, a rejected trial is
+    followed by a trial that includes its curvature. (Madsen 1975, doi:10.1093/imamat/16.3.321)
     """
 
     radius: float = 0.1
@@ -94,12 +94,12 @@ class TrustRegion(AbstractMethod):
         radius = self.radius
         while radius >= self.least:
             trial, predicted = _linear_step(at, values, values, radius, size)
-            # the linear model promises nothing more
+            # the linear model predicts no further improvement
             if not predicted > 1e-9 * size:
                 return
             found = yield trial
             share = _true_share(values, found, predicted, size)
-            # a second trial of the same size allows for the curvature of the first
+            # a second trial of the same size includes the curvature of the first
             if share <= 0.1 and np.all(np.isfinite(found.value)) and np.all(np.isfinite(found.excess)):
                 yield False
                 curved = _with_curvature(values, found, trial - at)
@@ -107,11 +107,11 @@ class TrustRegion(AbstractMethod):
                 found = yield trial
                 share = _true_share(values, found, predicted, size)
             yield share > 0.1
-            # a trial that came out worse than that is forgotten
+            # a trial with a worse result than this is ignored
             if share > 0.1:
                 at = trial
                 values = found
-            # the region grows where predictions were good, and shrinks where they were not
+            # the region grows after good predictions, and shrinks after bad ones
             radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
             radius = min(radius, 0.3)
 
@@ -122,13 +122,13 @@ def _true_share(
     predicted: float,
     size: float,
 ) -> float:
-    """Return the share of the predicted fall of the merit that came true."""
+    """Return the true share of the predicted fall of the merit."""
     fall = values.merit(size) - found.merit(size)
     return fall / predicted if np.isfinite(fall) and predicted > 0 else -np.inf
 
 
 def _with_curvature(values: CaseValues, found: CaseValues, move: np.ndarray) -> CaseValues:
-    """Return values at a design with what a trial found there beyond the linear prediction added."""
+    """Return values at a design plus what a trial there had in addition to the linear prediction."""
     # a case without a value adds nothing
     value = found.value - values.value - values.slope @ move
     excess = found.excess - values.excess - values.excess_slope @ move
@@ -146,7 +146,7 @@ def _linear_step(
 
     Unknowns are the step, the bound of the objective, and one slack of all constraints.
 
-    **Arguments:** `curved`: values with an allowance for curvature in each case of a worst-case objective, and in
+    **Arguments:** `curved`: values that include curvature, in each case of a worst-case objective and in
     constraints.
     """
     # cases and constraints without a value have no row
@@ -167,7 +167,7 @@ def _linear_step(
     limits = -np.concatenate([value / size, excess])
     # least bound, and the slack at the price of a violation
     aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
-    # the region and the unit box; the bound is free, the slack positive
+    # the region and the unit box; the bound is free, the slack is positive
     box: list[tuple[float | None, float | None]] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
     box += [(None, None), (0.0, None)]
     solution = linprog(aim, rows, limits, bounds=box, method="highs").x
@@ -181,7 +181,7 @@ def _linear_step(
 
 
 def _total_slope(values: CaseValues) -> np.ndarray:
-    """Return a derivative of the total: that of the worst case, or the mean."""
+    """Return a derivative of the total: of the worst case, or of the mean."""
     if values.weight is None:
         return values.slope[int(np.nanargmax(values.value))]
     return values.weight @ values.slope
@@ -189,7 +189,7 @@ def _total_slope(values: CaseValues) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Descent(AbstractMethod):
-    """An optimiser of optax on the derivative of the worst case or the mean, projected to the box."""
+    """An optimiser of optax that uses the derivative of the worst case or the mean, projected to the box."""
 
     optimiser: optax.GradientTransformation | None = None
     """An `optax.GradientTransformation`; default Adam with a rate that falls from 0.05 to 0.001 [unit box]."""
@@ -207,7 +207,7 @@ class Descent(AbstractMethod):
         state = optimiser.init(jnp.asarray(at))
         for _ in range(self.steps):
             slope = _total_slope(values) / size
-            # a violated constraint adds its own slope at its price
+            # a violated constraint adds its own slope, times its price
             if values.violation > 0 and len(values.excess):
                 worst = int(np.argmax(values.excess))
                 slope = slope + VIOLATION_PRICE * values.excess_slope[worst]

@@ -41,14 +41,14 @@ OBJECTIVES: dict[str, Objective] = {
     )
 }
 OBJECTIVES["exponent"] = LargestExponent()
-"""Objectives by name; with a point behind, such as peak_force_A1, of one contact point; with a slipper or an
-axis, such as peak_slipper_force_left1_z, of one net load."""
+"""Objectives by name. A suffix chooses one contact point, as in peak_force_A1, or one net load by its slipper or
+axis, as in peak_slipper_force_left1_z."""
 
 
 def objective_named(objective: object, argument: str = "objective") -> Objective:
-    """Return the objective of a name, a record, or a function of a course, whose average over periods it is.
+    """Return the objective of a name, a record, or a function of a course; a function is averaged over periods.
 
-    **Raises:** `ValueError` for anything else, which names the `argument` and what it may be.
+    **Raises:** `ValueError` for other values, which names the `argument` and the allowed values.
     """
     if isinstance(objective, LargestExponent):
         return objective
@@ -57,7 +57,7 @@ def objective_named(objective: object, argument: str = "objective") -> Objective
     if isinstance(objective, str):
         if objective in OBJECTIVES:
             return OBJECTIVES[objective]
-        # a name with a point behind
+        # a name with the suffix of a point
         for name, one in OBJECTIVES.items():
             if isinstance(one, OnePoint) and objective.startswith(f"{name}_"):
                 return OnePoint(one.record, objective.removeprefix(f"{name}_"))
@@ -69,7 +69,7 @@ def objective_named(objective: object, argument: str = "objective") -> Objective
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationPlan(OrbitObjectives):
-    """Objectives to evaluate, parameters to differentiate by, and how cases are simulated."""
+    """Objectives to evaluate, parameters for their derivatives, and settings of simulations."""
 
     scene: Scene
     solver: diffrax.AbstractSolver
@@ -79,21 +79,21 @@ class EvaluationPlan(OrbitObjectives):
     reach: Mapping[str, float]
     """Distance of ensembles' parameters from a case's, by name [their SI units]."""
     transient: int
-    """Forcing periods from the start before an orbit is looked for."""
+    """Forcing periods from the start before the search for an orbit."""
     ensemble: AbstractEnsemble
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Lowest and highest values that parameters may have, by name [their SI units]."""
+    """Lowest and highest allowed values of parameters, by name [their SI units]."""
 
 
 class Evaluation(NamedTuple):
-    """Objectives of cases and the motions that they belong to; arrays with a leading axis of cases."""
+    """Objectives of cases and the motions to which they belong; arrays with a leading axis of cases."""
 
     status: Int[np.ndarray, " cases"]
     """`Status` codes."""
     period: Int[np.ndarray, " cases"]
     """Forcing periods after which the motion recurs; 0 for motions that are not on a stable periodic orbit."""
     kind: Int[np.ndarray, " cases"]
-    """Numbers of `slipperjax.analysis.Regime`, periodic on stable orbits only."""
+    """Numbers of `slipperjax.analysis.Regime`; periodic only on stable orbits."""
     multiplier: Float[np.ndarray, " cases"]
     """Modulus of the orbit's largest Floquet multiplier over its period [1]; NaN without an orbit."""
     state: Float[np.ndarray, "cases size"]
@@ -105,11 +105,11 @@ class Evaluation(NamedTuple):
     """Standard errors of the values: 0 on orbits."""
     gradient_stderr: Float[np.ndarray, "cases objectives parameters"]
     inverse: Float[np.ndarray, "cases size size"]
-    """Of I - P_x, P_x being the orbit's Jacobian; NaN without an orbit."""
+    """Inverse of I - P_x, with P_x the orbit's Jacobian; NaN without an orbit."""
     simulated: Float[np.ndarray, " cases"]
-    """Simulated forcing periods, derivatives counted by their cost."""
+    """Simulated forcing periods; derivatives count by their cost."""
     lost: Int[np.ndarray, " cases"]
-    """Runs of the case's ensemble that were lost, and do not count; of a rail none does then."""
+    """Lost runs of the case's ensemble, which do not count; no run of their rails counts then."""
 
     @classmethod
     def of_states(
@@ -117,11 +117,11 @@ class Evaluation(NamedTuple):
         plan: EvaluationPlan,
         state: Float[np.ndarray, "cases size"],
     ) -> "Evaluation":
-        """Return an evaluation that has states, and no values yet."""
+        """Return an evaluation that has states, but no values yet."""
         count, size = state.shape
         objectives = len(plan.objectives)
         parameters = len(plan.names)
-        # NaN wherever nothing is known
+        # NaN where nothing is known
         nan = lambda *shape: np.full((count, *shape), np.nan)
         return cls(
             status=np.zeros(count, int),
@@ -140,7 +140,7 @@ class Evaluation(NamedTuple):
 
     @property
     def regime(self) -> np.ndarray:
-        """Kinds of motion in words: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
+        """Kinds of motion as texts: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
         periods = np.char.add("period ", self.period.astype(str))
         names = np.where(self.period > 0, periods, Regime.kind_names(self.kind))
         return np.where(self.status == Status.FINITE, names, "lost")

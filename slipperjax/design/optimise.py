@@ -1,4 +1,4 @@
-"""Designs by gradient: parameters that keep an objective lowest over some cases."""
+"""Designs by gradients: parameters that minimise an objective over some cases."""
 
 import dataclasses
 import functools
@@ -31,50 +31,50 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 VIOLATED = 1e-6
-"""Violation from which a design counts as infeasible, in multiples of the limit."""
+"""Violation, in multiples of the limit, from which a design is infeasible."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Design(AbstractResult):
-    """An optimal design, as far as the search went, and the trials on the way."""
+    """The best design that a search found, and the trials of the search."""
 
     problem: Problem
     design: dict[str, float]
     """The best design: values by name [their SI units]."""
     objective: float
-    """The objective there [its unit], in the worst case or the mean."""
+    """The objective of the best design [its unit], in the worst case or the mean."""
     smooth: float
-    """Its smooth form, which was minimised [its unit]."""
+    """Smooth form of the objective, which was minimised [its unit]."""
     stderr: float
-    """Standard error of `smooth` [its unit]; on orbits what half the step changes."""
+    """Standard error of `smooth` [its unit]; on orbits the change by half the step."""
     cases: xr.Dataset
     """Over the cases: `objective`, `smooth`, their errors `objective_stderr` and `stderr`, `gradient` of `smooth` by
-    variable and `gradient_stderr`, on orbits what half the step changes; `step_change` [1] of `smooth` by half the
+    variable and `gradient_stderr`, on orbits the change by half the step; `step_change` [1] of `smooth` by half the
     step, on orbits and over rails; `regime`, `multiplier`, `status`, `constraint`."""
     starts: xr.Dataset
-    """Over the starts: the last design that was taken, and its objective, violation and convergence."""
+    """Over the starts: the last accepted design, and its objective, violation and convergence."""
     history: xr.Dataset
-    """Along `trial`: start, design, smooth objective, violation, whether it was taken, objective and regime in each
-    case, and forcing periods simulated until then."""
+    """Along `trial`: start, design, smooth objective, violation, whether it was accepted, objective and regime in
+    each case, and forcing periods simulated so far."""
     status: str
     """One of "converged", "not converged", "infeasible" and "no motion"."""
     judged: str
-    """In words, along which rails the objective was taken, and how many runs were lost; empty on a rail that recurs
-    without a lost run."""
+    """Text that says along which rails the objective was computed, and how many runs were lost; empty on a rail that
+    recurs, without a lost run."""
     around: xr.Dataset | None = None
-    """Of `surroundings`; None where no neighbours were simulated."""
+    """Result of `surroundings`; None where no neighbours were simulated."""
     margins: xr.Dataset | None = None
-    """Of `event_margins`; None where no events were looked for."""
+    """Result of `event_margins`; None where no events were searched."""
 
     @property
     def regime(self) -> np.ndarray:
-        """The kind of motion in each case, in words: "period n", another one of `slipperjax.analysis.KINDS`, or
+        """The kind of motion in each case, as a text: "period n", another one of `slipperjax.analysis.KINDS`, or
         "lost"."""
         return self.cases["regime"].values
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """Variables that ended on one of their bounds, "lower" or "upper"."""
+        """Variables that ended at one of their bounds, "lower" or "upper"."""
         found = {}
         for name, (low, high) in self.problem.bounds.items():
             for bound, word in ((low, "lower"), (high, "upper")):
@@ -84,14 +84,14 @@ class Design(AbstractResult):
 
     @property
     def cost_periods(self) -> float:
-        """Simulated forcing periods in all, derivatives counted by their cost."""
+        """Total number of simulated forcing periods; derivatives count by their cost."""
         return float(self.history["simulated"].values[-1] + self.cases["simulated"].sum())
 
     @property
     def has_equal_optima(self) -> bool:
         """Whether starts ended at different designs that are about equally good."""
         values = self.starts["smooth"].values
-        # starts without a motion have no value, and are not near the lowest
+        # starts without a motion have no value, and are not near the lowest value
         lowest = float(self.starts["smooth"].min())
         # within 0.5 % of the objective, and further apart than 2 % of the box
         ends = self.starts["end"].values[values <= lowest + 0.005 * abs(lowest)]
@@ -104,9 +104,9 @@ class Design(AbstractResult):
 
     @functools.cached_property
     def ds(self) -> xr.Dataset:
-        """One dataset for files and pictures: `cases` as they are, `starts`, `history` and `margins` with the
-        prefixes start_, trial_ and margin_, `design` with its bounds `low` and `high`, the objective nearby as
-        `around_total`, and scene, call and outcome as attributes.
+        """One dataset for files and pictures: `cases` unchanged; `starts`, `history` and `margins` with the prefixes
+        start_, trial_ and margin_; `design` with its bounds `low` and `high`; the objective nearby as `around_total`;
+        and scene, call and outcome as attributes.
         """
         problem = self.problem
         names = problem.names
@@ -121,13 +121,13 @@ class Design(AbstractResult):
             {"variable": list(names), "variable_unit": ("variable", units)},
         )
         parts = [variables, self.cases]
-        # tables have variables of the same names, and so get prefixes
+        # prefixes, because several tables have variables of the same names
         for prefix, table in (("start", self.starts), ("trial", self.history), ("margin", self.margins)):
             if table is not None:
                 parts.append(table.rename({name: f"{prefix}_{name}" for name in table.data_vars}))
         if self.around is not None:
             parts.append(self.around[["total"]].rename(total="around_total").drop_attrs(deep=False))
-        # what was chosen or varied has no value for all
+        # chosen or varied parameters have no single value
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
         attrs |= run_attributes(self.scene, problem.start, _call(problem), problem.over)
         attrs |= dict(
@@ -181,13 +181,13 @@ def optimise_design(
     seed: int = 0,
     progress: bool | None = None,
 ) -> Design:
-    """Find parameters within bounds that keep an objective lowest, in the worst of some cases or in their mean.
+    """Find parameters within bounds that minimise an objective, in the worst of some cases or in their mean.
 
-    Each case of each trial is judged on the stable periodic orbit that it settles to, which is followed from trial to
-    trial, with exact derivatives. Where there is none, an ensemble of runs gives value and slope with their standard
-    errors. On rails that do not recur, all trials are judged by runs along many of them, see `RailEnsemble`, and the
-    last designs once more along rails that the search has not seen, or from other starts where there is one rail
-    alone: `judged` says which.
+    Each case of each trial is judged on the stable periodic orbit to which it settles; the orbit is followed from
+    trial to trial, with exact derivatives. Where there is no such orbit, an ensemble of runs gives value and slope
+    with standard errors. On rails that do not recur, all trials are judged by runs along many rails, see
+    `RailEnsemble`. The last designs are judged once more along rails that the search has not used, or from other
+    starts on a single rail; `judged` says which.
 
     **Arguments:**
 
@@ -196,21 +196,21 @@ def optimise_design(
     - `over`: values of other parameters that the design must serve, such as `{"speed": [...]}`; every combination.
     - `robust`: "worst" minimises the worst case, "mean" the mean of the cases.
     - `constraints`: by objective, the highest value, or `(low, high)` with None for no limit; in every case.
-    - `starts`: number of designs to begin from, or these designs as mappings. Of a number, the first is the scene's
-        own if it lies within the bounds; the others are the best, apart from each other, of the box's corners and a
-        Latin hypercube of `seed` with four times as many designs.
+    - `starts`: number of designs to begin from, or these designs as mappings. With a number, the first design is the
+        scene's own if it is within the bounds. The others are the best, at a distance from each other, among the
+        box's corners and a Latin hypercube of `seed` with four times as many designs.
     - `method`: how designs move, default `TrustRegion()`; `Descent(...)` takes an optimiser of optax. `max_trials`:
         of each start.
-    - `transient`: forcing periods before an orbit is looked for; `start`: as for `simulate`; `ensemble`: sizes of
-        ensembles, by default those that the track needs.
+    - `transient`: forcing periods before the search for an orbit; `start`: as for `simulate`; `ensemble`: sizes of
+        ensembles, by default suited to the track.
     - `steps_per_period`: the same for all, by default the most that a corner of the box needs; `solver`: as for
         `simulate`.
     - `progress`: whether a bar is shown, by default on terminals and in notebooks.
 
-    **Returns:** a `Design`; look at its `status`.
+    **Returns:** a `Design`; check its `status`.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
-    with the best design until then as its `result`.
+    **Raises:** `ValueError` that names the wrong argument; `Interrupted` after Ctrl-C, with the best design so far as
+    its `result`.
     """
     problem = checked_problem(
         scene,
@@ -242,7 +242,7 @@ def optimise_design(
 
 
 class Trial(NamedTuple):
-    """A design [unit box] that one of the starts tried, with the forcing periods simulated by all until then."""
+    """A design [unit box] that one of the starts tried, with the forcing periods simulated so far by all starts."""
 
     start: int
     at: np.ndarray
@@ -253,17 +253,17 @@ class Trial(NamedTuple):
 
     @property
     def order(self) -> tuple[bool, float]:
-        """By which trials are sorted, the best first: those that break no constraint, and of these the lowest."""
+        """Key that sorts trials, the best first: trials that break no constraint, and among these the lowest."""
         return self.values.violation > VIOLATED, self.values.total
 
 
 class _Search:
-    """Several starts on their way, judged together."""
+    """Several moving starts, judged together."""
 
     def __init__(self, problem: Problem, bar: "tqdm"):
         self.problem = problem
         self.bar = bar
-        self.moves: dict[int, Generator] = {}  # of the starts that move
+        self.moves: dict[int, Generator] = {}  # generators of the starts that still move
         self.trials: list[Trial] = []
         self.simulated = 0.0
         self.unseen = problem.unseen
@@ -276,18 +276,18 @@ class _Search:
         fixed: int,
         rounds: int,
     ) -> None:
-        """Judge designs, begin from `count` of them, the first `fixed` included, and judge at most `rounds` trials
-        of each start, those of a round together."""
+        """Judge designs; begin from `count` of them, including the first `fixed`; and judge at most `rounds` trials
+        of each start, with the trials of a round together."""
         judged = self._judge(self.problem, dict(enumerate(designs)))
         order = sorted(range(len(judged)), key=lambda k: judged[k].order)
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
-            # there is no way on from a design without a motion
+            # a start without a motion cannot move
             if np.isfinite(judged[k].values.total):
                 self.moves[start] = method.moves(designs[k], judged[k].values)
             self._add(judged[k]._replace(start=start, taken=True))
         for left in reversed(range(rounds + 1)):
             proposed = {k: at for k, move in self.moves.items() if (at := next(move, None)) is not None}
-            # the others have ended
+            # the other starts have ended
             self.moves = {k: self.moves[k] for k in proposed}
             if not (left and proposed):
                 break
@@ -305,10 +305,10 @@ class _Search:
         designs: Mapping[int, np.ndarray],
         warm_start: Evaluation | None = None,
     ) -> list[Trial]:
-        """Return trials of designs by their starts, of which none is taken yet."""
+        """Return trials of designs by their starts; none is accepted yet."""
         evaluation = problem.evaluate(np.stack(list(designs.values())), warm_start)
         self.simulated += float(np.sum(evaluation.simulated))
-        # the cases of a design lie side by side
+        # the cases of a design follow each other
         index = np.arange(len(evaluation.status)).reshape(len(designs), -1)
         trials = []
         for (start, at), cases in zip(designs.items(), index, strict=True):
@@ -320,7 +320,7 @@ class _Search:
         """Add a trial and show it."""
         self.trials.append(trial)
         q = self.problem.objective.quantity
-        # the bar shows the lowest objective of designs that keep all constraints
+        # the bar shows the lowest objective of designs that meet all constraints
         feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
         best = q.shown(min(feasible, default=np.nan))
         text = f"{len(self.moves)} starts move, lowest {best:.5g} {q.display_unit}"
@@ -332,12 +332,12 @@ class _Search:
         return {trial.start: trial for trial in self.trials if trial.taken}
 
     def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
-        """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits, and that
-        change of the smooth objective in each case [1]; NaN where motions from disturbed starts are averaged, which
-        change by chance.
+        """Return the evaluation of a trial, with changes by half the step as the errors of cases on orbits, and the
+        relative change of the smooth objective in each case [1]. The change is NaN where motions from disturbed
+        starts are averaged, because these change by chance.
 
-        Only the check counts as simulated. Gives a warning where the change is more than a tenth, and more than can
-        be the chance of rails: twice its error.
+        Only the check counts as simulated. Gives a warning where the change is more than a tenth, and more than twice
+        its error, so that it cannot come from the chance of rails.
         """
         problem = self.problem
         evaluation = trial.evaluation
@@ -347,7 +347,7 @@ class _Search:
         at = problem.index(problem.objective.smooth)
         value = evaluation.value[:, at]
         change = half.value[:, at] / value - 1
-        # another orbit is no error of this one
+        # a change to another orbit is not an error of this orbit
         compared = (on_orbit | problem.on_rails) & (half.period == evaluation.period)
         known = compared & np.isfinite(change)
         change = np.where(known, change, np.nan)
@@ -357,7 +357,7 @@ class _Search:
             worst = float(change[np.nanargmax(np.abs(change))])
             text = f"half the step changes the objective by {100 * worst:.2g} %."
             warn(f"Argument `steps_per_period` should be more: {text}")
-        # errors over rails are those of their chance
+        # errors over rails come from chance
         rows = (compared & on_orbit)[:, None]
         value_error = np.abs(half.value - evaluation.value)
         slope_error = np.abs(half.gradient - evaluation.gradient)
@@ -369,10 +369,10 @@ class _Search:
         return with_errors, change
 
     def result(self, checked: bool = True) -> Design:
-        """Return the best design until now: the lowest objective among those that violate least.
+        """Return the best design so far: the lowest objective among the designs with the least violation.
 
-        **Arguments:** `checked`: whether it is judged again with steps half as long, for its errors on orbits, and on
-        rails along those that the search has not seen.
+        **Arguments:** `checked`: whether it is judged again: on orbits with half the step, for its errors, and on
+        rails along rails that the search has not used.
         """
         problem = self.problem
         ends = list(self._latest().values())
@@ -385,7 +385,7 @@ class _Search:
         if checked and (problem.on_rails or evaluation.period.any()):
             evaluation, change = self._with_half_step(best)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
-        # the error of the worst case, or of the mean of independent ones
+        # the error of the worst case, or of the mean of independent cases
         if problem.robust == "worst":
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
             stderr = errors[np.argmax(known)]
@@ -399,7 +399,7 @@ class _Search:
             status = "not converged" if best.start in self.moves else "converged"
         history = _history(problem, self.trials)
         last = {trial.start: k for k, trial in enumerate(self.trials) if trial.taken}
-        # the trial that each start took last
+        # the last trial that each start accepted
         starts = history[["design", "smooth", "violation"]].isel(trial=list(last.values()))
         starts = starts.rename(trial="start", design="end")
         starts["converged"] = ("start", [start not in self.moves for start in last])
@@ -418,7 +418,7 @@ class _Search:
 
 
 def _judged(problem: Problem, evaluation: Evaluation, checked: bool) -> str:
-    """Return in words along which rails a design was judged, and how many runs of its ensembles were lost."""
+    """Return a text that says along which rails a design was judged, and how many runs of its ensembles were lost."""
     words = []
     if isinstance(problem.ensemble, RailEnsemble):
         unseen = problem.ensemble.unseen(problem.scene.track)
@@ -467,7 +467,7 @@ def _cases(
 
 
 def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
-    """Return the dataset of trials, a row each."""
+    """Return the dataset of trials, with one row for each."""
     start, at, values, evaluations, taken, simulated = map(list, zip(*trials, strict=True))
     hard = problem.index(problem.objective)
     over = ("trial", "case")
@@ -485,5 +485,5 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
 
 
 def _labels(q: Quantity) -> dict[str, str]:
-    """Return attributes from which pictures label and scale a variable, whatever its name."""
+    """Return attributes with which pictures label and scale a variable of any name."""
     return q.attributes | {"quantity": q.name, "symbol": q.symbol, "shown_unit": q.display_unit}

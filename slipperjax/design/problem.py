@@ -24,23 +24,23 @@ from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, objective_named
 
 Limits = float | tuple[float | None, float | None]
-"""Highest value of a constraint, or lowest and highest, of which None sets no limit."""
+"""Highest value of a constraint, or lowest and highest value; None means no limit."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Problem(EvaluationPlan):
-    """The problem of a search for a design: what is evaluated, and what is sought.
+    """The problem of a search for a design: what is evaluated, and what is searched.
 
-    The variables are those that have `bounds`.
+    The variables are the parameters that have `bounds`.
     """
 
     objective: Objective
     over: dict[str, np.ndarray]
     """Values of other parameters that the design must serve, every combination."""
     robust: str
-    """How the cases are joined, "worst" or "mean"."""
+    """How the cases are combined, "worst" or "mean"."""
     constraints: tuple[tuple[Objective, float, float], ...]
-    """Objectives that must lie between two values in every case."""
+    """Objectives that must be between two values in every case."""
 
     @property
     def cases(self) -> dict[str, np.ndarray]:
@@ -91,7 +91,7 @@ class Problem(EvaluationPlan):
 
     @property
     def unseen(self) -> "Problem":
-        """The problem along rails that a search along these does not see; itself where the rail recurs."""
+        """The problem along rails that a search along these does not use; unchanged if the rail recurs."""
         return self.with_seed(self.ensemble.seed + 1) if self.on_rails else self
 
     def evaluate(
@@ -100,7 +100,7 @@ class Problem(EvaluationPlan):
         warm_start: Evaluation | None,
     ) -> Evaluation:
         """Evaluate all cases of some designs of the unit box, design by design."""
-        # each design meets every case
+        # each design has every case
         values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
@@ -109,7 +109,7 @@ class Problem(EvaluationPlan):
     def case_values(self, evaluation: Evaluation) -> CaseValues:
         """Return objective and constraints of one design from the evaluation of its cases."""
         value = evaluation.value
-        # derivatives by variables become those by coordinates of the unit box
+        # derivatives with respect to variables become derivatives with respect to coordinates of the unit box
         slope = evaluation.gradient * self.width
         excess = [np.empty(0)]
         excess_slope = [np.empty((0, len(self.names)))]
@@ -117,12 +117,12 @@ class Problem(EvaluationPlan):
             k = self.index(objective)
             # violations of different constraints are compared in multiples of their limits
             scale = max(abs(limit) for limit in (low, high) if math.isfinite(limit)) or 1.0
-            # how far above the upper and below the lower limit
+            # distance above the upper and below the lower limit
             for sign, limit in ((1.0, high), (-1.0, low)):
                 if math.isfinite(limit):
                     excess.append(sign * (value[:, k] - limit) / scale)
                     excess_slope.append(sign * slope[:, k] / scale)
-        # a power mean stands for a peak, whose derivative jumps
+        # a power mean replaces a peak, because the derivative of a peak jumps
         at = self.index(self.objective.smooth)
         return CaseValues(
             value=value[:, at],
@@ -136,9 +136,9 @@ class Problem(EvaluationPlan):
 def checked_problem(
     scene, objective, variables, *, over, robust, constraints, transient, ensemble, steps, solver, start
 ) -> Problem:
-    """Return the problem that a user's arguments state, see `optimise_design`.
+    """Return the problem of a user's arguments, see `optimise_design`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     scene = known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
@@ -154,9 +154,9 @@ def checked_problem(
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
-    # a trajectory stands for its end, None for Table 2's start
+    # a trajectory means its end, None means Table 2's start
     start = first_of(start)
-    # the corner that needs most steps decides for all
+    # all use the steps of the corner that needs most steps
     if steps is None:
         corners = {name: list(pair) for name, pair in bounds.items()}
         steps = int(Cases(scene, corners | values, start).default_steps().max())
@@ -186,7 +186,7 @@ def _checked_bounds(scene: Scene, variables: Mapping[str, tuple[float, float]]) 
     for name, pair in variables.items():
         variable = parameter(name, scene)
         variable.check_exists(scene)
-        # not all parameters can be differentiated by
+        # not all parameters have derivatives
         variable.check_varies()
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
         low, high = np.asarray(variable.check(pair)).tolist()
@@ -202,7 +202,7 @@ def _checked_limits(constraints: Mapping | None) -> tuple[tuple[Objective, float
     limits = []
     for name, given in constraints.items():
         objective = objective_named(name)
-        # a number alone is the highest value
+        # a single number is the highest value
         pair = given if isinstance(given, Sequence) else (None, given)
         try:
             low, high = in_unit(pair, objective.quantity.unit)
@@ -219,10 +219,10 @@ def _checked_limits(constraints: Mapping | None) -> tuple[tuple[Objective, float
 def first_designs(
     problem: Problem, starts: int | Sequence[Mapping[str, float]], seed: int
 ) -> tuple[Float[np.ndarray, "designs parameters"], int, int]:
-    """Return what a search begins with, see `optimise_design`.
+    """Return the beginning of a search, see `optimise_design`.
 
-    **Returns:** designs of the unit box to judge first; the number of them to begin from; and how many of these are
-    the first ones in any case, not the best.
+    **Returns:** designs of the unit box to judge first; the number of designs to begin from; and how many of these
+    are always the first designs, not the best.
     """
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
@@ -254,15 +254,15 @@ def spread_designs(
     count: int,
     fixed: int,
 ) -> list[int]:
-    """Return the indices of `count` designs: the first `fixed`, and of the others the best ones that lie apart.
+    """Return the indices of `count` designs: the first `fixed`, and the best others at a distance from each other.
 
-    **Arguments:** `order`: indices of all designs, the best one first.
+    **Arguments:** `order`: indices of all designs, the best design first.
     """
     chosen = list(range(fixed)) or [order[0]]
-    # nearer ones where not enough designs lie far apart [unit box]
+    # at smaller distances if too few designs are far apart [unit box]
     for apart in (0.3, 0.15, -1.0):
         for k in order:
-            # to the nearest one that was chosen
+            # distance to the nearest chosen design
             distance = np.min(np.max(np.abs(at[chosen] - at[k]), axis=1))
             if len(chosen) < count and k not in chosen and distance > apart:
                 chosen.append(k)

@@ -1,5 +1,5 @@
-"""Derivatives of objectives by parameters of a scene, with regime, method, standard error and domain; on periodic
-orbits over a grid as a record of a sweep, too."""
+"""Derivatives of objectives with respect to parameters of a scene, with regime, method, standard error and domain; on
+periodic orbits over a grid also as a record of a sweep."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,36 +40,36 @@ def sensitivities(
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
 ) -> xr.Dataset:
-    """Differentiate objectives by parameters of a scene.
+    """Differentiate objectives with respect to parameters of a scene.
 
     **Arguments:**
 
     - `objectives`: one or several, by name or as objects, see `slipperjax.design.OBJECTIVES`.
     - `names`: of parameters, or paths such as "section.play.2".
-    - `method`: "orbit" differentiates on the stable periodic orbit that the motion settles to, by the theorem of
-        implicit functions; "ensemble" fits a plane to the averages of many runs, which is what an attractor that is
-        not periodic needs. Default "orbit" where there is one, and "ensemble" otherwise.
-    - `ensemble`, `reach`: sizes of ensembles, and the distance of their parameters from the scene's, over the value;
-        by default those that the track needs, see `RailEnsemble` for rails that do not recur.
+    - `method`: "orbit" differentiates on the stable periodic orbit to which the motion settles, by the implicit
+        function theorem. "ensemble" fits a plane to the averages of many runs, as needed for an attractor that is not
+        periodic. Default "orbit" where there is an orbit, otherwise "ensemble".
+    - `ensemble`, `reach`: sizes of ensembles, and the distance of their parameters from the scene's values, relative
+        to the value; by default suited to the track, see `RailEnsemble` for rails that do not recur.
     - `transient`: forcing periods before; others as for `simulate`.
 
-    **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and along `parameter`,
-    too, `gradient` and `gradient_stderr` [objective's unit per parameter's unit], and `relative`, the relative change
-    of the objective per relative change of the parameter [1]. `domain` is how far the parameter may change: on orbits
-    until a linear estimate has them graze, for ensembles the reach. On orbits all of it is taken with twelve times
-    the steps of the motion, and the errors follow from the differences to three and six times: 99 % of true errors
-    of derivatives lie within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`,
-    `multiplier`, `simulated`; of ensembles how many runs are `lost`. A parameter that contains another one changes
-    the remaining parts: the clearance, where section.play.2 is named too, all other faces.
+    **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and also along `parameter`
+    `gradient` and `gradient_stderr` [objective's unit per parameter's unit], and `relative`, the relative change of
+    the objective per relative change of the parameter [1]. `domain` is how far the parameter may change: on orbits
+    until a grazing, by a linear estimate; for ensembles the reach. On orbits all values use twelve times the steps of
+    the motion, and the errors follow from the differences to three and six times: 99 % of true errors of derivatives
+    are within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`, `multiplier`, `simulated`; for
+    ensembles the number of runs that are `lost`. A parameter that contains another named parameter changes only the
+    remaining parts: the clearance changes all other faces where section.play.2 is also named.
 
-    **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit.
+    **Raises:** `ValueError` that names the wrong argument, also where there is no orbit.
     """
     scene = known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)
     if isinstance(objectives, str) or not isinstance(objectives, Sequence):
         objectives = [objectives]
-    # one case: the scene's own values
+    # one case, with the scene's own values
     grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
     steps = int(default_steps(scene, steps_per_period))
     plan = EvaluationPlan(
@@ -88,10 +88,10 @@ def sensitivities(
         one_of("method", method, ("orbit", "ensemble"))
     if method == "orbit":
         check_forcing(scene)
-    # the distance from grazing bounds the domain of derivatives on orbits
+    # the distance from a grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
-    # values and derivatives follow on finer steps, or from ensembles
+    # values and derivatives come from finer steps, or from ensembles
     find_motion = at_starts if isinstance(ensemble, RailEnsemble) else judge_on_orbits
     motion = find_motion(replace(on_orbit, names=()), grid)
     regime = str(motion.regime[0])
@@ -103,7 +103,7 @@ def sensitivities(
     if motion.period[0] == 0 or method == "ensemble":
         for name, distance in plan.reach.items():
             require(distance > 0, "names", "be of parameters that are not 0 for ensembles", name)
-        # runs around a motion that was lost would be lost, too
+        # runs around a lost motion would also be lost
         if motion.status[0] == Status.FINITE:
             motion = ensemble_averages(plan, grid, motion)
         if motion.status[0] != Status.FINITE:
@@ -111,8 +111,8 @@ def sensitivities(
         facts = dict(method="ensemble", regime=regime, ensemble=str(ensemble), lost=int(motion.lost[0]))
         return _dataset(plan, motion, np.array(list(plan.reach.values())), facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
-    # where a linear estimate has the orbit graze
-    # the distance over its derivative by each parameter
+    # the change to a grazing by a linear estimate:
+    # the distance over its derivative with respect to each parameter
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])
@@ -124,10 +124,10 @@ def _on_finer_steps(
     grid: dict[str, np.ndarray],
     motion: Evaluation,
 ) -> Evaluation:
-    """Evaluate an orbit with derivatives on shorter steps, with their errors, see `with_step_error`."""
+    """Evaluate an orbit with derivatives on finer steps, with their errors, see `with_step_error`."""
     judged = [motion]
 
-    # remembers each evaluation and adds up its cost
+    # keeps each evaluation and adds its cost
     def results(steps: int) -> dict[str, np.ndarray]:
         one = judge_on_orbits(replace(plan, steps=steps), grid, motion)
         # differences to another orbit would be no error of the steps
@@ -150,7 +150,7 @@ def _dataset(
     domain: np.ndarray,
     facts: dict[str, object],
 ) -> xr.Dataset:
-    """Return the dataset of an evaluation of one case, which may have further objectives, with `facts`."""
+    """Return the dataset of an evaluation of one case, with `facts`; it may have further objectives."""
     parameters = [parameter(name, plan.scene) for name in plan.names]
     asked = slice(len(plan.objectives))
     value = evaluation.value[0, asked]
@@ -192,7 +192,7 @@ class OrbitSensitivities(NearestOrbit):
     ds["orbit_peak_force_slope"].sel(parameter="clearance")
     ```
 
-    The errors of the steps are those of `sensitivities`, which states them; more steps make them smaller.
+    Errors from the steps are as in `sensitivities`, which also gives them; more steps make the errors smaller.
     """
 
     objectives: tuple[ObjectiveLike, ...] = ()
@@ -202,7 +202,7 @@ class OrbitSensitivities(NearestOrbit):
 
     def __post_init__(self):
         super().__post_init__()
-        # equal ones share programs: objectives by name are those objectives
+        # equal records share programs: objectives by name become objects
         objectives = tuple_of("objectives", self.objectives, object, "a list of objectives")
         named = dict.fromkeys(objective_named(one, "objectives") for one in objectives)
         object.__setattr__(self, "objectives", tuple(named))

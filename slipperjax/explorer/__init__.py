@@ -1,1 +1,1 @@
-"""A page in the browser: click a point of a map and see how that slipper moves."""
+"""A page in the browser: click a point of a map to see the motion of this slipper."""

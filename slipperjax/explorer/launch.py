@@ -1,4 +1,4 @@
-"""The server of a page: a thread of this process, at the loopback address, for whoever knows the secret in it."""
+"""The server of a page: a thread of this process, at the loopback address, for users who know the page's secret."""
 
 import asyncio
 import dataclasses
@@ -25,7 +25,7 @@ ADDRESS = "127.0.0.1"
 class Explorer:
     """A page that is served until `stop()` or the end of the process; in a notebook it shows itself.
 
-    Its address holds a random secret, and other programs and users of the machine get nothing without it.
+    Its address contains a random secret; other programs and users of the machine get nothing without the secret.
     """
 
     def __init__(self, session: Session, port: int = 0):
@@ -40,7 +40,7 @@ class Explorer:
 
         good = isinstance(port, int) and not isinstance(port, bool) and 0 <= port < 1 << 16
         require(good, "port", "be a whole number of 0 to 65535", port)
-        # made here, so that a port in use is an error of the call
+        # made here, so that a port in use raises an error in this call
         try:
             listener = socket.create_server((ADDRESS, port))
         except OSError as error:
@@ -57,7 +57,7 @@ class Explorer:
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
             self._loop = IOLoop.current()
-            # sockets are opened from pages of these hosts only, and computations end soon after their window
+            # sockets are opened only for pages of these hosts, and computations end soon after their window is closed
             pages = BokehTornado(
                 {"/": self._open},
                 prefix=self._secret,
@@ -86,11 +86,11 @@ class Explorer:
     def open_browser(self) -> None:
         """Open a browser, and return when it shows the page, or after half a minute.
 
-        It is led there by a file that only this user can read, and that is deleted then: every user of the machine
-        sees with which address a browser was started.
+        The browser opens a file that leads to the page. Only this user can read the file, which is deleted
+        afterwards; every user of the machine can see the address with which a browser was started.
         """
         page = f'<!doctype html><meta http-equiv="refresh" content="0; url={self.url}"><title>slipperjax</title>'
-        # in the home: browsers in a sandbox see neither the usual folder of temporary files nor hidden ones
+        # in the home folder, because a browser in a sandbox sees neither the usual temporary folder nor hidden files
         with NamedTemporaryFile("w", prefix="slipperjax-", suffix=".html", dir=Path.home()) as file:
             file.write(page)
             file.flush()
@@ -101,7 +101,7 @@ class Explorer:
         """Fill the document of a new window."""
         from .page import Page
 
-        # windows share what was given, and nothing that changes
+        # windows share the given arguments, and nothing that changes
         session = dataclasses.replace(self._session, views=[*self._session.views])
         worker = Page(doc, session).worker
         self._workers.append(worker)
@@ -118,7 +118,7 @@ class Explorer:
             await self._http.close_all_connections()
             self._loop.stop()
 
-        # loops take calls of other threads in this way only
+        # only in this way do loops take calls of other threads
         if self._thread.is_alive():
             self._loop.add_callback(end)
             self._thread.join(30.0)
@@ -137,7 +137,7 @@ def explore(
     start: Start = None,
     port: int = 0,
 ) -> Explorer:
-    """Serve a page on which clicking a point of a map shows how that slipper moves.
+    """Serve a page on which a click on a point of a map shows the motion of this slipper.
 
     ```python
     sj.explore()  # in a notebook it is shown; elsewhere open its `url`
@@ -145,14 +145,14 @@ def explore(
     sj.explore(scene, {"clearance": np.linspace(2e-4, 3e-3, 16), "speed": np.linspace(500.0, 2000.0, 25)})
     ```
 
-    **Arguments:** `source`: a dataset of `sweep`, `lyapunov_sweep`, `follow` or `run`, a netCDF file or a store of
-    one, which may still grow, or a scene or its TOML file, by default `paper_scene()`; `grid`: values of one or two
-    parameters of the scene, of what is computed where `source` has none, the first drawn upwards; `start`: as for
-    `sweep`; `port`: 0 for one that is free.
+    **Arguments:** `source`: a dataset of `sweep`, `lyapunov_sweep`, `follow` or `run`, its netCDF file or its store,
+    which may still grow; or a scene or its TOML file, by default `paper_scene()`. `grid`: values of one or two
+    parameters of the scene, which are computed where `source` has no results; the first is drawn upwards. `start`: as
+    for `sweep`; `port`: 0 for a free port.
 
-    **Returns:** an `Explorer`. It is served at the loopback address by this process, and needs no network.
+    **Returns:** an `Explorer`. This process serves it at the loopback address, without a network.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `OSError` for a file that cannot be read, or a
-    port in use; `ImportError` without Bokeh.
+    **Raises:** `ValueError` that names the wrong argument; `OSError` for a file that cannot be read, or a port in
+    use; `ImportError` without Bokeh.
     """
     return Explorer(Session.of(source, grid, start=start), port)

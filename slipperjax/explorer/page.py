@@ -1,4 +1,4 @@
-"""The page: a map on the left, the case that was clicked on the right. Bokeh draws, `Session` computes."""
+"""The page: a map on the left, the chosen case on the right. Bokeh draws, `Session` computes."""
 
 import dataclasses
 import functools
@@ -26,7 +26,7 @@ from .worker import Worker
 WIDTH = 545
 """Width of the left side [pixels]."""
 Piece = Shown | tuple[View, float]
-"""What the worker delivers: a case, or a map so far and its share."""
+"""What the worker delivers: a case, or the map so far and its finished share."""
 HELP = "Click a point: that case. Drag a box: computed finer."
 
 
@@ -36,7 +36,7 @@ class Page:
     def __init__(self, doc: Document, session: Session):
         self.doc = doc
         self.session = session
-        self.quiet = False  # whether widgets are set by the page, which must not be taken for the user
+        self.quiet = False  # whether the page itself sets widgets, so that the changes are not the user's
         self.worker = Worker(("case", "map"), self._deliver, self._ended)
         slippers = session.view.scene.slipper.names
         self.panels = Panels(slippers, lambda: self.panels.show(self.session.shown))
@@ -50,7 +50,7 @@ class Page:
         self._show_view()
 
     def _begin(self, event: DocumentReady) -> None:
-        """Compute what is shown first, when the page is there: tracing would delay it."""
+        """Compute the first contents when the page is there, because tracing would delay the page."""
         self._look(self.session.case)
         if not self.session.view.ds:
             self._compute(self.session.view)
@@ -58,14 +58,14 @@ class Page:
     # --- what computes ----------------------------------------------------------------------------------------------
 
     def _deliver(self, piece: Piece, wanted: Callable[[], bool]) -> None:
-        """Hand a piece from the worker's thread to the page, and wait until it is there, or ten seconds."""
-        # Bokeh changes documents in the thread of its loop only
+        """Pass a piece from the worker's thread to the page, and wait until it is there, or for ten seconds."""
+        # Bokeh changes documents only in the thread of its loop
         there: Future = Future()
 
         def hand() -> None:
             try:
                 there.set_result(self._take(piece) if wanted() else None)
-            except Exception as error:  # which would be lost here
+            except Exception as error:  # the error would be lost here
                 there.set_exception(error)
 
         self.doc.add_next_tick_callback(hand)
@@ -79,13 +79,13 @@ class Page:
             self.panels.show(piece)
             self._write_texts()
             return
-        # the view that is shown, with more of its cases
+        # the shown view, with more of its cases
         self.session.views[-1], share = piece
         self._say(f"computing the map: {share:.0%}")
         self._show_view()
 
     def _ended(self, error: Exception | None) -> None:
-        # an error is shown, and help where nothing is left to do
+        # an error is shown; help is shown where no work is left
         if error is not None:
             text = " ".join(str(error).split()) or type(error).__name__
             self.doc.add_next_tick_callback(lambda: self._say(text, COLORS["red"]))
@@ -97,12 +97,12 @@ class Page:
         self.line.text = f'<span style="color:{color}">{html.escape(text)}</span>'
 
     def _compute(self, view: View) -> None:
-        """Have the worker compute a map."""
+        """Make the worker compute a map."""
         self._say("computing; the first time its program is compiled, which takes a while")
         self.worker.submit("map", self.session.compute(view))
 
     def _look(self, case: Case) -> None:
-        """Have the worker compute a case, and mark it now."""
+        """Make the worker compute a case, and mark it at once."""
         self.session.case = case
         self._set_sliders(case)
         self._mark()
@@ -119,7 +119,7 @@ class Page:
         self.back, stop, copy, save = (Button(label=text, width=124) for text in labels)
         self.back.on_click(self._leave_box)
         stop.on_click(self._stop)
-        # these end in the browser
+        # these run in the browser
         self.texts = source("python", "toml")
         for button, name in ((copy, "copy"), (save, "save")):
             button.js_on_click(CustomJS(args=dict(texts=self.texts), code=CODE[name]))
@@ -216,7 +216,7 @@ class Page:
         y, x = (q.shown(view.axis(name)) for q, name in zip(quantities, view.names, strict=True))
         up, across = map(pictures.label, quantities)
         self._set_axes(across, up, x, y)
-        # no map until a part of it is there
+        # no map before a part of it is computed
         self.pixels.data = {name: [] for name in self.pixels.data}
         if not view.ds:
             return
@@ -236,7 +236,7 @@ class Page:
     def _set_axes(self, across: str, up: str, x: np.ndarray, y: np.ndarray) -> None:
         self.map.xaxis.axis_label = across
         self.map.yaxis.axis_label = up
-        # with a margin, and a reset that leads back
+        # with a margin, and a reset that restores this view
         for extent, values in ((self.map.x_range, x), (self.map.y_range, y)):
             low, high = _ends(values)
             margin = 0.02 * (high - low)
@@ -245,7 +245,7 @@ class Page:
             extent.update(start=low, end=high, reset_start=low, reset_end=high)
 
     def _mark(self) -> None:
-        """Draw where the case is: a cross on a map, a line in a diagram."""
+        """Draw the place of the case: a cross on a map, a line in a diagram."""
         view = self.session.view
         places = zip(view.names, self.session.place(), strict=True)
         shown = [float(view.quantity(name).shown(place)) for name, place in places]
@@ -256,7 +256,7 @@ class Page:
     def _si(self, x: float, y: float) -> list[float]:
         """Return a place of the map along the names of the view [SI units]."""
         view = self.session.view
-        # a diagram has its one parameter along x
+        # a diagram has only one parameter, along x
         places = (y, x)[-len(view.names) :]
         return [float(view.quantity(name).from_shown(p)) for name, p in zip(view.names, places, strict=True)]
 
@@ -266,10 +266,10 @@ class Page:
 
     def _boxed(self, event: SelectionGeometry) -> None:
         ends: Any = event.geometry  # by the name of each side
-        # while it is drawn, a box comes many times
+        # while the user draws a box, many events arrive
         if not event.final or ends.get("type") != "rect":
             return
-        # the same windows, nearer
+        # the same windows, enlarged
         if self.session.view.is_run:
             self.map.x_range.update(start=ends["x0"], end=ends["x1"])
             return
@@ -299,7 +299,7 @@ class Page:
 
     def _set_sliders(self, case: Case) -> None:
         self.quiet = True
-        # a scene may lack a number, or have it for each point
+        # a scene may lack a number, or have one for each point
         for name, slider in self.sliders.items():
             value = PARAMETERS[name].of(case.scene)
             slider.disabled = value is None or np.ndim(value) > 0
@@ -315,10 +315,10 @@ class Page:
             self._look(dataclasses.replace(case, scene=scene, steps=None))
 
     def _write_texts(self) -> None:
-        """Hand the script and the scene to the browser, which copies and saves them."""
+        """Pass the script and the scene to the browser, which copies and saves them."""
         try:
             toml = self.session.case.scene.to_toml()
-        except ValueError as error:  # of parts that plain text cannot hold
+        except ValueError as error:  # for parts that plain text cannot hold
             toml = f"# {error}\n"
         self.texts.data = {"python": [python_of(self.session)], "toml": [toml]}
 

@@ -21,7 +21,7 @@ from .session import SETTLED, SLIDERS, Shown
 
 _PARTS = (Path(__file__).parent / "page.js").read_text().split("//// ")[1:]
 CODE = {part.partition("\n")[0].partition(":")[0]: part.partition("\n")[2] for part in _PARTS}
-"""Scripts of the browser by name: the parts of page.js, each after a line of its name."""
+"""Scripts of the browser by name: the parts of page.js, each after a line with its name."""
 
 
 def source(*columns: str) -> ColumnDataSource:
@@ -43,7 +43,7 @@ class Panels:
     """The right side of the page: one case."""
 
     def __init__(self, slippers: Sequence[str], chosen: Callable[[], None]):
-        """**Arguments:** `slippers`: of a sled; `chosen`: called when another one, or motion, is chosen."""
+        """**Arguments:** `slippers`: of a sled; `chosen`: called when another slipper, or motion, is chosen."""
         blue = COLORS["blue"]
         names = [(velocity, label(quantity(coordinate))) for velocity, coordinate in SECTIONS.items()]
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=225)
@@ -69,7 +69,7 @@ class Panels:
         self.forces.add_layout(self.forces.legend[0], "right")
         self.cursor = source("x")
         self.window = source("x")
-        # the instant that plays, and the window of a run
+        # the shown instant, and the window of a run
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black")
             f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
@@ -78,12 +78,12 @@ class Panels:
         )
 
     def _slipper(self) -> list[Row]:
-        """Return the panels of both ends, with the slider of instants. The browser alone plays them."""
+        """Return the panels of both ends, with the slider of instants. The browser plays them without the server."""
         self.frames = source()
         self.ends = {}
         args: dict[str, object] = {}
         figures = []
-        # the same glyphs at both ends, whose data the browser sets by instant
+        # the same glyphs at both ends; the browser sets their data for each instant
         for end in ("front", "rear"):
             f = panel("Slipper around the rail head", "y [mm]", "z [mm]", height=250, match_aspect=True)
             rail = source("x", "y")
@@ -127,7 +127,7 @@ class Panels:
         window = shown.case.window  # None for a steady motion
         self.title.text = _words(shown)
         last = phase = shown.ds
-        # a steady motion is drawn over its last periods, a run over all
+        # a steady motion is drawn over its last periods, a run over all periods
         if window is None:
             every = (shown.ds.sizes["time"] - 1) // SETTLED
             strobe = shown.ds.isel(time=slice(None, None, every))
@@ -143,9 +143,9 @@ class Panels:
         time = last["period"].values * shown.unit
         self.curve.data = {"x": time, "y": across.shown(last[coordinate].values)}
         self.orbit.data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
-        # peaks of the whole run may lie before what is drawn
+        # peaks of the whole run may be before the drawn part
         lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6, self.slipper.value)
-        # points that touch
+        # points in contact
         lines = [line for line in lines if line.peak > 0]
         self.lines.data = {
             "xs": [time for _ in lines],
@@ -160,19 +160,19 @@ class Panels:
 
     def _show_slipper(self, shown: Shown) -> None:
         steady = shown.case.window is None
-        # a browser draws some hundred instants with ease
+        # a browser easily draws some hundred instants
         ds = shown.ds if steady else shown.ds.thin(time=-(-shown.ds.sizes["time"] // 640))
         try:
             frames = frames_of(ds, shown.run.scene, last=2.0 if steady else None)
         except ValueError:  # the motion is not finite
             return
-        # of all the one with the highest force
+        # among all slippers, the one with the highest force
         wanted = [of for of in frames if self.slipper.value in ("", of.name)]
         drawn = max(wanted, key=lambda of: of.force.max())
         head = rail_outline(drawn.shape)
         places = label_places(drawn.shape)
         zero = np.zeros(len(places))
-        # what stands still; the rest follows from the frames
+        # parts that do not move; all others follow from the frames
         for k, (end, (f, rail, dots)) in enumerate(self.ends.items(), 1):
             f.title.text = f"{drawn.name or 'Slipper'} around the rail head, {end}"
             rail.data = {"x": head[:, 0], "y": head[:, 1]}
@@ -194,13 +194,13 @@ class Panels:
 
 
 def _words(shown: Shown) -> str:
-    """Return a case in two lines of HTML: its parameters, and what it does."""
+    """Return a case in two lines of HTML: its parameters, and its motion."""
     scene = shown.case.scene
     words = []
     for name in SLIDERS:
         q = PARAMETERS[name]
         value = q.of(scene)
-        # parameters that are one number
+        # parameters with a single number
         if value is not None and np.ndim(value) == 0:
             words.append(f"{q.name} {float(q.shown(float(value))):.4g} {q.display_unit}".removesuffix(" 1"))
     kind = f"period {shown.period}" if shown.kind == "period" else shown.kind
@@ -209,7 +209,7 @@ def _words(shown: Shown) -> str:
         kind = f"{begin:.6g} to {end:.6g} m"
     status = Status(int(shown.run.status))
     said = f"<b>{kind}</b>"
-    # the status comes before numbers, and those of a lost motion mean nothing
+    # the status comes first, and numbers of a lost motion mean nothing
     if status != Status.FINITE:
         said += f'; <span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
     if is_lost(status):

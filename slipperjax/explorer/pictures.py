@@ -22,7 +22,7 @@ def label(q: Quantity) -> str:
 
 
 def choices(view: View) -> list[str]:
-    """Return what the left side can show of a view: kinds of motions, sections, and numbers of each case."""
+    """Return the possible contents of the left side for a view: kinds of motions, sections, numbers of cases."""
     ds = view.ds
     plane = len(view.names) == 2
     found = []
@@ -46,7 +46,7 @@ class Picture(NamedTuple):
     """Values of a map, one for each case, with their colours."""
 
     values: np.ndarray
-    """Indices of `colors`, or numbers in the display unit; NaN for what is not there."""
+    """Indices of `colors`, or numbers in the display unit; NaN where there is none."""
     colors: dict[str, str]
     """Colours by name of the kinds that occur; empty for numbers."""
     label: str
@@ -60,7 +60,7 @@ def picture_of(view: View, choice: str) -> Picture:
         numbers = np.where(flagged(ds, *dims), np.nan, highest(ds, choice, *dims))
         return Picture(numbers, {}, label(quantity_of(choice, ds)))
     words = motions_of(ds, *dims) if choice == "motion" else regimes_of(ds, *dims)
-    # cases that are not computed yet have no colour
+    # missing cases have no colour
     words = np.where(ds["status"].transpose(*dims) == Status.NOT_RUN, "", words)
     return Picture(*categories(ds, words), choice)
 
@@ -87,14 +87,14 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, list[fl
 
 
 def dots(view: View, choice: str) -> dict[str, np.ndarray]:
-    """Return dots over one parameter: those of a section, or the highest number of each case."""
+    """Return dots over one parameter: the points of a section, or the highest number of each case."""
     (name,) = view.names
     values = view.ds[choice].astype(float)
     if choice not in SECTIONS:
         values = values.max([d for d in values.dims if d not in view.ds["status"].dims])
     values = values.where(np.isfinite(values) & (view.ds["status"] == Status.FINITE))
     rows = values.transpose(name, ...).values.reshape(values.sizes[name], -1)
-    # a dot for each number there is
+    # a dot for each number
     case, crossing = np.nonzero(np.isfinite(rows))
     return {
         "x": view.quantity(name).shown(view.axis(name)[case]),
@@ -115,7 +115,7 @@ def along(view: View, choice: str) -> dict[str, np.ndarray]:
 def slipper_columns(drawn: Frames, unit: float) -> dict[str, np.ndarray]:
     """Return by column (instants, values) corners, points, tips of arrows [mm] and forces [kN] of both ends.
 
-    **Arguments:** `unit`: of the column `x`, which is the time.
+    **Arguments:** `unit`: unit of the column `x`, which is the time.
     """
     columns = {"x": drawn.period * unit}
     for k, end in enumerate(("front", "rear")):

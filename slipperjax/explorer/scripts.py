@@ -1,4 +1,4 @@
-"""The script that computes the numbers which a page shows."""
+"""The script that computes the numbers on a page."""
 
 import diffrax
 import equinox as eqx
@@ -11,7 +11,7 @@ from .session import PERIODS, SLIDERS, Session, sweep_options
 
 
 def python_of(session: Session) -> str:
-    """Return a script that computes what the page shows: the map or the run, and the case."""
+    """Return a script that computes the contents of the page: the map or the run, and the case."""
     case = session.case
     lines = ["import jax.numpy as jnp", "import numpy as np", "import slipperjax as sj", ""]
     lines += [*_left(session), "", "# the case that was looked at"]
@@ -33,7 +33,7 @@ def _left(session: Session) -> list[str]:
     """Return the lines that make the map or the run."""
     view = session.view
     if not view.grid:
-        # else that with which the page was opened
+        # otherwise the source with which the page was opened
         source = "ds" if view.source is None else repr(str(view.source))
         return [f"given = sj.load({source})", "scene = given.scene" * view.is_run, "given.plot()"]
     grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
@@ -42,7 +42,7 @@ def _left(session: Session) -> list[str]:
 
 
 def _state_at(session: Session, distance: float) -> list[str]:
-    """Return the lines that compute what `Session.state_at` returns."""
+    """Return the lines that compute the result of `Session.state_at`."""
     kept, begin = session.last_state(distance)
     start = "given" if kept in session.run["stretch"] else "given.start"
     # the run kept its state there
@@ -53,10 +53,10 @@ def _state_at(session: Session, distance: float) -> list[str]:
 
 
 def _arguments(**values: object) -> str:
-    """Return arguments of a call, each after a comma, without those that are None, the default."""
+    """Return arguments of a call, each after a comma, without arguments that are None, the default."""
     text = ""
     for name, value in values.items():
-        if isinstance(value, diffrax.AbstractSolver):  # by its name, without settings of its own
+        if isinstance(value, diffrax.AbstractSolver):  # by its name, without its settings
             value = type(value).__name__
         if value is not None:
             text += f", {name}={start_text(value) if name == 'start' else repr(value)}"
@@ -65,18 +65,18 @@ def _arguments(**values: object) -> str:
 
 def _axis(values: np.ndarray) -> str:
     ends = float(values[0]), float(values[-1])
-    # as short as it can be without another bit
+    # as short as possible without changing a bit
     if np.array_equal(values, np.linspace(*ends, len(values))):
         return f"np.linspace({ends[0]!r}, {ends[1]!r}, {len(values)})"
     return f"np.array({values.tolist()})"
 
 
 def scene_text(scene: Scene) -> str:
-    """Return a scene as an expression: by the paper's few numbers where these suffice, else as JSON."""
+    """Return a scene as an expression: with the paper's few numbers where these are enough, otherwise as JSON."""
     content = scene_to_json(scene)
     try:
         numbers = {name: float(scene.value(name)) for name in SLIDERS}
-    except ValueError:  # it lacks one of them
+    except ValueError:  # the scene lacks one of these numbers
         numbers = {}
     if scene_to_json(paper_scene(**numbers)) == content:
         return f"sj.paper_scene({', '.join(f'{name}={value!r}' for name, value in numbers.items())})"

@@ -1,4 +1,4 @@
-"""Page state, independent of Bokeh: the map, the case looked at, and what computes them."""
+"""Page state, independent of Bokeh: the map, the shown case, and their computation."""
 
 import dataclasses
 import math
@@ -35,11 +35,11 @@ from ..tools.files import user_path
 from ..tools.types import Numbers
 
 Source = Result | xr.Dataset | Scene | Path | str
-"""What a page is opened with: a result, a scene, or a file or store of one."""
+"""What a page is opened with: a result, a scene, or a file or store of a result or scene."""
 Start = Motion | State | None
 """Where motions start; None for the start of Table 2."""
 PERIODS = 320
-"""Forcing periods of a case that is looked at."""
+"""Forcing periods of a shown case."""
 SETTLED = 200
 """Forcing periods at its end that are drawn and classified."""
 SAVES = 40
@@ -60,44 +60,44 @@ COMPUTED: dict[int, dict[str, object]] = {
 
 @dataclass(frozen=True)
 class View:
-    """A map, a diagram or a run, which the left side of a page shows."""
+    """A map, a diagram or a run, shown on the left side of a page."""
 
     scene: Scene
     start: Start = None
     ds: xr.Dataset = field(default_factory=xr.Dataset)
     """Its cases so far; empty before there are any."""
     grid: dict[str, np.ndarray] = field(default_factory=dict)
-    """Values by parameter [SI units] of what is computed here; empty for what was given."""
+    """Values by parameter [SI units] of cases that are computed here; empty for a given result."""
     source: Path | None = None
-    """File or store that it is from."""
+    """File or store of the view."""
 
     @property
     def names(self) -> list[str]:
-        """Coordinates that vary, the one drawn upwards first; of a run its distance."""
+        """Coordinates that vary, first the one drawn upwards; for a run its distance."""
         return list(self.grid) or varied_names(self.ds) or ["distance"]
 
     @property
     def is_run(self) -> bool:
-        """Whether it is of a run over a length of rail."""
+        """Whether the view is of a run over a length of rail."""
         return "distance" in self.ds.dims
 
     @property
     def growing(self) -> bool:
-        """Whether it is a store in which cases are missing."""
+        """Whether the view is of a store with missing cases."""
         return self.source is not None and bool((self.ds["status"] == Status.NOT_RUN).any())
 
     def axis(self, name: str) -> np.ndarray:
-        """Return the values of a coordinate [SI units]; of a distance the middles of windows."""
+        """Return the values of a coordinate [SI units]; for a distance the middles of windows."""
         if self.grid:
             return self.grid[name]
         return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
 
     def of_slipper(self, name: str) -> "View":
-        """Return the view with the contact points of one slipper of a sled; with an empty name with those of all."""
+        """Return the view with the contact points of one slipper of a sled; with an empty name, of all slippers."""
         return dataclasses.replace(self, ds=self.ds.sel(slipper=name)) if name and "slipper" in self.ds.dims else self
 
     def quantity(self, name: str) -> Quantity:
-        """Return the quantity that a coordinate is of."""
+        """Return the quantity of a coordinate."""
         if name == "distance":
             return Quantity(name, "m", name)
         return parameter(name, self.scene)
@@ -105,7 +105,7 @@ class View:
 
 @dataclass(frozen=True)
 class Case:
-    """One case, which the right side of a page shows."""
+    """One case, shown on the right side of a page."""
 
     scene: Scene
     start: Start = None
@@ -118,40 +118,40 @@ class Case:
 
     @property
     def options(self) -> dict[str, object]:
-        """Arguments of `simulate` besides the scene."""
+        """Arguments of `simulate` other than the scene."""
         return {"steps_per_period": self.steps, "solver": self.solver}
 
     @property
     def saves(self) -> int | None:
-        """Saved states per forcing period; None, for each step, where `SAVES` do not divide its steps."""
+        """Saved states per forcing period; None, for each step, where `SAVES` does not divide its steps."""
         whole = self.steps is None or self.steps % SAVES == 0
         return SAVES if whole else None
 
 
 class Shown(NamedTuple):
-    """A case that was computed."""
+    """A computed case."""
 
     case: Case
     run: Trajectory
     ds: xr.Dataset
-    """Its last `SETTLED` forcing periods, or all of a run's."""
+    """Its last `SETTLED` forcing periods, or all periods of a run."""
     kind: str
     """One of `slipperjax.analysis.kinds.KINDS`, or "run"."""
     period: int
-    """Forcing periods after which it recurs; 0 for others."""
+    """Forcing periods after which the motion recurs; 0 for other motions."""
 
     @property
     def unit(self) -> float:
-        """Unit of time axes: a forcing period, which is 1; in a run its length [m], so that they show distance."""
+        """Unit of time axes: 1 for forcing periods; for a run a period's length [m], so that axes show distance."""
         return 1.0 if self.case.window is None else _wavelength(self.case.scene)
 
 
 @dataclass
 class Session:
-    """All that a page shows and can compute."""
+    """All contents of a page, and their computation."""
 
     views: list[View]
-    """What was given, and boxes of it, each within the one before; the last is shown."""
+    """The given view, and boxes of it, each inside the previous one; the last view is shown."""
     case: Case
     shown: Shown | None = None
 
@@ -161,7 +161,7 @@ class Session:
     ) -> "Session":
         """Return a session whose view is of a scene, a dataset, a file or a store.
 
-        **Raises:** `ValueError` where it is none of these, or `grid` is wrong; `OSError` for what cannot be read.
+        **Raises:** `ValueError` for another source, or a wrong `grid`; `OSError` for files that cannot be read.
         """
         start = None if start is None else first_of(start)
         require(grid is None or isinstance(grid, Mapping), "grid", "name parameters with their values", grid)
@@ -196,9 +196,9 @@ class Session:
             grid = {name: np.asarray(parameter(name, scene).check(values)) for name, values in grid.items()}
             require(len(grid) in COMPUTED, "grid", "have one or two parameters", list(grid))
             view = View(scene, start, grid=grid)
-            _cases(view)  # for its checks
+            _cases(view)  # to check the arguments
         session = cls([view], Case(scene, start))
-        # the window with the highest force, where forces are known
+        # the window with the highest force, if forces are known
         if view.is_run:
             name = main_peak(ds)
             place = 0.0 if name is None else float(peak_of(ds, name)[PEAKS[name].place])
@@ -207,7 +207,7 @@ class Session:
 
     @property
     def view(self) -> View:
-        """The view that is shown on the left."""
+        """The view on the left."""
         return self.views[-1]
 
     # --- the map ----------------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ class Session:
     def box(self, *ends: tuple[float, float]) -> View | None:
         """Return a finer view of a box; None where it is too small.
 
-        **Arguments:** `ends`: those of its sides along `view.names` [SI units].
+        **Arguments:** `ends`: of the box's sides along `view.names` [SI units].
         """
         view = self.view
         counts = (200,) if len(view.names) == 1 else (16, 25)
@@ -225,7 +225,7 @@ class Session:
             values = view.axis(name)
             low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             finer = np.linspace(low, high, count)
-            # seeds and the like have no values between
+            # whole numbers, such as seeds, have no values between
             if view.quantity(name).whole:
                 finer = np.arange(math.ceil(low), math.floor(high) + 1.0)
             if len(finer) < 2 or not finer[-1] - finer[0] > 1e-6 * np.ptp(values):
@@ -236,10 +236,10 @@ class Session:
     def compute(self, view: View) -> Iterator[tuple[View, float]]:
         """Yield the view with the cases computed so far, and their share of all, after each 80 cases."""
         cases = _cases(view)
-        # cases with the same steps together, which run as one batch
+        # cases with the same steps together, as one batch
         order = np.argsort(-cases.default_steps(), kind="stable")
         pieces = []
-        # each piece is shown before the next one begins
+        # each piece is shown before the next piece begins
         for first in range(0, len(order), 80):
             part = np.unravel_index(order[first : first + 80], cases.shape)
             values = cases.part(part)
@@ -249,12 +249,12 @@ class Session:
             yield dataclasses.replace(view, ds=ds), done / len(order)
 
     def refreshed(self) -> bool:
-        """Read a growing store as it is now; return whether something is new."""
+        """Read the present state of a growing store; return whether anything is new."""
         view = self.view
         if not view.growing:
             return False
         ds = _with_statuses(load(view.source).ds)
-        # cases change their status when they are computed
+        # the status of a case changes when it is computed
         if np.array_equal(ds["status"].values, view.ds["status"].values):
             return False
         self.views[-1] = dataclasses.replace(view, ds=ds)
@@ -264,7 +264,7 @@ class Session:
 
     @property
     def run(self) -> xr.Dataset:
-        """The run, of which cases are windows."""
+        """The run, whose windows are the cases."""
         return self.view.ds
 
     @property
@@ -285,22 +285,22 @@ class Session:
         return float(kept), float(begin)
 
     def state_at(self, distance: float) -> xr.Dataset | Start:
-        """Return the start of a simulation from where the window at a distance [m] begins: a run up to there, or its
-        own start."""
+        """Return the start of a simulation from the beginning of the window at a distance [m]: a run to this place,
+        or the run's own start."""
         kept, begin = self.last_state(distance)
         start = self.run if kept in self.run["stretch"] else start_of(self.run)
-        # the run stored its state there; else the run goes on up to the window
+        # the run stored its state there; otherwise the run is repeated up to the window
         if begin == kept:
             return start
         return run_along(self.view.scene, length=begin - kept, begin=kept, start=start, **self.run_options).ds
 
     def passage(self, case: Case) -> tuple[Scene, int, float]:
-        """Return what to simulate to see a window at the end: scene, forcing periods, and where they begin [m]."""
+        """Return what to simulate to see a window at the end: scene, forcing periods, and their beginning [m]."""
         assert case.window is not None
         low, high = case.window
         scene = case.scene
         wave = _wavelength(scene)
-        # one wavelength at least, with the window at its end
+        # at least one wavelength, with the window at its end
         periods = max(1, math.ceil((high - self.last_state(low)[1]) / wave - 1e-6))
         kept, begin = self.last_state(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
         if scene.wear is not None:  # too little to matter within a window
@@ -331,13 +331,13 @@ class Session:
             scene = scene.replace(**{name: float(view.axis(name)[index[name]])})
         if view.grid:
             return Case(scene, view.start)
-        # what was given keeps its own steps and solver
+        # a given result keeps its own steps and solver
         solver = load_call(view.ds).get("solver")
         steps = int(view.ds["steps_per_period"].isel(index).max()) if "steps_per_period" in view.ds else 0
         return Case(scene, view.start, steps or None, solver)
 
     def place(self) -> list[float]:
-        """Return where the case that is looked at is on the map, along `view.names` [SI units]."""
+        """Return the place of the shown case on the map, along `view.names` [SI units]."""
         case = self.case
         if case.window is not None:
             return [float(np.mean(case.window))]
@@ -354,7 +354,7 @@ class Session:
         run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=case.saves, **case.options)
         every = len(run.period) // PERIODS  # saves per period
         ds = run.ds.isel(time=slice(-SETTLED * every - 1, None))
-        # a motion that was lost has no kind
+        # a lost motion has no kind
         kind, period = "unresolved", 0
         if int(run.status) == Status.FINITE:
             strobe = np.stack([ds[name].values[::every] for name in COORDINATES], axis=-1)
@@ -397,14 +397,14 @@ def _check_drawable(view: View) -> None:
 
 
 def _on_grid(pieces: list[xr.Dataset], places: np.ndarray, cases: Cases) -> xr.Dataset:
-    """Return computed cases as a dataset over the whole grid, where all others are marked as not run.
+    """Return computed cases as a dataset over the whole grid; all other cases are marked as not run.
 
-    **Arguments:** `places`: their numbers in the grid, the last parameter fastest.
+    **Arguments:** `places`: numbers of the cases in the grid, the last parameter fastest.
     """
     # the number of crossings differs between pieces
     numbered = [ds.assign_coords(crossing=np.arange(ds.sizes.get("crossing", 0))) for ds in pieces]
     together = xr.concat(numbered, "case", join="outer").drop_vars([*cases.dims, "crossing"])
-    # values of what is not computed yet; NaN for numbers
+    # values of missing cases; NaN for numbers
     missing = {"status": int(Status.NOT_RUN), "kind": "", "period": 0, "steps_per_period": 0}
     fill = {name: missing.get(str(name), np.nan) for name in together}
     whole = together.assign_coords(case=places).reindex(case=np.arange(cases.count), fill_value=fill)

@@ -1,11 +1,11 @@
-"""Work beside a page: one thread, which runs jobs piece by piece, the urgent ones first."""
+"""Work in the background of a page: one thread, which runs jobs piece by piece, the urgent jobs first."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
 
 
 class Worker:
-    """A thread that runs jobs; a new job replaces the one of the same name before it."""
+    """A thread that runs jobs; a new job replaces an earlier job of the same name."""
 
     def __init__(
         self,
@@ -16,7 +16,8 @@ class Worker:
         """**Arguments:**
 
         - `names`: of the kinds of jobs, the most urgent first.
-        - `deliver`: called by the thread with each piece of a job, and a function that tells if it is still wanted.
+        - `deliver`: called by the thread with each piece of a job, and a function that returns whether it is still
+            wanted.
         - `ended`: called by the thread when a job has ended, with its error, unless it was stopped or replaced.
         """
         self._names = names
@@ -32,13 +33,13 @@ class Worker:
         return bool(self._jobs)
 
     def submit(self, name: str, job: Iterator[object]) -> None:
-        """Run a job, an iterator that computes its pieces, in place of the one of that name before."""
+        """Run a job, an iterator that computes its pieces, in place of an earlier job of the same name."""
         with self._changed:
             self._jobs[name] = job
             self._changed.notify()
 
     def stop(self) -> None:
-        """Drop all jobs; a piece that is being computed is no longer wanted."""
+        """Drop all jobs; the piece in computation is no longer wanted."""
         with self._changed:
             self._jobs.clear()
 
@@ -50,13 +51,13 @@ class Worker:
             self._changed.notify()
 
     def _run(self) -> None:
-        # one piece at a time, so that a more urgent job waits for a piece at most
+        # one piece at a time, so that a more urgent job waits for one piece at most
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._jobs or self._closed)
                 if self._closed:
                     return
-                # the most urgent one; jobs wait between their pieces
+                # the most urgent job; other jobs wait between their pieces
                 name = next(name for name in self._names if name in self._jobs)
                 job = self._jobs[name]
             self._advance(name, job)
@@ -70,10 +71,10 @@ class Worker:
             return
         except StopIteration:
             pass
-        except Exception as problem:  # whatever it is, the page says it and lives on
+        except Exception as problem:  # for any error, the page shows it and continues
             error = problem
         with self._changed:
-            # a job that was replaced says nothing
+            # a replaced job reports nothing
             told = wanted()
             if told:
                 del self._jobs[name]

@@ -1,4 +1,4 @@
-"""Fitting: parameters from measured signals, with honest intervals."""
+"""Fitting: parameters from measured signals, with reliable intervals."""
 
 from .course import Windows as Windows
 from .features import (

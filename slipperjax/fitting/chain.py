@@ -1,7 +1,8 @@
-"""Least squares of windows that hang together in a chain, block by block.
+"""Least squares of windows that form a chain, block by block.
 
-Each window begins with numbers of its own, and ends near those of the next one; all depend on the same levels of the
-parameters. So memory and time grow as the number of windows, where arrays of all derivatives grow as its square.
+Each window begins with its own numbers, and ends near the numbers of the next window; all windows depend on the same
+levels of the parameters. Memory and time grow as the number of windows, and not as its square, as for arrays of all
+derivatives.
 """
 
 from typing import NamedTuple
@@ -10,20 +11,20 @@ import numpy as np
 from jaxtyping import Float
 
 LOST = 1e24
-"""Sum of squares of a motion that is lost."""
+"""Sum of squares of a lost motion."""
 
 
 class Chain(NamedTuple):
     """Residuals at some points and their derivatives, rotated so that these are triangular; sums of squares are kept.
 
-    The unknowns of a point are the levels first, then the numbers of each window. There may be no windows at all.
+    The unknowns of a point are first the levels, then the numbers of each window. There may be no windows.
     """
 
     windows: Float[np.ndarray, "points windows numbers columns"]
-    """As many rows for each window as it has numbers. Columns: its numbers, those of the next window, the levels, and
-    the residual."""
+    """As many rows for each window as it has numbers. Columns: the window's numbers, the next window's numbers, the
+    levels, and the residual."""
     levels: Float[np.ndarray, "points more columns"]
-    """One row more than levels. Columns: the levels, and the residual."""
+    """One row more than there are levels. Columns: the levels, and the residual."""
 
     @classmethod
     def of(
@@ -31,10 +32,10 @@ class Chain(NamedTuple):
         windows: Float[np.ndarray, "points windows rows columns"],
         levels: Float[np.ndarray, "points some fewer"],
     ) -> "Chain":
-        """Return what is left of any number of rows, with the columns above.
+        """Return the chain of any number of rows, with the columns above.
 
-        The numbers of each window are eliminated in turn by a QR decomposition, which leaves rows of those of the
-        next window and of the levels. Lost motions, some of whose rows are not finite, become as bad as can be.
+        A QR decomposition eliminates the numbers of each window in turn; rows of the next window's numbers and of the
+        levels remain. Lost motions, with some rows that are not finite, get the worst possible residual.
         """
         good = np.isfinite(windows).all(axis=(1, 2, 3)) & np.isfinite(levels).all(axis=(1, 2))
         windows, levels = (np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, 0.0) for a in (windows, levels))
@@ -59,12 +60,12 @@ class Chain(NamedTuple):
         return self.windows.shape[2]
 
     def at(self, index: np.ndarray) -> "Chain":
-        """Return those of some of the points."""
+        """Return the chains of some of the points."""
         return Chain(*(array[index] for array in self))
 
     @property
     def residual(self) -> Float[np.ndarray, "points rows"]:
-        """By windows, and then by levels."""
+        """Residuals of windows, then of levels."""
         return np.concatenate([_flat(self.windows[..., -1]), self.levels[..., -1]], axis=1)
 
     @property
@@ -74,18 +75,18 @@ class Chain(NamedTuple):
 
     @property
     def distance(self) -> Float[np.ndarray, " points"]:
-        """From the least squares, as far as the slopes tell [standard errors]."""
+        """Distance from the least squares, by the slopes [standard errors]."""
         # no unknown changes the last row
         return np.linalg.norm(self.residual[:, :-1], axis=1)
 
     @property
     def root(self) -> Float[np.ndarray, "points levels levels"]:
-        """R of the inverse covariance R^T R of the levels, whatever the numbers of the windows are."""
+        """R of the inverse covariance R^T R of the levels, for any numbers of the windows."""
         return self.levels[:, :-1, :-1]
 
     @property
     def lengths(self) -> Float[np.ndarray, "points unknowns"]:
-        """Of the columns of the derivatives."""
+        """Lengths of the columns of the derivatives."""
         square = np.sum(self.windows[..., :-1] ** 2, axis=2)
         of_windows = square[..., : self.numbers].copy()
         of_windows[:, 1:] += square[:, :-1, self.numbers : 2 * self.numbers]
@@ -93,7 +94,7 @@ class Chain(NamedTuple):
         return np.sqrt(np.concatenate([of_levels, _flat(of_windows)], axis=1))
 
     def along(self, way: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points rows"]:
-        """Return the changes of the residuals, to first order. One chain serves many points, here and below."""
+        """Return the changes of the residuals, to first order. Here and below, one chain serves many points."""
         levels, numbers = self._split(way)
         after = np.concatenate([numbers[:, 1:], np.zeros_like(numbers[:, :1])], axis=1)
         each = np.broadcast_to(levels[:, None], (*numbers.shape[:2], levels.shape[1]))
@@ -102,7 +103,7 @@ class Chain(NamedTuple):
         return np.concatenate([_flat(of_windows), _times(self.levels[..., :-1], levels)], axis=1)
 
     def damped(self, weight: Float[np.ndarray, "points unknowns"]) -> "Chain":
-        """Return the same with all unknowns times weights among what is to be small."""
+        """Return the same chain with further residuals: all unknowns times weights."""
         levels, numbers = self._split(weight)
         grown = []
         for rows, own in zip(self, (numbers, levels), strict=True):
@@ -111,7 +112,7 @@ class Chain(NamedTuple):
         return Chain.of(*grown)
 
     def solve(self, change: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points unknowns"]:
-        """Return the unknowns along which the residuals change by this, all but the last one."""
+        """Return the unknowns along which the residuals change by `change`, all but the last residual."""
         size = self.numbers
         count = self.windows.shape[1]
         of_windows = change[:, : size * count].reshape(len(change), count, size)

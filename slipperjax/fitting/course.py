@@ -1,6 +1,6 @@
-"""The model's runs beside measured ones: windows of records, what sensors read in them, and its derivatives.
+"""The model's runs for a comparison with measured runs: windows of records, readings of sensors, and derivatives.
 
-Channels are what sensors can read of a body's motion.
+Channels are the quantities of a body's motion that sensors can read.
 """
 
 import functools
@@ -39,11 +39,11 @@ from .method import Problem
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
 LANES = 4
-"""Runs in one call with derivatives: few, so that some searches use all cores."""
+"""Runs in one call with derivatives: few, so that a few searches use all cores."""
 CALL = 10
 """Forcing periods in one call of the program that follows a motion without derivatives."""
 SHIFTS = 8
-"""Recurrences of the rail among which a first guess is looked for."""
+"""Recurrences of the rail that are searched for a first guess."""
 
 
 class Windows(NamedTuple):
@@ -52,21 +52,21 @@ class Windows(NamedTuple):
     run: Int[np.ndarray, " windows"]
     """Index of the run of each window."""
     lag: Int[np.ndarray, " windows"]
-    """Forcing periods from where the run begins to where the window does."""
+    """Forcing periods from the beginning of the run to the beginning of the window."""
     periods: int
-    """Of each window."""
+    """Forcing periods of each window."""
     time: Float[np.ndarray, "windows sensors samples"]
-    """Of the samples since the run began [s]."""
+    """Times of the samples since the beginning of the run [s]."""
     value: Float[np.ndarray, "windows sensors samples"]
     known: Float[np.ndarray, "windows sensors samples"]
-    """One for samples, and zero for what fills up."""
+    """One for samples, and zero for places that fill up."""
 
     @classmethod
     def of(cls, runs: Sequence[MeasuredRun], scenes: Sequence[Scene], origin: float, window: int | None) -> "Windows":
         """Cut runs of some scenes into windows.
 
-        **Arguments:** `origin`: forcing periods from distance zero to where runs begin; `window`: forcing periods of
-        each, or of fewer where runs are shorter; None for one as long as the longest run.
+        **Arguments:** `origin`: forcing periods from distance zero to the beginning of runs; `window`: forcing
+        periods of each window, or fewer where runs are shorter; None: one window with the length of the longest run.
         """
         passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
         ends = np.array([np.concatenate(every).max() for every in passed])
@@ -92,20 +92,20 @@ class Windows(NamedTuple):
 
 
 def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
-    """Return for each sensor the forcing periods that have passed at its samples since the run began."""
+    """Return for each sensor the forcing periods from the beginning of the run to its samples."""
     since = lambda periods: np.asarray(scene.seconds(origin + periods) - scene.seconds(origin))
     most = 1.0
     while since(most) <= run.end:
         most *= 2
     grid = np.linspace(0.0, most, 4097)
     times = since(grid)
-    # rounding may put a sample before the place where it is
+    # rounding may put a sample slightly before its place
     return [np.interp(one.time, times, grid) + 1e-9 for one in run.signals]
 
 
 @dataclass(frozen=True)
 class ChannelRecord(Unlabelled):
-    """The channels at equal distances of each forcing period, of which its end is the last."""
+    """The channels at equal distances in each forcing period; the last of them is the period's end."""
 
     samples: int
 
@@ -126,12 +126,12 @@ class ChannelRecord(Unlabelled):
 def begin(
     scenes: Batched[Scene], starts: Motion | State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
 ) -> SlopePassage:
-    """Return runs at their beginning, with the channels there as the sample of one instant.
+    """Return runs at their beginning, with the channels there as a sample of one instant.
 
-    Derivatives are first by the parameters, then by the ten numbers of the start's motion.
+    Derivatives are first with respect to the parameters, then to the ten numbers of the start's motion.
 
-    **Arguments:** `starts`: motions where closed contacts begin there; `epoch`: forcing periods from distance zero;
-    `names`: of the parameters by which runs are differentiated.
+    **Arguments:** `starts`: motions whose closed contacts begin there; `epoch`: forcing periods from distance zero;
+    `names`: of the parameters for derivatives of runs.
     """
 
     def one(scene: Scene, start: Motion | State, epoch: Real) -> SlopePassage:
@@ -159,27 +159,27 @@ class Course(NamedTuple):
 
     reading: Float[np.ndarray, "starts windows sensors samples"]
     slope: Float[np.ndarray, "starts windows sensors samples directions"]
-    """By the parameters, and by the ten numbers of the window's start in their scales."""
+    """Derivatives by the parameters, and by the ten numbers of the window's start in their scales."""
     end: Float[np.ndarray, "starts windows 10"]
-    """Numbers of the motion where the next window's run begins [scales]."""
+    """Numbers of the motion at the beginning of the next window's run [scales]."""
     end_slope: Float[np.ndarray, "starts windows 10 directions"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """How the model repeats the records of a fit, with other values of its parameters."""
+    """How the model reproduces the records of a fit, with other values of its parameters."""
 
     problem: Problem
     windows: Windows
     steps: int
-    """In each forcing period, a multiple of `samples`."""
+    """Steps in each forcing period, a multiple of `samples`."""
     samples: int
     """Instants in each forcing period, between which signals are interpolated."""
 
     @classmethod
     def of(cls, problem: Problem, windows: Windows) -> "Model":
         """Return the model of a fit."""
-        # of the scene's own values, and of those in the middle
+        # steps for the scene's own values, and for the values in the middle of the priors
         samples = max(map(problem.needed, (problem.own, 0 * problem.own)))
         model = cls(problem=problem, windows=windows, steps=samples, samples=samples)
         return model.with_steps(problem.steps or samples)
@@ -190,25 +190,25 @@ class Model:
 
     @property
     def kept(self) -> RecordSet:
-        """What runs keep of each forcing period."""
+        """Records of runs for each forcing period."""
         return RecordSet((ChannelRecord(self.samples),))
 
     def with_steps(self, steps: int) -> "Model":
-        """Return the same with as many steps per period, or more."""
+        """Return the same model with at least this number of steps per period."""
         steps = max(-(-steps // self.samples) * self.samples, self.steps)
         return self if steps == self.steps else replace(self, steps=steps)
 
     def with_samples(self, samples: int) -> "Model":
-        """Return the same with other instants, a multiple of those it has."""
+        """Return the same model with other instants, a multiple of the present number."""
         return replace(self, samples=samples).with_steps(self.steps)
 
     @property
     def epoch(self) -> Float[np.ndarray, " windows"]:
-        """Forcing periods from distance zero to where the model's run of each window begins."""
+        """Forcing periods from distance zero to the beginning of the model's run of each window."""
         return self.problem.origin - self.problem.lead + self.windows.lag
 
     def reader(self, samples: int, origin: float) -> "Reader":
-        """Return how sensors read runs with `samples` instants in each period, whose times count from `origin`."""
+        """Return a reader of runs with `samples` instants in each period, whose times count from `origin`."""
         problem = self.problem
         return Reader(problem.rig, origin, problem.names, problem.sensor_names, samples)
 
@@ -222,10 +222,10 @@ class Model:
     ) -> list[np.ndarray]:
         """Call `work(scenes, starts, windows, numbers of sensors)` for the runs of all starts and windows.
 
-        **Arguments:** `numbers`: of the motions with which runs begin [scales], None for those of the problem;
-        `lanes`: runs of a call; `rails`: numbers that choose the rail of each run.
+        **Arguments:** `numbers`: of the motions with which runs begin [scales], None for the problem's motion;
+        `lanes`: runs in one call; `rails`: numbers that choose the rail of each run.
 
-        **Returns:** its arrays, (starts, windows, ...).
+        **Returns:** the arrays of `work`, (starts, windows, ...).
         """
         problem, windows, count = self.problem, self.windows, len(levels)
         values = problem.values(levels)
@@ -235,7 +235,7 @@ class Model:
             own = float(problem.scene.value(name))
             grid[name] = np.tile([problem.runs[k].settings.get(name, own) for k in windows.run], count)
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(problem.names)}
-        # a grid has one list at least
+        # a grid needs at least one list
         grid |= {"start_y": np.full(total, float(problem.motion.y))}
         cases = Cases(problem.scene, grid, problem.start if numbers is None else problem.motion, product=False)
         if numbers is not None:
@@ -263,7 +263,7 @@ class Model:
     ) -> Course:
         """Run the model from some starts, and differentiate it.
 
-        **Arguments:** `numbers`: of motions [scales]; `stride`: of the instants between which signals are
+        **Arguments:** `numbers`: of motions [scales]; `stride`: step between the instants from which signals are
         interpolated.
         """
         problem = self.problem
@@ -286,13 +286,13 @@ class Model:
             made = readings(reader, scenes, q, seen, slopes, epoch, self.windows.time[window])
             reading, slope = map(np.asarray, made)
             last = passed[self.windows.periods]
-            # the first numbers of a state are those of its motion
+            # the first numbers of a state belong to its motion
             end = StateLayout.pack(last.state)[:, : len(SIZES)]
             end_slope = np.asarray(last.slopes)[..., : len(SIZES)]
             return [reading, np.moveaxis(slope, 1, -1), end, np.moveaxis(end_slope, 1, -1)]
 
         reading, slope, end, end_slope = self.each(levels, numbers, LANES, work)
-        # numbers of sensors do not move the body
+        # the numbers of sensors do not move the body
         at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
         for array in (slope, end_slope):
@@ -300,20 +300,20 @@ class Model:
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
 
     def compile_ahead(self, levels: Float[np.ndarray, "starts parameters"]) -> None:
-        """Compile the program of derivatives, the longest of all, while others are compiled and run."""
+        """Compile the program of derivatives, the longest program, while others are compiled and run."""
         # LAPACK must not be called from two threads
         if not calls_lapack(self.problem.solver):
             numbers = np.zeros((1, self.windows.count, len(SIZES)))
-            # no steps at all
+            # zero steps
             ahead(lambda: replace(self, steps=0).course(levels[:1], numbers))
 
     def guesses(
         self, levels: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
     ) -> tuple[Float[np.ndarray, "starts windows 10"], Float[np.ndarray, " starts"]]:
-        """Return motions with which the windows may begin [scales], and how far they are from the samples.
+        """Return motions with which the windows may begin [scales], and their distance from the samples.
 
-        Of the motion to which each start settles, they are those after which the next periods are most like the
-        record. On rails that do not recur there is one place, and nothing settles.
+        For each start, these are the states of its settled motion after which the next periods are most similar to
+        the record. On rails that do not recur there is only one place, and nothing settles.
         """
         windows, problem = self.windows, self.problem
         recurrence = float(np.max(np.asarray(problem.scene.recurrence)))
@@ -327,7 +327,7 @@ class Model:
         first = problem.origin - problem.lead
 
         def work(scenes, starts, window, q):
-            # as runs begin, where the model's first run does
+            # begin as runs do, at the beginning of the model's first run
             now = begin(scenes, starts, np.full(len(window), first), names=problem.names)
             seen = self.followed(scenes, now, first, settle, total)
             best = np.full(len(window), np.inf)
@@ -350,7 +350,7 @@ class Model:
     def followed(self, scenes: Batched[Scene], now: SlopePassage, epoch: float, settle: int, total: int) -> Channels:
         """Return the channels of motions after `settle` of `total` forcing periods, (lanes, instants, ...).
 
-        **Arguments:** `now`: where they begin, `epoch` forcing periods from distance zero.
+        **Arguments:** `now`: the beginning of the motions, `epoch` forcing periods from distance zero.
         """
         states = now.state
         kept = [now.samples[0]]
@@ -361,29 +361,29 @@ class Model:
             used = min(CALL, (settle if passed < settle else total) - passed)
             ran = advance(scenes, states, epoch + passed, self.stepping, used=as_argument(used), **how)
             states = ran.state
-            # periods and samples in one row, without the periods that are not used
+            # periods and samples in one row, without unused periods
             row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * self.samples, *a.shape[3:])
             kept.append(jax.tree.map(row, ran.samples[0]))
             passed += used
-            # of the time in which the motion settles the last instant
+            # while the motion settles, only the last instant counts
             if passed <= settle:
                 kept = [jax.tree.map(lambda a: a[:, -1:], kept[-1])]
         return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
 
 
 class Reader(eqx.Module):
-    """How sensors read runs, with other values of the scene's parameters and of their own numbers."""
+    """Readings of sensors in runs, with other values of the scene's parameters and of the sensors' numbers."""
 
     rig: Rig
     origin: Real
-    """Forcing periods from distance zero to where times count from."""
+    """Forcing periods from distance zero to the zero of times."""
     names: tuple[str, ...] = eqx.field(static=True)
     sensor_names: tuple[str, ...] = eqx.field(static=True)
     samples: int = eqx.field(static=True)
     """Instants in each forcing period."""
 
     def __call__(self, scene: Scene, p: Array, q: Array, seen: Channels, epoch: Real, at: Array) -> Array:
-        """Return what all sensors read in a run, which begins at `epoch`, at some times, (sensors, samples)."""
+        """Return the readings of all sensors in a run, which begins at `epoch`, at some times, (sensors, samples)."""
         scene, rig = at_values(scene, self.names, p), at_values(self.rig, self.sensor_names, q)
         instants = epoch + jnp.arange(seen.motion.shape[0]) / self.samples
         time = scene.seconds(instants) - scene.seconds(self.origin)
@@ -395,9 +395,9 @@ class Reader(eqx.Module):
 def readings(
     reader: Reader, scenes: Batched[Scene], *of_runs: PyTree
 ) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"] | None]:
-    """Return what sensors read in some runs, and its derivatives by parameters, numbers of sensors, and starts.
+    """Return the readings of sensors in some runs, and derivatives by parameters, numbers of sensors, and starts.
 
-    **Arguments:** `of_runs`: numbers of the sensors; channels, and their derivatives, of which None leads to none;
+    **Arguments:** `of_runs`: numbers of the sensors; channels, and their derivatives, or None for no derivatives;
     epochs, and times of each run.
     """
 
@@ -408,7 +408,7 @@ def readings(
         read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
         if slopes is None:
             return read(p, q, seen), None
-        # numbers of sensors change no channel
+        # numbers of sensors do not change channels
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
         every = jax.tree.map(none, slopes)
         directions = every.motion.shape[0]

@@ -1,6 +1,7 @@
-"""Features of signals: numbers that tell of a motion without its phase, and that disturbances leave as they are.
+"""Features of signals: numbers that describe a motion without its phase, and that disturbances hardly change.
 
-All are about normally distributed over chaotic records. Signals are arrays (records, samples) at equal times.
+All features are about normally distributed over chaotic records. Signals are arrays (records, samples) at equal
+times.
 """
 
 import abc
@@ -17,7 +18,7 @@ from ..tools.checks import fraction, numbers, require, whole
 Signals = Float[np.ndarray, "records samples"]
 Values = Float[np.ndarray, "records features"]
 FEWEST = 0.5
-"""Counted in place of none [1]."""
+"""Number of events that is counted where there is none [1]."""
 _SHARES = fraction("shares")
 
 
@@ -29,16 +30,16 @@ class AbstractFeature(abc.ABC):
     def of(self, record: Float[np.ndarray, " samples"]) -> tuple[list[str], Callable[[Signals], Values]]:
         """Return names of features, and a function of signals that computes them.
 
-        **Arguments:** `record`: the measured signal, from which thresholds are taken.
+        **Arguments:** `record`: the measured signal, which gives thresholds.
         """
 
 
 @dataclass(frozen=True)
 class BandRms(AbstractFeature):
-    """Logarithms of the RMS in bands of frequency, equally wide on a logarithmic scale."""
+    """Logarithms of the RMS in bands of frequency, of equal width on a logarithmic scale."""
 
     bands: int = 6
-    """Up to half the sampling rate."""
+    """Number of bands, up to half the sampling rate."""
 
     def __post_init__(self):
         whole("bands", self.bands, 1, 100)
@@ -47,7 +48,7 @@ class BandRms(AbstractFeature):
         def values(signals: Signals) -> Values:
             count = signals.shape[1]
             lines = np.abs(np.fft.rfft((signals - signals.mean(1, keepdims=True)) * np.hanning(count))) ** 2
-            # from the fourth line on, each band with one line or more
+            # from the fourth line on, at least one line in each band
             edges = np.unique(np.geomspace(4, count // 2 + 1, self.bands + 1).astype(int))
             power = [lines[:, low:high].sum(axis=1) for low, high in itertools.pairwise(edges)]
             return 0.5 * np.log(np.maximum(power, 1e-300)).T
@@ -74,7 +75,7 @@ class Peaks(AbstractFeature):
 
 @dataclass(frozen=True)
 class ImpactRate(AbstractFeature):
-    """Logarithm of how often a signal rises beyond some multiples of the RMS of the measured one."""
+    """Logarithm of how often a signal rises beyond some multiples of the measured signal's RMS."""
 
     levels: tuple[float, ...] = (1.0, 2.0)
 
@@ -94,7 +95,7 @@ class ImpactRate(AbstractFeature):
 
 @dataclass(frozen=True)
 class ContactFraction(AbstractFeature):
-    """Logarithms of the odds that a force is beyond some multiples of the RMS of the measured one, on either side."""
+    """Logarithms of the odds that a force is beyond some multiples of the measured force's RMS, on both sides."""
 
     levels: tuple[float, ...] = (0.2,)
 
@@ -113,18 +114,18 @@ class ContactFraction(AbstractFeature):
 
 @dataclass(frozen=True)
 class CorrelationIntegral(AbstractFeature):
-    """Logarithms of the share of pairs of instants at which a signal and its past are nearer than some radii.
+    """Logarithms of the share of pairs of instants at which a signal and its past are closer than some radii.
 
     H. Haario, L. Kalachev, J. Hakkarainen, *Generalized correlation integral vectors: A distance concept for chaotic
     dynamical systems*, Chaos 25 (2015) 063102, doi:10.1063/1.4921939.
     """
 
     shares: tuple[float, ...] = (0.03, 0.1, 0.3)
-    """Shares of pairs in the measured signal, by which radii are chosen."""
+    """Shares of pairs in the measured signal that choose the radii."""
     dimension: int = 4
-    """Values of the signal that make a point."""
+    """Number of values of the signal in a point."""
     instants: int = 200
-    """Points of each record, at equal intervals."""
+    """Number of points in each record, at equal intervals."""
 
     def __post_init__(self):
         _SHARES(self.shares)
@@ -132,7 +133,7 @@ class CorrelationIntegral(AbstractFeature):
         whole("instants", self.instants, 10, 2000)
 
     def of(self, record):
-        # the first zero of the autocorrelation is a fair delay
+        # the first zero of the autocorrelation is a good delay
         x = record - record.mean()
         power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
         correlation = np.fft.irfft(power)[: len(x) // 4]

@@ -22,7 +22,7 @@ from .trajectories import Trajectories
 from .unknowns import unknowns_of
 
 CHANNELS = 20 * 2 * LANES
-"""Numbers at an instant of the runs that are followed at once."""
+"""Greatest total of numbers at one instant of the runs that are followed together."""
 
 
 def fit(
@@ -41,7 +41,7 @@ def fit(
     seed: int = 0,
     progress: bool | None = None,
 ) -> Fit:
-    """Find parameters of a scene, and of sensors, from signals that were measured in one run or several.
+    """Find parameters of a scene, and of sensors, from signals that were measured in one run or several runs.
 
     ```python
     sensors = [sj.model.Sensor("front", place=(0.05, 0.0, 0.0)), sj.model.Sensor("side", direction="y")]
@@ -51,31 +51,31 @@ def fit(
 
     **Arguments:**
 
-    - `measured`: a run or several, each an `xarray.Dataset` or a file. A dataset has a variable for each sensor, by
-        its name and with an attribute `units`, along a coordinate of times. A CSV file has a column of times and
-        one for each sensor, such as `time [s], front [g]`. Times count from where the run is at `begin`. Sensors may
-        have times of their own, and samples may be missing. Scalar coordinates, or columns of one value, that are
-        named as parameters, such as `speed [m/s]`, are those of this run.
+    - `measured`: a run or several, each an `xarray.Dataset` or a file. A dataset has a variable for each sensor, with
+        the sensor's name and an attribute `units`, along a coordinate of times. A CSV file has a column of times and
+        one for each sensor, such as `time [s], front [g]`. Times count from the instant at which the run is at
+        `begin`. Sensors may have different times, and samples may be missing. A scalar coordinate, or a column of one
+        value, with the name of a parameter, such as `speed [m/s]`, gives this parameter for the run.
     - `unknowns`: by name or path in the scene, or "sensors.NAME.gain", .bias, .delay, .cutoff, .place.0,
         .direction.0: a low and a high bound, or a frozen distribution of `scipy.stats`. Between bounds all values are
-        equally likely before; if they are far apart, all their logarithms. The scene's own value must be allowed.
+        equally likely a priori; if the bounds are far apart, all logarithms. The scene's own value must be allowed.
     - `frozen`: names of `unknowns` that keep the scene's value.
     - `method`: `Trajectories()` by default, for periodic motions and short records; `Features()` in chaos.
-    - `begin`: where runs begin [m], `start`: as for `simulate`. `steps_per_period`: by default what the scene needs;
-        more are taken until half the step changes no estimate by a fifth of its standard error. `solver`: as for
-        `simulate`; of trajectories by default `RK4()`, whose derivatives are the quickest.
-    - `confidence`: probability of the intervals; `seed`: of the points that are tried first.
+    - `begin`: place where runs begin [m], `start`: as for `simulate`. `steps_per_period`: by default the number that
+        the scene needs; the number grows until half the step changes no estimate by a fifth of its standard error.
+        `solver`: as for `simulate`; for trajectories by default `RK4()`, whose derivatives are the fastest.
+    - `confidence`: probability of the intervals; `seed`: of the first points that are tried.
 
-    **Returns:** a `Fit`; look at its `status`, and at what is `not_identified` and `misfit`.
+    **Returns:** a `Fit`; check its `status`, `not_identified` and `misfit`.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `KeyboardInterrupt` after Ctrl-C.
+    **Raises:** `ValueError` that names the wrong argument; `KeyboardInterrupt` after Ctrl-C.
     """
     scene = known("scene", check_scene(scene))
     rig = Rig.of(sensors)
     modes = scene.slipper.modes
     steady = scene.travel(0.0).acceleration is None
     for sensor in rig.sensors:
-        # the motion of an elastic body is not known everywhere
+        # the motion of an elastic body is not known at all places
         if modes is not None and sensor.measures in ("acceleration", "displacement"):
             modes.check_place(np.asarray(sensor.place))
         require(steady or sensor.cutoff is None, "cutoff", "be None at a speed that changes", sensor.cutoff)
@@ -100,7 +100,7 @@ def fit(
     )
     windows = Windows.of(runs, problem.scenes, problem.origin, None)
     check_rail(scene, windows.periods, origin)
-    # at each instant the channels of some runs, along all directions: times may be in a wrong unit
+    # at each instant, channels of some runs along all directions; a wrong unit of times would make these too many
     steps = problem.steps or problem.needed(problem.own)
     refuse_periods(windows.periods, steps, CHANNELS * steps * windows.periods * (len(problem.unknowns) + len(SIZES)))
     method.check(problem)

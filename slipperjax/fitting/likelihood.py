@@ -1,9 +1,10 @@
 """Fits of features: a normal likelihood of features, whose mean and covariance come from ensembles of runs.
 
 S. N. Wood, *Statistical inference for noisy nonlinear ecological dynamic systems*, Nature 466 (2010) 1102,
-doi:10.1038/nature09319; features are summed up by best guesses of the parameters, as P. Fearnhead and D. Prangle
-did, J. R. Stat. Soc. B 74 (2012) 419, doi:10.1111/j.1467-9868.2011.01010.x. Their means are quadratic functions of
-the parameters, fitted to ensembles all over the region that the record leaves, so that chance in one is no matter.
+doi:10.1038/nature09319. The best guesses of the parameters summarise the features, as in P. Fearnhead and D. Prangle,
+J. R. Stat. Soc. B 74 (2012) 419, doi:10.1111/j.1467-9868.2011.01010.x. The means of these summaries are quadratic
+functions of the parameters, fitted to ensembles in the whole region that the record allows, so that chance in one
+ensemble has little effect.
 """
 
 from collections.abc import Callable
@@ -34,30 +35,31 @@ from .signals import densities
 from .unknowns import spread
 
 RIDGE = 1e-2
-"""Added to the squares of features of which parameters are guessed [1]."""
+"""Number added to the squares of the features from which parameters are guessed [1]."""
 WIDER = 2.0
-"""Standard deviations of proposals over those of the parameters as far as they are known."""
+"""Standard deviations of proposals over the present standard deviations of the parameters."""
 OUTLYING = 3.0
-"""Distance from the mean in standard deviations beyond which features count as if they were there."""
+"""Distance from the mean, in standard deviations, to which features farther away are moved."""
 REGULAR = 0.2
-"""Spread of an ensemble over the usual one below which its motions are of another kind."""
+"""Spread of an ensemble over the usual spread below which its motions are of another kind."""
 FARTHEST = 2.5
-"""Distance from the likely levels, in the scale of proposals, beyond which no function of them is trusted."""
+"""Distance from the likely levels, in the scale of proposals, beyond which functions of levels are not reliable."""
 DRAWS = 4000
-"""Likely parameters of a posterior."""
+"""Number of likely parameters of a posterior."""
 SHOWN = 24
-"""Of these, whose densities are kept."""
+"""Number of these whose densities are kept."""
 LANES = 32
 """Runs in one call."""
 SIGNIFICANCE_OF_FEATURES = 0.01
-"""Share of records that are as far from the others below which a model does not explain one."""
+"""Share of records with at least the same distance from the others, below which a model does not explain a record.
+"""
 MIN_RUNS_FOR_P_VALUE = 200
-"""Runs near the likely parameters, at least, beside which a record is seen."""
+"""Least number of runs near the likely parameters with which a record is compared."""
 
 
 @dataclass(frozen=True)
 class Features(AbstractFitMethod):
-    """Fit features of the signals, over ensembles of runs with other starts, and other rails where they are random.
+    """Fit features of the signals, over ensembles of runs with other starts, and other rails if these are random.
 
     For chaotic motions and random rails, where no trajectory stays near a record. Sensors need a `noise`, and the
     speed must be constant.
@@ -65,18 +67,18 @@ class Features(AbstractFitMethod):
 
     features: tuple[AbstractFeature, ...] = DEFAULT
     members: int = 16
-    """Runs at each proposal, with the same starts and rails at all."""
+    """Runs at each proposal, with the same starts and rails at all proposals."""
     proposals: int = 64
-    """Parameters that are tried at once."""
+    """Number of parameters that are tried at once."""
     rounds: int = 5
-    """Most times that they are."""
+    """Most rounds of such tries."""
     transient: int = 300
-    """Forcing periods before a run is like the record: transients may take 70 to halve."""
+    """Forcing periods before a run is similar to the record: transients may take 70 periods to halve."""
 
     def __post_init__(self):
         features = tuple_of("features", self.features, AbstractFeature, "kinds of features of slipperjax.fitting")
         require(features, "features", "have one kind or more", shown="none")
-        object.__setattr__(self, "features", features)  # frozen for others
+        object.__setattr__(self, "features", features)  # the class is frozen
         for name, least in (("members", 4), ("proposals", 16), ("rounds", 1), ("transient", 0)):
             whole(name, getattr(self, name), least)
 
@@ -108,9 +110,9 @@ class Features(AbstractFitMethod):
                 if converged:
                     break
             levels = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
-            # beyond them all values are alike
+            # beyond these bounds all values are similar
             levels = np.clip(levels, -3.0, 3.0)
-        assert likely is not None  # there is one round or more
+        assert likely is not None  # there is at least one round
         signals = ensemble.signals(rng.choice(likely.draws, SHOWN), 1, problem.seed + 1)
         expected, spread_of_records, excess = _records_near(known, target, likely)
         return FeaturePosterior(
@@ -140,7 +142,7 @@ class _Known(NamedTuple):
     values: Float[np.ndarray, "ensembles members features"]
 
     def with_more(self, levels: np.ndarray, values: Float[np.ndarray, "ensembles members features"]) -> "_Known":
-        """Return these and further ensembles, but none with lost runs."""
+        """Return these and further ensembles, without ensembles that have lost runs."""
         good = np.isfinite(values).all(axis=(1, 2))
         if not good.all():
             warn(f"{np.sum(~good)} of {len(good)} ensembles have lost runs, and are left out.")
@@ -152,35 +154,35 @@ class _Known(NamedTuple):
 
 @dataclass(frozen=True)
 class _Emulator:
-    """Summaries of features as functions of the levels near the likely ones, and what follows for these.
+    """Summaries of features as functions of the levels near the likely levels, and what follows for the levels.
 
-    There is a summary for each parameter, the best guess of its level by a linear function of the features. Means of
-    summaries are quadratic functions of the levels, logarithms of their variances linear ones, and their correlations
-    constant.
+    There is one summary for each parameter: the best guess of its level by a linear function of the features. Means
+    of summaries are quadratic functions of the levels, logarithms of their variances are linear functions, and their
+    correlations are constant.
     """
 
     centre: Float[np.ndarray, " parameters"]
     scale: Float[np.ndarray, " parameters"]
     means: Float[np.ndarray, "terms parameters"]
     spreads: Float[np.ndarray, "linear_terms parameters"]
-    """Of the logarithms of standard deviations."""
+    """Coefficients of the logarithms of standard deviations."""
     correlation: Float[np.ndarray, "parameters parameters"]
-    """With what the quadratic functions leave, and so more than one on its diagonal."""
+    """Correlations, including the misfit of the quadratic functions, and therefore more than one on the diagonal."""
     target: Float[np.ndarray, " parameters"]
     """Summaries of the record."""
 
     @classmethod
     def of(cls, known: _Known, record: np.ndarray, before: "_Likely | None") -> "_Emulator":
-        """Return the emulator for a record's features, near the likely levels of an earlier one."""
+        """Return the emulator for a record's features, near the likely levels of an earlier emulator."""
         size = known.level.shape[1]
         members = known.values.shape[1]
         centre = np.zeros(size) if before is None else before.mean
         scale = np.ones(size) if before is None else before.stderr * WIDER
         z = (known.level - centre) / scale
-        # near ones count most, and of regular motions, which have hardly any spread, none
+        # near ensembles count most; ensembles of regular motions, with hardly any spread, do not count
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
         own = known.values.std(axis=1)
-        # that of most ensembles with any
+        # the usual spread, of most ensembles with any spread
         weights = np.where((own > 0) | ~np.any(own > 0, axis=0), weight[:, None], 0.0)
         usual = np.quantile(own, 0.5, axis=0, weights=weights, method="inverted_cdf")
         weight = np.where(np.median(own / np.maximum(usual, 1e-6), axis=1) < REGULAR, 0.0, weight)
@@ -188,7 +190,7 @@ class _Emulator:
         of_run = np.repeat(weight, members)
         middle = of_run @ runs / of_run.sum()
         total = np.sqrt(of_run @ (runs - middle) ** 2 / of_run.sum()) + 1e-12
-        # single runs may be far from all others
+        # single runs may be far from all other runs
         clipped = lambda values: np.clip((values - middle) / total, -OUTLYING, OUTLYING)
         x = clipped(runs)
         gram = x.T @ (of_run[:, None] * x) + RIDGE * of_run.sum() * np.eye(x.shape[1])
@@ -198,17 +200,17 @@ class _Emulator:
         root = np.sqrt(weight)[:, None]
         mean = summary.mean(axis=1)
         means, *_ = np.linalg.lstsq(terms * root, mean * root, rcond=None)
-        # logarithms of variances of few are too low on average
+        # logarithms of variances of few runs are too low on average
         free = (members - 1) / 2
         deviation = summary.std(axis=1, ddof=1)
         logarithm = np.log(np.maximum(deviation, 1e-9)) - 0.5 * (digamma(free) - np.log(free))
         few = terms[:, : size + 1]
         spreads, *_ = np.linalg.lstsq(few * root, logarithm * root, rcond=None)
-        # what is common to all, in multiples of their standard deviations, without runs that are of another kind
+        # common correlations, in multiples of standard deviations, without runs of another kind
         expected = np.exp(few @ spreads)
         away = np.clip((summary - mean[:, None]) / expected[:, None], -OUTLYING, OUTLYING)
         common = np.einsum("e,emi,emj->ij", weight, away, away) / (weight.sum() * (members - 1))
-        # a quadratic function leaves more than the chance of ensembles
+        # the misfit of a quadratic function is more than the chance of ensembles
         left = (mean - terms @ means) / expected * root
         misfit = left.T @ left / max(weight.sum() - terms.shape[1], 1.0)
         values, vectors = np.linalg.eigh(misfit - common / members)
@@ -225,7 +227,7 @@ class _Emulator:
         return -0.5 * (chi + np.sum(level**2, axis=1)) - np.sum(np.log(expected), axis=1)
 
     def likely(self) -> "_Likely":
-        """Return likely levels, by importance among others that come nearer in a few rounds."""
+        """Return likely levels, by importance sampling with proposals that come closer in a few rounds."""
         rng = np.random.default_rng(0)
         size = len(self.centre)
         mean, covariance = self.centre, np.diag(np.minimum(self.scale, 1.0) ** 2)
@@ -238,7 +240,7 @@ class _Emulator:
             level = level[np.all(inside & (np.abs(level) < 4.0), axis=1)]
             logarithm = self._logarithm(level) - proposal.logpdf(level)
             share = np.exp(logarithm - logarithm.max())
-            # few that count for much would end the search: they share
+            # a few proposals with large weights would end the search, so that weights are shared
             share = np.minimum(share / share.sum(), 20.0 / DRAWS)
             share /= share.sum()
             mean = share @ level
@@ -247,9 +249,9 @@ class _Emulator:
         return _Likely(mean, covariance, level[chosen])
 
     def information(self, level: np.ndarray) -> np.ndarray:
-        """Return Fisher's information of the summaries on the levels at some level."""
+        """Return Fisher's information of the summaries on the levels, at some level."""
         z = (level - self.centre) / self.scale
-        # of quadratic functions differences are exact
+        # differences of quadratic functions are exact
         change = np.eye(len(z))
         slope = ((_terms(z + change) - _terms(z - change)) / 2 @ self.means).T
         slope = slope / self.scale / np.exp(_terms(z)[: len(z) + 1] @ self.spreads)[:, None]
@@ -265,13 +267,13 @@ class _Likely(NamedTuple):
 
     @property
     def stderr(self) -> Float[np.ndarray, " parameters"]:
-        """Their standard deviations."""
+        """Standard deviations of the likely levels."""
         return np.sqrt(np.diag(self.covariance))
 
 
 def _records_near(known: _Known, record: np.ndarray, likely: _Likely) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return mean and standard deviation of the features of records near likely levels, and the share of these that
-    are as far from the others as the measured record, or farther [1]."""
+    """Return mean and standard deviation of the features of records near likely levels, and the share of these
+    records whose distance from the others is at least that of the measured record [1]."""
     away = known.level - likely.mean
     far = np.einsum("ei,ij,ej->e", away, np.linalg.inv(likely.covariance), away)
     near = np.argsort(far)[: max(len(far) // 10, -(-MIN_RUNS_FOR_P_VALUE // known.values.shape[1]))]
@@ -299,7 +301,7 @@ class _Ensemble:
     rate: Float[np.ndarray, " sensors"]
     """Samples per second [Hz]."""
     record: Float[np.ndarray, "sensors samples"]
-    """The measured signal of each sensor, at equal times; those with fewer samples are filled up by NaN."""
+    """The measured signal of each sensor, at equal times; shorter signals are filled up with NaN."""
     kinds: tuple[tuple[Callable, ...], ...]
     names: tuple[str, ...]
 
@@ -325,7 +327,7 @@ class _Ensemble:
         return cls(method, Model.of(problem, windows), rate, record, tuple(kinds), tuple(names))
 
     def values(self, signals: Float[np.ndarray, "runs sensors samples"]) -> Float[np.ndarray, "runs features"]:
-        """Return features of signals, of each sensor as many samples as its record has."""
+        """Return features of signals; each sensor has as many samples as in its record."""
         by_sensor = zip(np.moveaxis(signals, 1, 0), np.isfinite(self.record), self.kinds, strict=True)
         return np.concatenate([values(of[:, known]) for of, known, kinds in by_sensor for values in kinds], axis=1)
 
@@ -344,7 +346,7 @@ class _Ensemble:
         """Return noisy signals of ensembles, with the same starts, rails and noise at all levels."""
         method, model, problem = self.method, self.model, self.model.problem
         rng = np.random.default_rng(seed)
-        # velocities of a third of their scales, which chaos makes as different as they can be
+        # velocities of a third of their scales, which chaos makes as different as possible
         change = disturbances(problem.scene, 0.3, members, rng)
         first = np.array([float(getattr(problem.motion, name)) for name in MOTION_NUMBERS]) + change
         numbers = np.tile(first / SIZES, (len(levels), 1))[:, None]
@@ -357,7 +359,7 @@ class _Ensemble:
         def work(scenes, starts, window, q):
             epoch = np.full(len(window), problem.origin)
             states = begin(scenes, starts, epoch, names=problem.names).state
-            # nothing is recorded until the motion has settled
+            # nothing is recorded before the motion has settled
             at = problem.origin
             for used in calls_of(settle):
                 heed_interrupts()
@@ -372,7 +374,7 @@ class _Ensemble:
         rails = {}
         scene = problem.scene
         if scene.track.chosen_by and not recurs(scene):
-            # of random rails each member has its own
+            # for random rails each member has its own rail
             number = np.arange(members) + 1000 * (seed + 1)
             rails[f"track.{scene.track.chosen_by}"] = np.tile(number, len(levels))
         (read,) = model.each(np.repeat(levels, members, axis=0), numbers, LANES, work, **rails)
@@ -395,18 +397,18 @@ def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarra
 
 @dataclass(frozen=True, kw_only=True)
 class FeaturePosterior(Posterior):
-    """What is known of the parameters, and the features that they make."""
+    """What is known about the parameters, and the features that follow from them."""
 
     draws: Float[np.ndarray, "draws parameters"]
     """Likely levels."""
     names: tuple[str, ...]
-    """Of the features."""
+    """Names of the features."""
     measured: Float[np.ndarray, " features"]
     expected: Float[np.ndarray, " features"]
     spread: Float[np.ndarray, " features"]
-    """Standard deviations of features of records such as the measured one."""
+    """Standard deviations of features of records like the measured record."""
     excess: float
-    """Share of such records that are as far from the others as the measured one [1]."""
+    """Share of such records whose distance from the others is at least that of the measured record [1]."""
     record: Float[np.ndarray, "sensors samples"]
     likely: Float[np.ndarray, "shown sensors samples"]
     """Signals of the record, and of likely parameters."""

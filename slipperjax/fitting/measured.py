@@ -1,4 +1,4 @@
-"""Measured signals: of runs in datasets of xarray and in files, with units, gaps and rates of their own."""
+"""Measured signals of runs, from datasets of xarray and from files, with units, gaps and different rates."""
 
 import os
 from collections.abc import Sequence
@@ -15,27 +15,27 @@ from ..tools.files import content_of, user_path
 from ..tools.tables import Table, without_marks
 
 FEWEST = 8
-"""Samples that a signal needs."""
+"""Least number of samples of a signal."""
 
 
 class Signal(NamedTuple):
-    """What a sensor has measured in a run, without missing samples."""
+    """Signal of a sensor in a run, without missing samples."""
 
     time: Float[np.ndarray, " samples"]
-    """Since the run was where it is said to begin [s]."""
+    """Times since the run was at its stated beginning [s]."""
     value: Float[np.ndarray, " samples"]
-    """In the sensor's unit."""
+    """Values in the sensor's unit."""
 
 
 NO_SIGNAL = Signal(np.empty(0), np.empty(0))
 
 
 class MeasuredRun(NamedTuple):
-    """The signals of a run, in the order of the sensors; `NO_SIGNAL` for those that it lacks."""
+    """The signals of a run, in the order of the sensors; `NO_SIGNAL` where a sensor has none."""
 
     signals: tuple[Signal, ...]
     settings: dict[str, float]
-    """Parameters that are known of this run, such as its speed, by name [SI units]."""
+    """Known parameters of this run, such as its speed, by name [SI units]."""
 
     @property
     def end(self) -> float:
@@ -46,7 +46,7 @@ class MeasuredRun(NamedTuple):
 def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
     """Return measured runs from a dataset or a file, or several.
 
-    **Raises:** `ValueError` for signals that no sensor has, without units or times, and sensors without any signal;
+    **Raises:** `ValueError` for signals without a sensor, without units or times, and for sensors without any signal;
     `OSError` for files that cannot be read.
     """
     single = isinstance(measured, xr.Dataset | str | os.PathLike)
@@ -122,7 +122,7 @@ def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
 
 
 def _constant(name: str, values: np.ndarray) -> float:
-    """Return the value of a column that must have one alone."""
+    """Return the value of a column that must have only one value."""
     found = np.unique(values[np.isfinite(values)])
     require(len(found) == 1, "measured", f"have one value of {name}, which a run keeps", shown=f"{len(found)} values")
     return float(found[0])

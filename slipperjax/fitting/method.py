@@ -1,4 +1,4 @@
-"""What a fit is asked, what a method of fitting answers, and what all methods have in common."""
+"""The problem of a fit, the answer of a method of fitting, and common parts of all methods."""
 
 import abc
 from collections.abc import Callable
@@ -22,18 +22,18 @@ from .unknowns import Unknown
 
 @dataclass(frozen=True)
 class Problem:
-    """What a fit is asked, checked."""
+    """The checked problem of a fit."""
 
     scene: Scene
     rig: Rig
     unknowns: tuple[Unknown, ...]
     runs: tuple[MeasuredRun, ...]
     origin: float
-    """Forcing periods from distance zero to where runs begin."""
+    """Forcing periods from distance zero to the beginning of runs."""
     lead: int
-    """Forcing periods before that in which the model runs already; none where the rail begins."""
+    """Forcing periods that the model runs before this beginning; zero where the rail begins."""
     steps: int | None
-    """Per forcing period; None for what the scene needs."""
+    """Steps per forcing period; None for the number that the scene needs."""
     solver: diffrax.AbstractSolver
     start: Motion | State
     seed: int
@@ -60,7 +60,7 @@ class Problem:
 
     @property
     def own(self) -> Float[np.ndarray, " parameters"]:
-        """Levels of the values that scene and sensors have."""
+        """Levels of the values of scene and sensors."""
         return np.array([float(one.level(one.own)) for one in self.unknowns])
 
     def values(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
@@ -68,26 +68,26 @@ class Problem:
         return np.stack([one.value(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
 
     def needed(self, levels: Float[np.ndarray, " parameters"]) -> int:
-        """Return the steps per period that runs need."""
+        """Return the number of steps per period that runs need."""
         own = dict(zip(self.names, self.values(levels), strict=False))
         return max(default_steps_per_period(scene.replace(**own)) for scene in self.scenes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior(abc.ABC):
-    """What is known of the parameters after a fit, by their levels, see `Unknown`."""
+    """What is known about the parameters after a fit, by their levels, see `Unknown`."""
 
     level: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     information: Float[np.ndarray, "parameters parameters"]
-    """Fisher's, of the record alone."""
+    """Fisher's information of the record only."""
     converged: bool
     minima: Float[np.ndarray, "minima parameters"]
-    """Others that are about as likely."""
+    """Other minima that are about as likely."""
     step_change: Float[np.ndarray, " parameters"]
-    """What half the step changes [standard errors]; NaN where that is not known."""
+    """Change by half the step [standard errors]; NaN where it is not known."""
     start: Motion
-    """With which the model's first run begins, `Problem.lead` periods before the record."""
+    """Motion with which the model's first run begins, `Problem.lead` periods before the record."""
 
     def ends(self, confidence: float) -> Float[np.ndarray, "2 parameters"]:
         """Return the levels between which each parameter is with some probability."""
@@ -96,11 +96,11 @@ class Posterior(abc.ABC):
 
     @abc.abstractmethod
     def misfit(self, rig: Rig) -> list[str]:
-        """Return in words what the model does not explain of the signals."""
+        """Return texts on the parts of the signals that the model does not explain."""
 
     @abc.abstractmethod
     def label(self, rig: Rig) -> Labelled:
-        """Return variables and coordinates of a dataset: what the method compares."""
+        """Return variables and coordinates of a dataset: the quantities that the method compares."""
 
 
 class AbstractFitMethod(abc.ABC):
@@ -112,8 +112,8 @@ class AbstractFitMethod(abc.ABC):
 
     def check(self, problem: Problem) -> None:
         """Raise `ValueError` for a problem that the method cannot solve."""
-        del problem  # by default there is none
+        del problem  # by default there is no such problem
 
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
-        """Fit. **Arguments:** `shown`: is told what is done, in a few words."""
+        """Fit. **Arguments:** `shown`: called with short texts on the present work."""

@@ -1,4 +1,4 @@
-"""The result of a fit: estimates with intervals, what the record does not tell, and what the model leaves of it."""
+"""The result of a fit: estimates with intervals, and what the record does not show or the model not explain."""
 
 import functools
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ from ..tools.description import describe
 from .method import AbstractFitMethod, Posterior, Problem
 
 LEAST_INFORMATION = 3.0
-"""Information on a direction in multiples of what the bounds tell, below which a record tells little of it: the
-standard error is half that of the bounds then."""
+"""Information on a direction, in multiples of the information of the bounds, below which a record shows little about
+it: the standard error is then half that of the bounds."""
 LEAST_SHARE = 0.3
-"""Least share of a parameter in a direction over the greatest, to be named."""
+"""Least share of a parameter in a direction, over the greatest share, for its name to be listed."""
 AT_BOUND = 2.33
-"""Level beyond which an estimate is at a bound, among the 1 % of values next to it."""
+"""Level beyond which an estimate is at a bound: among the 1 % of values next to the bound."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,7 +48,7 @@ class Fit(AbstractResult):
 
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
-        """Ends of the interval in which each parameter is, with the probability `confidence`, by name."""
+        """Ends of the interval that contains each parameter with the probability `confidence`, by name."""
         low, high = map(self._by_name, self.posterior.ends(self.confidence))
         return {name: (low[name], high[name]) for name in self.names}
 
@@ -74,12 +74,12 @@ class Fit(AbstractResult):
 
     @property
     def not_identified(self) -> list[str]:
-        """In words, what the record does not tell."""
+        """Texts on what the record does not show."""
         return not_identified(self.names, self.posterior.information)
 
     @property
     def misfit(self) -> list[str]:
-        """In words, what the model does not explain."""
+        """Texts on what the model does not explain."""
         return self.posterior.misfit(self.problem.rig)
 
     @property
@@ -121,7 +121,7 @@ class Fit(AbstractResult):
 
     @property
     def _prior(self) -> np.ndarray:
-        """Values beyond each of which 1 % was expected before, (parameters, 2)."""
+        """Values beyond each of which 1 % was expected a priori, (parameters, 2)."""
         return np.array([one.value(np.array([-AT_BOUND, AT_BOUND])) for one in self.problem.unknowns])
 
     @functools.cached_property
@@ -129,15 +129,15 @@ class Fit(AbstractResult):
         """One dataset for files and pictures.
 
         Over `parameter` it has `estimate`, `stderr`, the interval's `low` and `high`; `prior_low` and `prior_high`,
-        beyond each of which 1 % was expected before; `at_bound`, on which bound it ended, if any; `step_change`
-        by half the step [standard errors]; `covariance`; other minima as `minimum`. All are in
-        the parameters' units, the coordinate `unit`.
+        beyond each of which 1 % was expected a priori; `at_bound`, the bound at which it ended, if any; `step_change`
+        by half the step [standard errors]; `covariance`; other minima as `minimum`. All are in the parameters' units,
+        the coordinate `unit`.
 
-        Of trajectories it has, over `window`, `sensor` and `sample`, the times `seconds` and the signals `measured`,
-        `fitted`, `fitted_low` and `fitted_high`, and `noise` and `whiteness` over `sensor`; of features, over
-        `feature`, those `measured_feature`, `fitted_feature` and `feature_stderr`. Of both it has, over `sensor` and
-        `frequency`, densities of the record, `measured_density`, and of likely ones, `density_low`, `density` and
-        `density_high` of 5, 50 and 95 %.
+        For trajectories it has, over `window`, `sensor` and `sample`, the times `seconds` and the signals `measured`,
+        `fitted`, `fitted_low` and `fitted_high`, and over `sensor` `noise` and `whiteness`. For features it has, over
+        `feature`, `measured_feature`, `fitted_feature` and `feature_stderr`. For both it has, over `sensor` and
+        `frequency`, the density of the record, `measured_density`, and the 5, 50 and 95 % densities of likely
+        signals, `density_low`, `density` and `density_high`.
         """
         posterior = self.posterior
         names = list(self.names)
@@ -177,7 +177,7 @@ class Fit(AbstractResult):
         return result_dataset(data | of_method, coords | along, attrs)
 
     def _call(self) -> dict[str, object]:
-        """Return the arguments of `fit` that state its problem, as `load_call` gives them."""
+        """Return the arguments of `fit` that state its problem, in the form of `load_call`."""
         problem = self.problem
         return {
             "function": "fit",
@@ -191,9 +191,9 @@ class Fit(AbstractResult):
 
 
 def not_identified(names: Sequence[str], information: Float[np.ndarray, "parameters parameters"]) -> list[str]:
-    """Return in words what a record does not tell.
+    """Return texts on what a record does not show.
 
-    **Arguments:** `information`: Fisher's, of the record alone, by levels: multiples of what is known before.
+    **Arguments:** `information`: Fisher's, of the record only, by levels: multiples of the prior information.
     """
     texts = []
     values, directions = np.linalg.eigh(information)

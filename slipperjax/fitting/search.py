@@ -1,7 +1,7 @@
-"""Least squares from many starts at once, by the method of Levenberg and Marquardt in a region of trust.
+"""Least squares from many starts at once, by the method of Levenberg and Marquardt in a trust region.
 
-The residuals come from programs of their own, which are asked for the points that the method wants to see. Of each
-point it sees the residuals and their exact derivatives, see `Chain`.
+Separate programs compute the residuals at the points that the method asks for. The method gets the residuals of each
+point and their exact derivatives, see `Chain`.
 """
 
 from collections.abc import Callable
@@ -13,45 +13,45 @@ from jaxtyping import Bool, Float, Int
 from .chain import Chain
 
 DAMPING = 1e-2
-"""Of the first step, over the squares of the slopes [1]."""
+"""Damping of the first step, over the squares of the slopes [1]."""
 MOST_STEPS = 40
 """Points that a search tries from each start."""
 NEAR = 0.2
 """Distance from the least squares, in standard errors, at which a search has converged."""
 STALLED = 0.5
-"""The same where no more is gained: impacts that come or go leave kinks in a sum of squares."""
+"""The same distance where there is no further gain: impacts that appear or vanish leave kinks in a sum of squares."""
 GAIN = 0.02
-"""Change of the sum of squares that is none, that of a seventh of a standard error [1]."""
+"""Change of the sum of squares that does not count as a gain: that of a seventh of a standard error [1]."""
 PATIENCE = 4
-"""Points without any gain after which a search stops; of a rough one half as many."""
+"""Points without any gain after which a search stops; half as many for a rough search."""
 APART = 4.0
-"""Distance from which on two minima are different ones [standard errors]."""
+"""Distance from which two minima count as different [standard errors]."""
 GIVEN_UP_ABOVE = 2.0
-"""Sum of squares over the least of all at which a search is given up once another one has converged."""
+"""Sum of squares over the least of all, above which a search ends without success after another one has converged."""
 POOR, WELL = 0.01, 0.99
-"""Shares of the gain that slopes predict below which steps become shorter, and above which steps become longer; these
-four numbers are those of Gould et al., 4OR 3 (2005) 227."""
+"""Shares of the gain that slopes predict: below the first, steps become shorter; above the second, longer. These four
+numbers are from Gould et al., 4OR 3 (2005) 227."""
 SHORTER, LONGER = 0.25, 3.5
-"""What the region of trust is multiplied by then."""
+"""Factors on the trust region in these two cases."""
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], Chain]
-"""Returns residuals and slopes at points of some starts, whose indices it is told."""
+"""Returns residuals and slopes at points of some starts, given the starts' indices."""
 
 
 @dataclass
 class Found:
-    """Searches by the method of Levenberg and Marquardt, at the best points that they have seen."""
+    """Searches by the method of Levenberg and Marquardt, at their best points so far."""
 
     point: Float[np.ndarray, "starts unknowns"]
     local: Chain
-    """Residuals and slopes there."""
+    """Residuals and slopes at these points."""
     damping: Float[np.ndarray, "starts unknowns"]
-    """By which unknowns are kept small. All count alike by what they change, as Marquardt did."""
+    """Damping that keeps changes of unknowns small. Unknowns are scaled by their effect, as by Marquardt."""
     still: Int[np.ndarray, " starts"]
-    """Points since anything was gained."""
+    """Number of points since the last gain."""
     rough: float
-    """Share of the sum of squares that is no gain [1]."""
+    """Share of the sum of squares that does not count as a gain [1]."""
 
     @property
     def patience(self) -> int:
@@ -70,17 +70,17 @@ class Found:
 
     @property
     def lead(self) -> int:
-        """Index of the best."""
+        """Index of the best search."""
         return int(np.argmin(self.cost))
 
     @property
     def of_lead(self) -> Chain:
-        """Residuals and slopes of the best."""
+        """Residuals and slopes of the best search."""
         return self.local.at(np.array([self.lead]))
 
     @property
     def active(self) -> Bool[np.ndarray, " starts"]:
-        """Whether each search goes on: not those that stand still, have come to the best or are hopeless."""
+        """Whether each search continues: not if it has stopped, has reached the best search, or has no chance."""
         on = ~self.converged & (self.still < self.patience)
         if on[self.lead]:
             return on
@@ -89,14 +89,14 @@ class Found:
         return on & (self.cost < GIVEN_UP_ABOVE * self.cost[self.lead]) & (apart > 1.0)
 
     def nearest(self, most: int) -> Int[np.ndarray, " some"]:
-        """Return the indices of up to `most` points whose sum of squares is at most twice the least, the best
+        """Return the indices of up to `most` points whose sum of squares is at most twice the least one, the best
         first."""
         order = np.argsort(self.cost)[:most]
         return order[self.cost[order] <= 2 * self.cost[self.lead]]
 
     def distinct(self, more: float) -> Int[np.ndarray, " minima"]:
-        """Return the indices of ends whose levels are apart, and whose sum of squares is at most `more` above the
-        least, the best first."""
+        """Return the indices of ends with different levels whose sum of squares is at most `more` above the least
+        one, the best first."""
         (root,) = self.of_lead.root
         # in standard errors
         levels = self.point[:, : len(root)] @ root.T
@@ -108,7 +108,7 @@ class Found:
         return np.array(kept)
 
     def step(self, index: np.ndarray, evaluate: Evaluate) -> None:
-        """Look at the next points of some starts, go there where they are better, and change the damping."""
+        """Try the next points of some starts, move to them where they are better, and change the damping."""
         here = self.local.at(index)
         damped = here.damped(self.damping[index])
         way = -damped.solve(damped.residual[:, :-1])
@@ -136,7 +136,8 @@ def search(
 ) -> Found:
     """Search the least squares from some points.
 
-    **Arguments:** `shown`: is told of the progress; `rough`: share of the sum of squares that is no gain [1].
+    **Arguments:** `shown`: called with texts on the progress; `rough`: share of the sum of squares that is no gain
+    [1].
     """
     local = evaluate(points, np.arange(len(points)))
     damping = np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)

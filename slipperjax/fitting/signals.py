@@ -1,4 +1,4 @@
-"""Signals of a fit beside the measured ones, as variables of a dataset, and what is left of them."""
+"""Signals of a fit and the measured signals, as variables of a dataset, and the residuals between them."""
 
 from dataclasses import dataclass
 
@@ -14,38 +14,38 @@ from .course import Windows
 from .method import Posterior
 
 MOST_NOISE_RATIO = 1.2
-"""What is left over the noise that was given, above which a model does not explain a signal [1]."""
+"""Residual over the given noise above which a model does not explain a signal [1]."""
 SIGNIFICANCE = 1e-3
 """Probability of residuals below which a model does not explain them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SignalPosterior(Posterior):
-    """What is known of the parameters, and the signals that they make."""
+    """What is known about the parameters, and the signals that follow from them."""
 
     noise: Float[np.ndarray, " sensors"]
-    """Standard deviations that the fit took for noise [the sensors' units]."""
+    """Standard deviations that the fit assumed for noise [the sensors' units]."""
     windows: Windows
     reading: Float[np.ndarray, "windows sensors samples"]
     """The signals of the model."""
     draws: Float[np.ndarray, "draws windows sensors samples"]
-    """Those of parameters and starts that are as likely."""
+    """Signals of other parameters and starts that are as likely."""
 
     @property
     def left(self) -> list[Float[np.ndarray, " samples"]]:
-        """What the model leaves of each sensor's signals, one window after the other [its unit]."""
+        """Residuals of each sensor's signals, one window after the other [its unit]."""
         left = np.moveaxis(self.windows.value - self.reading, 1, 0)
         known = np.moveaxis(self.windows.known > 0, 1, 0)
         return [left[k][known[k]] for k in range(len(left))]
 
     @property
     def noise_left(self) -> Float[np.ndarray, " sensors"]:
-        """RMS of what the model leaves of each sensor's signals [its unit]."""
+        """RMS of the residuals of each sensor's signals [its unit]."""
         return np.array([np.sqrt(np.mean(left**2)) for left in self.left])
 
     @property
     def whiteness(self) -> Float[np.ndarray, " sensors"]:
-        """For each sensor the probability that white noise is as correlated as what the model leaves [1]."""
+        """For each sensor the probability that white noise is as correlated as the residuals [1]."""
         return np.array([whiteness(left) for left in self.left])
 
     def misfit(self, rig: Rig) -> list[str]:
@@ -85,7 +85,7 @@ class SignalPosterior(Posterior):
 
 
 def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
-    """Return the probability that white noise is as correlated as some residuals, or more, by Ljung and Box's test.
+    """Return the probability that white noise is at least as correlated as some residuals, by Ljung and Box's test.
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
     """
@@ -103,11 +103,11 @@ def densities(
     known: np.ndarray,
     signals: Float[np.ndarray, "signals sensors samples"],
 ) -> Labelled:
-    """Return power spectral densities of a measured signal and of likely ones, in third octaves.
+    """Return power spectral densities of a measured signal and of likely signals, in third octaves.
 
-    **Arguments:** `known`: which samples there are; `signals`: the measured one first, then likely ones.
+    **Arguments:** `known`: which samples exist; `signals`: the measured signal first, then likely signals.
 
-    **Returns:** no frequencies where no sensor has eight samples, the fewest of a density.
+    **Returns:** no frequencies where no sensor has eight samples, the least number for a density.
     """
     used = {k: time[k][known[k]] for k in range(len(time)) if known[k].sum() >= 8}
     rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
@@ -118,7 +118,7 @@ def densities(
         edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
     found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
     for k, at in used.items():
-        # unequal samples become equal ones, of all signals alike
+        # unequal samples become equal samples, in the same way for all signals
         grid = np.linspace(at[0], at[-1], len(at))
         equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
         found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)

@@ -1,4 +1,4 @@
-"""Records of the model's own runs: what sensors would have measured, to plan tests and to check fits."""
+"""Records of the model's own runs: what sensors would measure, to plan tests and to check fits."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,7 @@ def synthetic_record(
     noise: float = 0.0,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Return what sensors would measure in a run, as `slipperjax.fit` takes it.
+    """Return what sensors would measure in a run, in the form that `slipperjax.fit` takes.
 
     ```python
     run = sj.simulate(scene, 220, steps_per_period=160, saves_per_period=160)
@@ -33,12 +33,12 @@ def synthetic_record(
     ```
 
     **Arguments:** `run`: with as many saves as steps, or as many as a contact needs; `rate`: of samples [Hz];
-    `periods`: the last forcing periods, by default all; `noise`: standard deviation of white noise over that of each
-    signal [1], of the sensors that have no `noise` of their own; `seed`: of the noise.
+    `periods`: number of last forcing periods, by default all; `noise`: standard deviation of white noise over that of
+    each signal [1], for sensors that have no `noise` of their own; `seed`: of the noise.
 
-    **Returns:** an `xarray.Dataset` with a variable for each sensor over `time` [s], from zero on.
+    **Returns:** an `xarray.Dataset` with a variable for each sensor over `time` [s], from zero.
 
-    **Raises:** `ValueError` for periods that the run does not have, and where it ends sooner than 8 samples do.
+    **Raises:** `ValueError` for periods that the run does not have, and for a run that is shorter than 8 samples.
     """
     instance("run", run, Trajectory, "a slipperjax.orbits.Trajectory")
     rig = Rig.of(sensors)

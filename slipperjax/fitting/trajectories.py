@@ -19,44 +19,44 @@ from .signals import SignalPosterior
 from .unknowns import spread
 
 START_REACH = 3.0
-"""How far starts are from those of the first guess, as standard deviation [scales of the motion]."""
+"""Standard deviation of starts about the first guess [scales of the motion]."""
 ARRAYS = 6
 """Arrays of all rows by the unknowns of their windows that a search holds for each start; measured at 400 windows."""
 CONTINUITY = (0.3, 0.03, 1e-3)
-"""How far motions may jump where one window ends and the next begins, in one search after the other, as standard
-deviation [scales]."""
+"""Standard deviations of the jumps of motions where one window ends and the next begins, for successive searches
+[scales]."""
 FIRST_NOISE = 0.1
-"""Noise over the RMS of a signal, of which nothing is known yet [1]."""
+"""First assumption of noise over the RMS of a signal [1]."""
 ROUGH = 0.01
-"""Share of the sum of squares that is no gain in the first search [1]."""
+"""Share of the sum of squares that does not count as a gain in the first search [1]."""
 REFINED_STARTS = 4
-"""Searches that go on from where the first ones have led: they take as long as one."""
+"""Number of searches that continue from the results of the first search: they take as long as one."""
 DRAWS = 15
-"""Likely parameters whose signals are kept; with the estimate, two batches."""
+"""Number of likely parameters whose signals are kept; with the estimate, two batches."""
 ROUNDS = 6
-"""Most searches, after each of which the noise is estimated anew, or steps are halved."""
+"""Most searches; after each search the noise is estimated again, or the step is halved."""
 NEGLIGIBLE_CHANGE = 0.2
-"""Change of an estimate by half the step, or by interpolation, that is no matter [standard errors]."""
+"""Change of an estimate by half the step, or by interpolation, that is small enough [standard errors]."""
 LIKELY = 9.0
-"""Sum of squares over the least of all up to which another minimum is likely, three standard deviations."""
+"""Sum of squares over the least of all up to which another minimum is likely: three standard deviations."""
 CANDIDATES = 2
-"""Points that are looked at for each start."""
+"""Number of points that are tried for each start."""
 
 
 @dataclass(frozen=True)
 class Trajectories(AbstractFitMethod):
-    """Fit the model's signals to the measured ones, sample by sample, along motions whose starts are found, too.
+    """Fit the model's signals to the measured signals, sample by sample, along motions whose starts are also found.
 
-    For periodic motions and for short records. In chaos no motion stays near a record for long: see `Features`, or
+    For periodic motions and for short records. In chaos no motion stays near a record for long: use `Features`, or
     give a `window`.
     """
 
     starts: int = 16
-    """Searches at once, from the points most like the record of a cover of the priors."""
+    """Number of simultaneous searches, from those points of a cover of the priors that fit the record best."""
     window: int | None = None
-    """Forcing periods after which a motion begins anew, where the last one ended (multiple shooting). None: never."""
+    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never."""
     transient: int = 100
-    """Forcing periods after which a motion is taken as a first guess."""
+    """Forcing periods after which a motion serves as a first guess."""
 
     def __post_init__(self):
         whole("starts", self.starts, 1)
@@ -65,7 +65,7 @@ class Trajectories(AbstractFitMethod):
             whole("window", self.window, 1)
 
     def solver(self, scene):
-        # which is the quickest to compile and to differentiate; where its steps matter, there will be more of them
+        # fastest to compile and to differentiate; where its steps matter, their number will grow
         return RK4()
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
@@ -79,14 +79,14 @@ class Trajectories(AbstractFitMethod):
         or_given = lambda noise: np.where(np.isnan(given), noise, given)
         rms = np.std(windows.value, axis=(0, 2), where=windows.known > 0)
         noise = or_given(FIRST_NOISE * np.maximum(rms, 1e-12))
-        # the scene's own values, and others
+        # the scene's own values, and other values
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
         model.compile_ahead(levels)
         guess, far = model.guesses(levels, self.transient, noise)
         kept = np.argsort(far, kind="stable")[: self.starts]
         points = np.hstack([levels, guess.reshape(len(guess), -1)])
-        # roughly from all starts, then from the few minima that they have found
+        # first roughly from all starts, then from the few minima found
         for jump in CONTINUITY[:-1] if windows.count > 1 else CONTINUITY[:1]:
             guess = guess[kept]
             fit = Fitting(model, guess, noise, jump)
@@ -108,7 +108,7 @@ class Trajectories(AbstractFitMethod):
             kept = found.distinct(LIKELY)
             shown("errors")
             by_step, by_instants, left = fit.checked(found)
-            # more steps and instants, until they are no matter
+            # more steps and instants, until their effect is small enough
             if np.abs(by_step).max() > NEGLIGIBLE_CHANGE:
                 model = model.with_steps(2 * model.steps)
             if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
@@ -121,13 +121,13 @@ class Trajectories(AbstractFitMethod):
 
 @dataclass(frozen=True)
 class Fitting:
-    """The least squares of a model, whose unknowns are levels of its parameters and numbers of its starts."""
+    """The least squares of a model; its unknowns are levels of parameters and numbers of starts."""
 
     model: Model
     guess: Float[np.ndarray, "starts windows 10"]
     noise: Float[np.ndarray, " sensors"]
     jump: float = CONTINUITY[-1]
-    """How far motions may jump from window to window, as standard deviation [scales]."""
+    """Standard deviation of the jumps of motions from window to window [scales]."""
 
     def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
         """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
@@ -139,17 +139,17 @@ class Fitting:
         return self.model.course(*self.split(points), stride)
 
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
-        """Return all that is to be small, in standard deviations [1], and its derivatives, at points of the starts at
-        `index`: differences from samples, jumps between windows, and what is known of the unknowns before."""
+        """Return all residuals, in standard deviations [1], and their derivatives, at points of the starts at
+        `index`: differences from samples, jumps between windows, and deviations of the unknowns from their priors."""
         course = self.course(points)
         return self._chain(points, index, course, course.reading - self.model.windows.value)
 
     def _chain(
         self, points: np.ndarray, index: np.ndarray, course: Course, difference: np.ndarray, others: float = 1.0
     ) -> Chain:
-        """Return the chain of some points from their course, and differences of signals from those to be met.
+        """Return the chain of some points, from their course and from the signals' differences from their targets.
 
-        **Arguments:** `others`: factor of all residuals but these differences [1].
+        **Arguments:** `others`: factor of all residuals except these differences [1].
         """
         windows, ten = self.model.windows, len(SIZES)
         levels, numbers = self.split(points)
@@ -158,13 +158,13 @@ class Fitting:
         per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(unknowns)], axis=1)
         weight = windows.known / self.noise[:, None]
         samples = _banded(difference * weight, course.slope * weight[..., None], per_level)
-        # windows that are followed by one of the same run end where that begins
+        # a window that is followed by one of the same run must end where the next one begins
         on = np.append(windows.run[1:] == windows.run[:-1], False)
         weight = on[:, None] / self.jump
         after = np.roll(numbers, -1, axis=1)
         jumps = _banded(others * (course.end - after) * weight, course.end_slope * weight[..., None], per_level)
         jumps[:, :, np.arange(ten), ten + np.arange(ten)] = -weight
-        # what is known before of the starts, and of the levels
+        # priors of the starts, and of the levels
         known = np.zeros((*numbers.shape, samples.shape[-1]))
         known[..., :ten] = np.eye(ten) / START_REACH
         known[..., -1] = others * (numbers - self.guess[index]) / START_REACH
@@ -174,7 +174,7 @@ class Fitting:
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
     def noise_left(self, course: Course) -> Float[np.ndarray, " sensors"]:
-        """Return the RMS of what the model leaves of each signal, by its samples less a part of the unknowns."""
+        """Return the RMS of each signal's residuals, by its samples minus a share of the unknowns."""
         windows = self.model.windows
         unknowns = len(self.model.problem.unknowns) + self.guess[0].size
         left = (course.reading[0] - windows.value) * windows.known
@@ -183,26 +183,26 @@ class Fitting:
         return np.sqrt(np.sum(left**2, axis=(0, 2)) / np.maximum(free, 1.0))
 
     def checked(self, found: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what half the step changes of the best point's parameters, what the interpolation of signals changes
-        [standard errors], and what the model leaves of each signal [its unit]."""
+        """Return the change of the best point's parameters by half the step, their change by the interpolation of
+        signals [standard errors], and the residual of each signal [its unit]."""
         index = np.array([found.lead])
         point = found.point[index]
         errors = np.sqrt(np.diag(_covariance(found.of_lead)))
         course = self.course(point)
 
         def shift(other: Course) -> np.ndarray:
-            # how far the least squares move if signals change by so much, and nothing else
+            # the change of the least squares' parameters if only the signals change
             chain = self._chain(point, index, course, other.reading - course.reading, others=0.0)
             return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
         finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
-        # half the instants have 14 times the error, measured with 20, 40 and 80: cubics are of fourth order
+        # half the instants have 14 times the error, measured with 20, 40 and 80 instants: cubics are of fourth order
         return shift(finer), shift(self.course(point, stride=2)) / 14, self.noise_left(course)
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
-        """Return what the searches tell of the parameters.
+        """Return what is known about the parameters after the searches.
 
-        **Arguments:** `kept`: indices of the minima; `change`: what half the step changes [standard errors].
+        **Arguments:** `kept`: indices of the minima; `change`: by half the step [standard errors].
         """
         model = self.model
         lead = found.lead
@@ -215,7 +215,7 @@ class Fitting:
         return SignalPosterior(
             level=point[:own],
             covariance=_covariance(local),
-            # of the data alone, with the starts unknown
+            # information of the data only, with unknown starts
             information=root.T @ root - np.eye(own),
             converged=bool(found.converged[lead]),
             minima=found.point[kept[1:], :own],
@@ -230,7 +230,7 @@ class Fitting:
 
 def _covariance(local: Chain) -> Float[np.ndarray, "parameters parameters"]:
     """Return the covariance of the levels at the only point of a chain."""
-    # by a root, so that no variance is negative where slopes in chaos are of any size
+    # by a root, so that no variance becomes negative where slopes in chaos are very large
     inverse = np.linalg.inv(local.root[0])
     return inverse @ inverse.T
 

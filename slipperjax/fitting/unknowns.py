@@ -1,4 +1,4 @@
-"""Numbers that a fit looks for: parameters of the scene and of the sensors, and what is known of them before."""
+"""Numbers that a fit finds: parameters of the scene and of the sensors, and what is known about them before."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from ..tools.checks import instance, require
 from ..tools.types import AnyArray
 
 WIDE = 5.0
-"""Ratio of bounds above which values between them are equally likely by their logarithms."""
+"""Ratio of bounds above which all logarithms between them are equally likely."""
 FARTHEST = 6.0
 """Level beyond which values hardly change."""
 OF_SENSORS = "sensors."
@@ -24,12 +24,12 @@ OF_SENSORS = "sensors."
 class Unknown(NamedTuple):
     """A number to find, and its prior distribution.
 
-    Its `level` is the standard normal deviate of the same probability, so that all priors are alike: a distribution
-    of levels of mean 0 and standard deviation 1, which never leaves the bounds.
+    Its `level` is the standard normal deviate of the same probability. In this way all priors are alike: levels have
+    mean 0 and standard deviation 1, and never leave the bounds.
     """
 
     parameter: Parameter
-    """Its unit is that of the value, of a sensor's bias the sensor's own."""
+    """The parameter, whose unit is the value's unit; the bias of a sensor has the sensor's unit."""
     prior: Any
     """A frozen distribution of `scipy.stats`."""
     own: float
@@ -61,12 +61,13 @@ class Unknown(NamedTuple):
 
 
 def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = ()) -> tuple[Unknown, ...]:
-    """Return what is to be found, first parameters of the scene, then those of sensors.
+    """Return the numbers to find, first parameters of the scene, then of sensors.
 
-    **Arguments:** `priors`: by name or path, a low and a high bound or a distribution; `frozen`: names among them
+    **Arguments:** `priors`: by name or path, a low and a high bound or a distribution; `frozen`: names among these
     that keep their value.
 
-    **Raises:** `ValueError` for unknown names, and for bounds that are none or exclude the scene's own value.
+    **Raises:** `ValueError` for unknown names, for values that are no bounds, and for bounds that exclude the scene's
+    own value.
     """
     need = 'be bounds by name, such as {"stiffness": (1e8, 1e10)}'
     given: Mapping[str, object] = instance("unknowns", priors, Mapping, need.removeprefix("be "))
@@ -89,7 +90,7 @@ def unknowns_of(scene: Scene, rig: Rig, priors: object, frozen: Sequence[str] = 
 
 
 def _unknown(one: Parameter, priors: Mapping[str, object], part: Scene | Rig) -> Unknown:
-    """Return an unknown with bounds or a distribution, which must allow the own value of a scene or of sensors."""
+    """Return an unknown with bounds or a distribution that allow the present value of the scene or the sensors."""
     given = priors[one.name]
     value = float(one.of(part))
     need = "have a low and a high bound, or a frozen distribution of scipy.stats"

@@ -1,11 +1,11 @@
-"""Courses: one forcing period of a motion with its forces, as curves that records are made of.
+"""Courses: one forcing period of a motion with its forces, as curves from which records are made.
 
-Between the ends of an integration step, every quantity is a cubic with the values and slopes there. So peaks and
-crossings inside a step are found to fourth order, as accurately as the solution itself; the highest of a few saved
-samples would miss a peak. Slopes of coordinates are the motion's own. All others are central differences over five
-ends of steps, of fourth order, too: exact ones would need the derivatives of rail and contacts, which cost as much as
-all else. Means are taken over the two points of Gauss's formula in each step, which have equal weights and are exact
-for cubics. Greatest values are those of the cubics.
+Between the ends of an integration step, every quantity is a cubic with the values and slopes at both ends. Therefore
+peaks and crossings inside a step are found to fourth order, as accurately as the solution; the highest of a few saved
+samples would miss a peak. Slopes of coordinates come from the motion. All other slopes are central differences over
+five ends of steps, also of fourth order; exact slopes would need the derivatives of rail and contacts, which cost as
+much as all other work. Means use the two points of Gauss's formula in each step, which have equal weights and are
+exact for cubics. Greatest values are those of the cubics.
 """
 
 import functools
@@ -41,7 +41,7 @@ from ..tools.hermite import Cubic, highest_point, sign_change
 from ..tools.types import Whole
 
 GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
-"""Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
+"""Places inside a step at which curves are sampled [steps]: the two points of Gauss's formula."""
 DIFFERENCE_MARGIN = 2
 """Values that a central difference needs before and after its place."""
 
@@ -50,17 +50,17 @@ DIFFERENCE_MARGIN = 2
 
 
 def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends+4 ..."]:
-    """Return values at the ends of steps with two more before the period and two more after it.
+    """Return values at the ends of steps, with two further values before the period and two after it.
 
-    These lie on the cubics through the nearest four. Of `values`, the first `steps` + 1 count.
+    The further values are on the cubics through the nearest four values. The first `steps` + 1 of `values` count.
     """
     last = jnp.asarray(steps, int)
     few = min(len(values), 4)
-    # backwards from the first values, and forwards from the last that count
+    # backwards from the first values, and forwards from the last values that count
     earlier = _two_more(values[few - 1 :: -1])[::-1]
     later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
     values = jnp.concatenate([earlier, values, later])
-    # where fewer steps count than there is room for, `later` belongs behind the last that counts
+    # where there are fewer steps than places, `later` belongs after the last value that counts
     return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + DIFFERENCE_MARGIN, 0)
 
 
@@ -70,15 +70,15 @@ def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 
 def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
-    """Return slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
-    # the values two steps before each end, one before, its own, and one and two after it
+    """Return slopes [per step] at the ends of steps; the first `steps` + 1 ends count."""
+    # for each end: the values two steps and one step before, its own value, and one and two steps after
     a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
 
 
 def _two_more(values: Array) -> Array:
-    """Return the next two values of the polynomial through two to four equidistant ones, along the first axis."""
-    # weights of equidistant values in the next one of the polynomial through them
+    """Return the next two values of the polynomial through two to four equidistant values, along the first axis."""
+    # weights of equidistant values in the next value of the polynomial through them
     weights = np.array({2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}[len(values)])
     following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
     values = jnp.stack([*values, following(values)])
@@ -89,20 +89,20 @@ def _two_more(values: Array) -> Array:
 
 
 class Loads(NamedTuple):
-    """Loads of each contact point, front and rear, in one forcing period or in a stretch of them."""
+    """Loads of each contact point, front and rear, in one forcing period or several."""
 
     peak_force: Float[Array, "... 2 points"]
     """Highest normal force [N]."""
     peak_period: Float[Array, "... 2 points"]
-    """Its instant [forcing periods]; NaN where the force is zero throughout."""
+    """Instant of the highest force [forcing periods]; NaN where the force is zero throughout."""
     impulse: Float[Array, "... 2 points"]
     """Integral of the normal force over time [N s]."""
     contact_fraction: Float[Array, "... 2 points"]
     """Share of the time in which the gap is negative [1]."""
     penetration: Float[Array, "... 2 points"]
-    """Greatest penetration [m]; negative where the gap stays open, then the smallest gap."""
+    """Greatest penetration [m]; where the gap stays open, the smallest gap with a negative sign."""
     stability_number: Float[Array, "*cases"]
-    """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
+    """Greatest product of the step's length and the rate of the contacts, of oscillation or damping [1]. Explicit
     methods of fourth order are unstable above 2.8."""
     damping_ratio: Float[Array, "*cases"]
     """Highest damping force over elastic force of all points in contact [1]; zero on rails that are not rough."""
@@ -113,28 +113,28 @@ def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: A
 
     **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
     [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: `damping_ratio`;
-    `args`: scene and epoch; `steps`: integration steps per period, 3 at least, may be traced.
+    `args`: scene and epoch; `steps`: integration steps per period, at least 3, may be traced.
     """
     most = len(force) - 1
     step = 1 / steps
     period = args.travel(0.5).period
     steady = args.travel(0.5).acceleration is None
     places = jnp.arange(most)
-    # the pace in the middle of each step [s per period], where it changes
+    # the pace in the middle of each step [s per period], where the pace changes
     paces = None if steady else store(args.travel((places + 0.5) * step).period)
-    # steps have equal lengths of rail: where the speed changes, a share of a step counts by how long the step takes
+    # steps have equal lengths of rail: where the speed changes, a step counts by its duration
     of_time = lambda share, place: share if paces is None else paces[place] * share
     fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
-    # all points in one row, which is faster than two
+    # all points in one row, which is faster than two rows
     flat = lambda a: a.reshape(most + 1, -1)
     values = continued(jnp.stack((flat(force), flat(-gap)), axis=1), steps)
 
     def one(carry, place):
-        """Add one step to the totals; the slope at its end is the next one's at the start."""
+        """Add one step to the totals; the slope at its end is the slope at the next step's start."""
         (highest, when, impulse, contact, deepest), slope = carry
         around = jax.lax.dynamic_slice_in_dim(values, place + 1, 5)
         _, begin, end, _, _ = around
-        # `end` is in the middle of the five, so that this is the slope there
+        # `end` is in the middle of the five values, so that this is the slope there
         next_slope = _slope(*around)
         (inside, _), (peak, deep) = highest_point(begin, slope, end, next_slope)
         # integral of the force's cubic over the step
@@ -146,32 +146,32 @@ def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: A
             contact + of_time(_share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]), place),
             jnp.maximum(deepest, deep),
         )
-        # steps for which there is only room change nothing
+        # unused places for steps change nothing
         totals = jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0])
         return (totals, next_slope), None
 
     nothing = jnp.zeros(values.shape[-1])
     totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
-    # step by step, so that what is computed stays in the cache
+    # step by step, so that the values stay in the cache
     (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), places)
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
     if paces is None:
         impulse = step * period * impulse
         contact = step * contact
     else:
-        # the sums are over seconds already
+        # these sums are already over seconds
         impulse = step * impulse
         contact = contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
     return Loads(highest, when, impulse, contact, depth, step * fastest, damping)
 
 
 def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
-    """Return loads of several periods from those of each, along the first axis.
+    """Return loads of several periods from the loads of each, along the first axis.
 
-    Contact fractions are means, weighted by the `seconds` of each period, which are alike at a constant speed.
+    Contact fractions are means, weighted by the `seconds` of each period, which are equal at constant speed.
     """
     highest = jnp.max(loads.peak_force, 0)
-    # the first instant, where several periods have the same peak
+    # the first instant where several periods have the same peak
     when = jnp.nanmin(jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.nan), 0)
     return Loads(
         peak_force=highest,
@@ -187,26 +187,26 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     """Return slopes of force and penetration [per step] from the values of two samples before and two after.
 
-    Where the force is zero, it begins, ends or stays zero: its slope is zero in each case.
+    Where the force is zero, it begins, ends or stays zero, and its slope is zero in each case.
     """
     slope = central_difference(a, b, c, d)
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
 def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Args) -> Array:
-    """Return the greatest rate of contacts and parts [1/s]: sum of the contacts' decay rates, frequency of their
-    springs, that of the highest mode, or that of a sled on springs.
+    """Return the greatest rate of contacts and parts [1/s]: the sum of the contacts' decay rates, the frequency of
+    their springs, of the highest mode, or of a sled on springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
-    greatest rate of all together.
+    greatest rate of all points together.
     """
     scene = args.scene
     zero = jnp.zeros_like(now.gap)
     force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), memory)
-    # derivatives by all penetrations at once, as no force depends on another point's gap
+    # derivatives by all penetrations at once, because no force depends on another point's gap
     spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
-    # a point yields to a force as the slipper moves and turns; no derivative is taken of a number that only judges
+    # a point yields to a force as the slipper moves and turns; this number only judges, and needs no derivative
     turn = sum(lever**2 * (1 / j) for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
     yielding = 1 / scene.slipper.mass + turn
     modes = scene.slipper.modes
@@ -223,7 +223,7 @@ def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Ar
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
     """Return the share of a step in which a gap is negative [1]."""
-    # a step whose ends have the same sign counts as open or closed throughout
+    # a step whose ends have the same sign counts as wholly open or wholly closed
     changes = (g0 < 0) != (g1 < 0)
     x = sign_change(Cubic.through(g0, d0, g1, d1), g1, changes)
     within = jnp.where(g0 < 0, x, 1 - x)
@@ -234,12 +234,12 @@ def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
 
 
 class Crossings(NamedTuple):
-    """Upward zero crossings of each section, in the order of `slipperjax.model.SECTIONS`, in each step; else NaN."""
+    """Upward zero crossings of each section, in the order of `slipperjax.model.SECTIONS`, in each step; or NaN."""
 
     time: Float[Array, "5 steps"]
     """Instant of the crossing [forcing periods]."""
     velocity: Float[Array, "5 steps"]
-    """Velocity there, v_y, v_z [m/s], w_x, w_y, w_z [rad/s]."""
+    """Velocity at the crossing, v_y, v_z [m/s], w_x, w_y, w_z [rad/s]."""
 
 
 def crossing(q: Array, q_slope: Array, v: Array, v_slope: Array) -> tuple[Array, Array]:
@@ -265,16 +265,16 @@ def _cubics(values: Array, slopes: Array) -> Cubic:
 
 @dataclass(eq=False)
 class StepCubics:
-    """A quantity over one forcing period, as a cubic in each step. Each property is computed once for all records."""
+    """A quantity over one forcing period, a cubic in each step. Each property is computed once for all records."""
 
     values: Float[Array, "ends ..."]
     """Values at both ends of every step."""
     slopes: Float[Array, "ends ..."]
-    """Derivatives there [per step]."""
+    """Derivatives at both ends of every step [per step]."""
     course: "Course"
-    """The period, whose number of steps says which of them count."""
+    """The course of the period; its number of steps says how many values count."""
     level: Float[Array, "steps ..."] | None = None
-    """What to add throughout each step, for a quantity that jumps between steps; None where none does."""
+    """Value to add throughout each step, for a quantity that jumps between steps; None for other quantities."""
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
@@ -285,7 +285,7 @@ class StepCubics:
 
     def at(self, places: Float[np.ndarray, " places"]) -> Float[Array, "places ..."]:
         """Return values at `places`, shares of the period from 0 to 1."""
-        # the step that a place is in, the last one for the end of the period, and the place within it
+        # the step that contains a place (the last step for the end of the period), and the place within the step
         inside = places * self.course.steps
         k = jnp.minimum(jnp.floor(inside), self.course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
@@ -302,7 +302,7 @@ class StepCubics:
         travel = self.course.args.travel(self.course.times)
         if travel.acceleration is None:
             return self.mean * travel.period
-        # samples are equidistant in travel, so that each stands for its own time
+        # samples are equidistant in travel, so that each is weighted with its own duration
         paces = store(jnp.broadcast_to(travel.period, self.course.times.shape))
         return self.course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
@@ -314,8 +314,8 @@ class StepCubics:
     @functools.cached_property
     def greatest(self) -> Float[Array, "..."]:
         """The greatest value."""
-        # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
-        # them again and rounds otherwise, none does, and the derivative is 0 / 0.
+        # Stored: the derivative of jnp.max looks for values equal to the maximum. Where XLA computes these values
+        # again with other rounding, no value is equal, and the derivative is 0 / 0.
         return jnp.max(store(self.course.counted(self._tops, -jnp.inf)), axis=0)
 
     @functools.cached_property
@@ -330,7 +330,7 @@ class StepCubics:
 
     @functools.cached_property
     def extreme_place(self) -> Float[Array, "..."]:
-        """Where `extreme` is [forcing periods since the start of this one]; NaN where all values are zero."""
+        """Place of `extreme` [forcing periods since the start of this period]; NaN where all values are zero."""
         rises = self.greatest >= -self.least
         (up, highest), (down, lowest) = self._highest, self._falling._highest
         # stored, as in `greatest`
@@ -338,13 +338,13 @@ class StepCubics:
         first = jnp.arange(self.course.capacity).reshape(-1, *[1] * (size.ndim - 1))
         place = (first + jnp.where(rises[None], up, down)) / self.course.steps
         here = size == jnp.max(size, axis=0, keepdims=True)
-        # the first of equal ones
+        # the first of equal values
         return jnp.where(self.extreme != 0, jnp.min(store(jnp.where(here, place, jnp.inf)), axis=0), jnp.nan)
 
     @functools.cached_property
     def shallowest_turn(self) -> Float[Array, "..."]:
-        """The magnitude of the extreme that is nearest to zero; infinite where there is none."""
-        # extremes inside a step: where the slope at its ends changes its sign
+        """The magnitude of the extreme that is nearest to zero; infinite where there is no extreme."""
+        # extremes inside a step: where the slope changes its sign between the step's ends
         rises = self.slopes >= 0
         top = rises[:-1] & ~rises[1:]
         bottom = ~rises[:-1] & rises[1:]
@@ -363,7 +363,7 @@ class StepCubics:
 
     @functools.cached_property
     def _highest(self) -> tuple[Array, Array]:
-        """The place in every step where the value is greatest [steps], and that value."""
+        """The place in every step where the value is greatest [steps], and the greatest value."""
         return highest_point(*self._ends)
 
     @property
@@ -383,25 +383,25 @@ class StepCubics:
 
 @dataclass(eq=False)
 class Course:
-    """One forcing period of a motion, as records see it inside the compiled program.
+    """One forcing period of a motion, in the form that records get inside the compiled program.
 
-    Each quantity is computed at its first use, once for all records: one that none of them uses costs nothing. Axes
-    named `ends` are over both ends of every step, `points` over the contact points of the slipper's front or rear.
-    One program may serve several numbers of steps: arrays then have room for more than are `used`, and means and
-    extremes leave the others out.
+    Each quantity is computed at its first use, once for all records; unused quantities cost nothing. Axes named
+    `ends` are over both ends of every step, `points` over the contact points of the slipper's front or rear. One
+    program may serve several numbers of steps: then arrays have places for more steps than are `used`, and means and
+    extremes leave the unused places out.
     """
 
     end: State
     """The state at the end of the period."""
     inside: State | None
-    """What `states` returns; None where no record needs states inside the period. Entries beyond the first
-    `steps` + 1 repeat the start."""
+    """Result of `states`; None where no record needs states inside the period. Entries after the first `steps` + 1
+    repeat the start."""
     args: Args
     """The scene, in this period, and its epoch."""
     steps: Whole
     """Integration steps in the period, an `int` or traced."""
     known_rates: Motion | None = None
-    """What `rates` returns, where the solver has computed them; else None."""
+    """Result of `rates`, where the solver has computed it; otherwise None."""
 
     @property
     def scene(self) -> Scene:
@@ -417,17 +417,17 @@ class Course:
 
     @property
     def capacity(self) -> int:
-        """Number of steps that arrays have capacity for."""
+        """Number of steps for which arrays have places."""
         return self.states.motion.y.shape[0] - 1
 
     @property
     def used(self) -> Bool[Array, " steps"]:
-        """Whether each step is one of the period's, which are the first ones."""
+        """Whether each place has a step of the period; the first places have."""
         return jnp.arange(self.capacity) < self.steps
 
     @property
     def times(self) -> Float[Array, " samples"]:
-        """Instants of the samples of curves [forcing periods since the start of this one]."""
+        """Instants of the samples of curves [forcing periods since the start of this period]."""
         return ((jnp.arange(self.capacity)[:, None] + GAUSS_PLACES[None]) / self.steps).ravel()
 
     @property
@@ -437,7 +437,7 @@ class Course:
 
     @property
     def _instants(self) -> Array:
-        """Both ends of every step [forcing periods since the start of this one]."""
+        """Both ends of every step [forcing periods since the start of this period]."""
         return jnp.arange(self.capacity + 1) / self.steps
 
     @functools.cached_property
@@ -449,7 +449,7 @@ class Course:
             return frame, contacts(frame, m)
 
         frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states.motion)
-        # stored, so that XLA does not compute them again wherever they are used
+        # stored, so that XLA does not compute these values again in each use
         return frame, now._replace(gap=store(now.gap), rate=store(now.rate))
 
     @functools.cached_property
@@ -459,7 +459,7 @@ class Course:
 
     @functools.cached_property
     def damping_ratio(self) -> Float[Array, "ends *slippers 2 points"]:
-        """Damping force over elastic force of points in contact [1] at both ends of every step, 0 of open ones."""
+        """Damping force over elastic force of points in contact [1] at both ends of every step; 0 for open points."""
         _, now = self._contacts
         ratio = damping_ratios(self.scene, now.rate, self.states.memory)
         return self._of_points(jnp.where(now.gap < 0, ratio, 0.0))
@@ -484,7 +484,7 @@ class Course:
     @functools.cached_property
     def coordinates(self) -> StepCubics:
         """The coordinates in the order of `slipperjax.model.COORDINATES`, (ends, coordinates)."""
-        # Euler angles follow from the quaternion, and so do their slopes
+        # Euler angles and their slopes follow from the quaternion
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
@@ -501,7 +501,7 @@ class Course:
 
     @functools.cached_property
     def modal_acceleration(self) -> StepCubics:
-        """Accelerations of the elastic modes [m kg^0.5/s^2], (ends, modes); none of a rigid body."""
+        """Accelerations of the elastic modes [m kg^0.5/s^2], (ends, modes); no modes for a rigid body."""
         modes = self.rates.modes
         if modes is None:
             return self._curve(jnp.zeros((self.capacity + 1, 0)))
@@ -550,7 +550,7 @@ class Course:
     def drive_force(self) -> StepCubics:
         """Force along x that keeps the speed, or follows its programme [N], (ends,).
 
-        Mass times acceleration, which may jump from step to step, is the `level` of the curve.
+        The force of mass times acceleration, which may jump from step to step, is the `level` of the curve.
         """
         travel = self.args.travel(self._instants)
 
@@ -559,8 +559,8 @@ class Course:
 
         curve = self._curve(store(jax.vmap(steady)(self._instants, self._acting)))
         level = None
-        # An acceleration that jumps inside a step is not seen at its ends. Its mean force in the step is the gain of
-        # kinetic energy over the step's length.
+        # An acceleration that jumps inside a step does not show at the step's ends. Its mean force in the step is the
+        # gain of kinetic energy over the step's length.
         if travel.acceleration is not None:
             energy = 0.5 * driven_mass(self.scene) * travel.speed**2
             level = store(jnp.diff(energy) * (self.steps / travel.wavelength))
@@ -593,7 +593,7 @@ class Course:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
         rate = jax.vmap(of_one)(*self._contacts, self.states.memory)
-        # doubted on rough rails alone
+        # judged on rough rails only
         damping = self.damping_ratio if self.scene.track.is_rough else jnp.zeros(())
         damping = jnp.max(jax.lax.stop_gradient(damping))
         return contact_loads(self.force.values, self.gap.values, store(rate), damping, self.args, self.steps)
@@ -601,7 +601,7 @@ class Course:
     @functools.cached_property
     def crossings(self) -> Crossings:
         """Upward zero crossings."""
-        # the first half are coordinates, the second their velocities; sections first, then the ends of steps
+        # the first half are coordinates, the second half velocities; axes are sections, then ends of steps
         q, v = jnp.split(self.coordinates.values.T, 2)
         q_slope, v_slope = jnp.split(self.coordinates.slopes.T, 2)
         place, velocity = crossing(q, q_slope, v, v_slope)
@@ -617,12 +617,12 @@ class Course:
         if isinstance(self.steps, int):
             stride = self.steps // saves
             return jax.tree.map(lambda a: a[stride : self.steps + 1 : stride], self.states)
-        # elsewhere by indices, rounded because the division may have an error
+        # otherwise by indices, rounded because the division may have an error
         at = jnp.round(jnp.arange(1, saves + 1) * (self.steps / saves)).astype(int)
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """Return the mean over time of `samples`, made of those of curves; over distance where the speed changes."""
+        """Return the mean over time of `samples`, made from samples of curves; over distance if the speed changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(
@@ -631,12 +631,12 @@ class Course:
         filler: float,
     ) -> Shaped[Array, "samples ..."]:
         """Return values of steps, or of samples in them, with `filler` in place of those of unused steps."""
-        # each step has one value, or one for each of its samples
+        # each step has one value, or one value for each of its samples
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
     def _of_points(self, values: Array) -> Array:
-        # those at the front come first
+        # points at the front come first
         return values.reshape(len(values), *self.scene.point_shape)
 
     def _curve(self, values: Array) -> StepCubics:

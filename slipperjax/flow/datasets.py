@@ -1,4 +1,4 @@
-"""Results as labelled datasets of xarray, and back: the scene, the start and the call that made a result."""
+"""Results as labelled datasets of xarray, and from datasets the scene, the start and the call of a result."""
 
 import functools
 import importlib.metadata
@@ -47,7 +47,7 @@ SCENE_NUMBER = "scene_number"
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return versions of slipperjax, of the packages it computes with, and of Python."""
+    """Return versions of slipperjax, of the packages that it computes with, and of Python."""
     numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
         # a copy of the sources that is not installed has no version
@@ -64,10 +64,10 @@ def run_attributes(
     call: Mapping[str, object],
     varied: Iterable[str] = (),
 ) -> dict[str, str]:
-    """Return the attributes of a dataset from which `scene_of`, `start_of` and `load_call` read, each JSON.
+    """Return the attributes of a dataset, each JSON, that `scene_of`, `start_of` and `load_call` read.
 
-    **Arguments:** `call`: the name of the function that made it as `function`, and its arguments; `varied`: names of
-    the coordinates that hold the values which differ between cases.
+    **Arguments:** `call`: the name of the function as `function`, and its arguments; `varied`: names of the
+    coordinates whose values differ between cases.
     """
     return {
         "scene": scene_to_json(scene),
@@ -81,7 +81,7 @@ def run_attributes(
 def result_dataset(data: Mapping[str, Any], coords: Mapping[str, Any], attrs: Mapping[str, Any]) -> "xr.Dataset":
     """Return a dataset with the attributes of `run_attributes`, and a number of their scene at each case.
 
-    Where datasets are joined, attributes are those of the first, but numbers stay with their cases.
+    Joined datasets have the attributes of the first dataset, but the numbers stay with their cases.
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
@@ -92,27 +92,27 @@ def result_dataset(data: Mapping[str, Any], coords: Mapping[str, Any], attrs: Ma
 
 
 def has_one_scene(ds: "xr.Dataset") -> bool:
-    """Tell whether the attributes of a result are those of all its cases, which none joined from others is."""
+    """Return whether the attributes of a result are valid for all its cases, as they are not after a join."""
     if SCENE_NUMBER not in ds.coords:
         return True
     numbers = ds[SCENE_NUMBER].values
-    # cases that a join or a store has left empty have none
+    # cases that a join or a store has left empty have no number
     return bool(np.isin(numbers[~np.isnan(numbers)], _scene_number(ds)).all())
 
 
 def _scene_number(ds: "xr.Dataset") -> float:
-    """Return a number of the scene in a result's attributes; as a float, which may be missing."""
+    """Return a number of the scene in a result's attributes; a float, because it may be missing."""
     return float(zlib.crc32(str(ds.attrs.get("scene")).encode()))
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, object]:
     """Return the scene's parameters as attributes of a dataset, with units in their names.
 
-    **Arguments:** `without`: names and paths of parameters that the dataset has as coordinates. Parameters that
-    depend on these are left out, such as the clearance where section.play.2 varies, and so are those with several
-    values.
+    **Arguments:** `without`: names and paths of parameters that are coordinates of the dataset. Parameters that
+    depend on these are left out, such as the clearance where section.play.2 varies, and so are parameters with
+    several values.
     """
-    # what depends on a varied number becomes NaN, and is left out below
+    # parameters that depend on a varied number become NaN, and are left out below
     for name in without:
         if name not in STARTS:
             scene = parameter(name, scene).replaced(scene, np.nan)
@@ -125,7 +125,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     name = "wavelengths"
-    # rails of another kind than a sum of waves have one wavelength, that of a forcing period
+    # a rail that is no sum of waves has one wavelength, the length of a forcing period
     lengths = getattr(scene.track, name, None)
     if lengths is None:
         out["track"] = type(scene.track).__name__
@@ -143,7 +143,7 @@ _over_periods = jit(over_periods)
 def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
     """Return a `Trajectory` as an `xarray.Dataset`.
 
-    - Dimensions: time, of a sled slipper (named as its mounts are), end (front, rear) and point (A..J).
+    - Dimensions: time, for a sled also slipper (with the mounts' names), end (front, rear) and point (A..J).
     - Coordinates: time [s] and period [forcing periods].
     - Variables over time: y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z, a_y, a_z, alpha_x, alpha_y, alpha_z,
         drive_force, and at each end and point contact_force and gap.
@@ -151,7 +151,7 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
         penetration.
     """
     known("trajectory", trajectory)
-    # as the record of a sweep's history, which has the same variables
+    # like the record of a sweep's history, which has the same variables
     now = trajectory.reactions
     parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
     history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
@@ -166,7 +166,7 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
         "status_meaning": MEANINGS,
     }
     if trajectory.loads is not None:
-        # of the whole run: periods count by their duration, which differs where the speed changes
+        # of the whole run: periods are weighted by their duration, which differs where the speed changes
         saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
         total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
         dims = tuple(trajectory.scene.point_labels)
@@ -181,7 +181,7 @@ def trajectory_dataset(trajectory: Any) -> "xr.Dataset":
 def scene_of(ds: "xr.Dataset") -> Scene:
     """Return the scene of a result of one case, exactly as it was.
 
-    **Raises:** `ValueError` where the dataset holds no scene, or several.
+    **Raises:** `ValueError` where the dataset has no scene, or several.
     """
     scene, _ = load_base(ds)
     values = _case_of(ds, of_start=False)
@@ -192,14 +192,14 @@ def start_of(ds: "xr.Dataset") -> Motion | State:
     """Return the start of a result of one case; raises as `scene_of`."""
     _, start = load_base(ds)
     motion = start.motion if isinstance(start, State) else start
-    # what was varied replaces the numbers of the start that all cases have in common
+    # varied values replace the start's numbers that all cases have in common
     motion = replace(motion, **of_motion(_case_of(ds, of_start=True)))
     return State(motion, start.memory) if isinstance(start, State) else motion
 
 
 def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
-    """Return the scene and the start that all cases of a result are variations of; raises as `scene_of`."""
-    # a clear error where the attribute is missing or no JSON
+    """Return the scene and the start of a result, without varied values; raises as `scene_of`."""
+    # a clear error where the attribute is missing or not JSON
     _described(ds, "scene")
     need = "be of one scene: these are joined from several, and only the first's is known"
     require(has_one_scene(ds), "source", need, shown="of several")
@@ -221,7 +221,7 @@ def function_of(ds: "xr.Dataset") -> str:
 def load_call(ds: "xr.Dataset") -> dict[str, Any]:
     """Return the call that made a result: the function's name as `function`, and its arguments by name.
 
-    Scene, grid and start are not among them.
+    Scene, grid and start are not included.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
@@ -241,9 +241,9 @@ def load_call(ds: "xr.Dataset") -> dict[str, Any]:
 
 
 def read_dataset(path: Path) -> "xr.Dataset":
-    """Return the dataset of a netCDF file; the variables of one larger than `READ_AT_ONCE` are read as they are used.
+    """Return the dataset of a netCDF file; if larger than `READ_AT_ONCE`, variables are read when they are used.
 
-    **Raises:** `ValueError` for another file; `OSError` for one that cannot be read.
+    **Raises:** `ValueError` for a file of another kind; `OSError` for a file that cannot be read.
     """
     import xarray as xr
 
@@ -257,7 +257,7 @@ def read_dataset(path: Path) -> "xr.Dataset":
 
 
 def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
-    """Return the value of an attribute in JSON; raises `ValueError` where there is none of the wanted kind."""
+    """Return the value of an attribute in JSON; raises `ValueError` where it is missing or not of the kind `kind`."""
     text = ds.attrs.get(name)
     lacks = f"a dataset with no attribute `{name}`"
     require(text is not None, "source", "be a result of slipperjax", shown=lacks)
@@ -270,19 +270,19 @@ def _described(ds: "xr.Dataset", name: str, kind: type = dict) -> Any:
 
 
 def varied_names(ds: "xr.Dataset") -> list[str]:
-    """Return the names of the varied coordinates; raises `ValueError` where the dataset has lost one of them, or has
-    it in another unit."""
+    """Return the names of the varied coordinates; raises `ValueError` where one is missing in the dataset, or has
+    another unit."""
     names = _described(ds, "varied", list)
     check_units(ds, "source")
     for name in names:
         need = f"have the coordinate `{name}`, which was varied"
-        # in a list, because names from other files may be of a kind that no mapping can look up
+        # in a list, because names in other files may be of a type that no mapping accepts
         require(name in list(ds.coords), "source", need, shown="none")
     return names
 
 
 def _case_of(ds: "xr.Dataset", of_start: bool) -> dict[str, float]:
-    """Return the varied values of the one case of a result, those of its start or those of its scene."""
+    """Return the varied values of the one case of a result, of its start or of its scene."""
     values = {}
     for name in varied_names(ds):
         if (name in STARTS) == of_start:

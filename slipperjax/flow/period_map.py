@@ -1,7 +1,7 @@
-"""The period map: a scene's state one or more forcing periods on.
+"""The period map: a scene's state after one or more forcing periods.
 
-Everything that advances a slipper in time stands on `PeriodMap`. It is applied and differentiated as it is, and the
-compiled forms for one case and for batches are here too.
+All code that advances a slipper in time uses `PeriodMap`. This module also has its compiled forms, for one case and
+for batches.
 """
 
 import functools
@@ -40,8 +40,8 @@ from .stepping import AbstractStepping, as_stepping
 def tangent_weights(scene: Scene) -> Callable[[State], State]:
     """Return the weights of a tangent's components at a state, see `slipperjax.analysis.lyapunov.push_tangents`.
 
-    The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
-    itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
+    The motion counts in multiples of its scales. With `EventLatch` the memory of a closed contact counts relative to
+    its value, and the memory of an open contact does not count. With `SmoothSwitch` 1 m/s of memory counts as one.
     """
     return _weights_with(type(scene.contact_memory))
 
@@ -68,29 +68,29 @@ class Passage(NamedTuple):
     samples: tuple[PyTree, ...]
     """Samples of each record, with a leading axis of periods."""
     status: Int[Array, "*cases"]
-    """`Status` code: the first that is not `FINITE` at the ends of the periods."""
+    """First `Status` code that is not `FINITE` at the end of a period."""
     steps_taken: Int[Array, "*cases periods"]
     """Steps tried in each period, including those that an adaptive controller rejected."""
     carried: tuple[PyTree, ...]  # of the records after all periods
 
 
 class PeriodMap(eqx.Module):
-    """The stroboscopic map of one scene: from a state to that `periods` forcing periods later.
+    """The stroboscopic map of one scene: from a state to the state `periods` forcing periods later.
 
-    It is a pytree: jit, vmap or differentiate it. `PeriodMap(scene, steps)(state, k)` is the kind of map that
-    `slipperjax.analysis` takes, with k the number of earlier applications.
+    The map is a pytree, for jit, vmap and derivatives. `PeriodMap(scene, steps)(state, k)` has the form of maps in
+    `slipperjax.analysis`, with k the number of earlier applications.
     """
 
     scene: Scene
     stepping: AbstractStepping = eqx.field(converter=as_stepping)
-    """How a period is integrated; a whole number stands for so many constant steps."""
+    """How a period is integrated; a whole number is the number of constant steps."""
     solver: diffrax.AbstractSolver | None = eqx.field(static=True, default=None)
-    """None for the scene's own, see `resolve_solver`."""
+    """None: the default solver of the scene, see `resolve_solver`."""
     periods: int = eqx.field(static=True, default=1)
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Real = 0.0) -> State:
-        """Return the state after one application; `k`: applications before it, which say where on the rail it is."""
+        """Return the state after one application; `k`: number of earlier applications, for the place on the rail."""
         return self.run(state, k * self.periods).state
 
     @with_standard_promotion
@@ -104,18 +104,18 @@ class PeriodMap(eqx.Module):
         used: Whole = None,
         earlier: PyTree = None,
     ) -> Passage:
-        """Integrate some forcing periods, and take what records keep of them.
+        """Integrate some forcing periods, and sample the records.
 
-        **Arguments:** `state`: at the start of the forcing period number `epoch`; `periods`: by default those of one
-        application; `used`: how many of `periods` are integrated, by default all. It may be traced, so that one
-        program serves several numbers; results of the other periods are meaningless. `earlier`: carries of the
-        records from the periods before, by default those of a beginning.
+        **Arguments:** `state`: at the start of the forcing period number `epoch`; `periods`: by default the periods
+        of one application; `used`: how many of `periods` are integrated, by default all. `used` may be traced, so
+        that one program serves several numbers; results of the other periods are meaningless. `earlier`: values that
+        the records carry from the periods before, by default the values at a beginning.
 
-        **Returns:** a `Passage` with scalar status. The motion is NaN from the period on in which the solver or the
-        step size controller gave up.
+        **Returns:** a `Passage` with scalar status. If the solver or the step size controller gives up, the motion is
+        NaN from this period on.
         """
         count = self.periods if periods is None else periods
-        # reverse mode through all steps would be a program of three times the size, see `by_jacobian`
+        # the program of reverse mode through all steps would be three times as large, see `by_jacobian`
         run = lambda self, *of_run: self._run(count, records, *of_run)
         return by_jacobian(run, self, state, jnp.asarray(epoch, float), used, earlier)
 
@@ -136,8 +136,9 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
-        # What records make of the states inside a period is as much to compile as the steps, and is compiled beside
-        # them as a kernel of its own. To start it each period takes microseconds, which shorter work would feel.
+        # Where records use the states inside a period, their work takes as long to compile as the steps. Therefore
+        # steps and records are two kernels, which compile at the same time. A kernel takes microseconds to start;
+        # without such records the period is too short for this, and the whole loop is one kernel.
         called = lambda fun, *args: fun(*args)
         part, whole = (in_one_kernel, called) if records.inside else (called, in_one_kernel)
 
@@ -145,9 +146,9 @@ class PeriodMap(eqx.Module):
         def period(carry, epoch):
             state, solver_state, carried = carry
             args = Args(scene, epoch, points)
-            # wear, for one, changes the scene from period to period
+            # some records change the scene from period to period, such as wear
             now = records.feed_back(scene, carried, epoch)
-            if now is not scene:  # gaps that the solver keeps change, too
+            if now is not scene:  # the gaps that the solver keeps also change
                 args = Args(now, epoch, contact_points(now))
                 solver_state = self.stepping.begin(terms, solver, state, args)
             stepped = lambda a, b: self.stepping.period(terms, solver, a, b, args, records.inside)
@@ -162,7 +163,7 @@ class PeriodMap(eqx.Module):
             carried, sample, code = part(recorded, end, inside, done.rates, carried)
             return (end, done.solver_state, carried), (sample, code, jnp.asarray(done.steps_taken, int))
 
-        # skips a period at run time: `used` is one number for a batch, so that `jax.vmap` leaves the `cond` as it is
+        # Skips a period at run time. `used` is one number for the whole batch, so that `jax.vmap` keeps the `cond`.
         def period_if_used(carry, epoch_now):
             none = jax.tree.map(
                 lambda a: jnp.zeros(a.shape, a.dtype),
@@ -183,28 +184,28 @@ class PeriodMap(eqx.Module):
         (end, _, carried), (samples, codes, steps_taken) = whole(run, (state, solver_state, earlier))
         judged = steps_taken
         if used is not None:
-            # periods that were not run resolve all impacts
+            # skipped periods count as periods that resolve all impacts
             run = jnp.arange(float(count)) < used
             steps_taken = jnp.where(run, steps_taken, jnp.max(steps_taken))
             judged = jnp.where(run, steps_taken, jnp.inf)
-        # of the first period with a problem
+        # code of the first period with a problem
         code = with_resolution(codes[jnp.argmax(codes != int(Status.FINITE))], scene, judged, epoch)
         return Passage(end, samples, code, steps_taken, carried)
 
 
 def _lost_where(failed: Array, state: State) -> State:
-    """Return the state or states with a motion of NaN where solver or controller gave up."""
+    """Return the state or states, with a motion of NaN where the solver or the controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
 def _moving_with(state: State, numbers: PyTree) -> State:
-    """Return `state`, which depends on all `numbers`, by a zero: it has tangents, and lanes, wherever they have.
+    """Return `state` plus a zero that depends on all `numbers`, so that the state has their tangents and batch axes.
 
-    The state of a loop gets tangents from `numbers` in its first pass. Where it has them from the start, JAX traces
-    the loop once; otherwise it finds out by tracing again, and nested loops as often as their number demands.
+    In its first pass a loop's state gets tangents from `numbers`. JAX traces the loop only once where the state has
+    these tangents from the start. Otherwise JAX must trace the loop again, and nested loops even more often.
     """
-    # NaN and infinity stay out of the zero
+    # NaN and infinity would spoil the zero
     floats = (x for x in jax.tree.leaves(numbers) if jnp.issubdtype(x.dtype, jnp.floating))
     finite = (jnp.where(jnp.isfinite(x), x, 0.0) for x in floats)
     nothing = 0.0 * sum(jnp.sum(x) for x in finite)
@@ -214,7 +215,7 @@ def _moving_with(state: State, numbers: PyTree) -> State:
 def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0) -> State:
     """Return the states with which the runs of a batch begin; `starts` has a leading axis of cases.
 
-    Warns by an `ImplausibleWarning` where slippers begin far outside their play.
+    Gives an `ImplausibleWarning` where slippers begin far outside their play.
 
     **Arguments:** `epoch`: forcing periods from distance zero to where the runs begin.
     """
@@ -227,7 +228,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Real =
 def states_and_penetrations(
     scenes: Batched[Scene], starts: Motion | State, epoch: Real = 0.0
 ) -> tuple[State, Float[Array, " cases"]]:
-    """Return a batch's states and penetrations: `slipperjax.model.starts.state_and_penetration`."""
+    """Return a batch's states and penetrations, see `slipperjax.model.starts.state_and_penetration`."""
     return scenes.map(lambda scene, start: state_and_penetration(scene, start, epoch), starts)
 
 
@@ -258,11 +259,11 @@ def advance(
 
 
 class SlopePassage(NamedTuple):
-    """A batch after a forcing period, what records sampled in it, and derivatives of both along some directions."""
+    """A batch after a forcing period, the records' samples, and derivatives of both along some directions."""
 
     state: State
     slopes: Float[Array, "cases directions size"]
-    """Of all numbers of the states."""
+    """Derivatives of all numbers of the states."""
     samples: tuple[PyTree, ...]
     """For each record, arrays (cases, ...)."""
     sample_slopes: tuple[PyTree, ...]
@@ -283,8 +284,8 @@ def advance_slopes(
 ) -> SlopePassage:
     """Run a batch over one forcing period, and differentiate it in forward mode.
 
-    **Arguments:** `slopes`: derivatives of the states at the start. The first directions change the parameters
-    `names`, too, one each; others change the start alone. `epoch`: one number, or one for each case.
+    **Arguments:** `slopes`: derivatives of the states at the start. Each of the first directions also changes one of
+    the parameters `names`; the other directions change only the start. `epoch`: one number, or one for each case.
     """
 
     def one(scene: Scene, state: State, slopes: Array, own_epoch: Real | None) -> SlopePassage:
@@ -298,7 +299,7 @@ def advance_slopes(
 
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
-        # values are the same along all directions: no axis
+        # values have no axis of directions, because they are the same along all
         every = jax.vmap(push, out_axes=((None, None), 0))
         (end, samples), (end_slopes, sample_slopes) = every(slopes, jnp.eye(len(slopes), p.size))
         return SlopePassage(unravel(end), end_slopes, samples, sample_slopes)
@@ -315,7 +316,7 @@ class TangentPassage(NamedTuple):
     strobe: Float[Array, "cases periods coordinates"]
     """The state at the end of each period, in the order of `slipperjax.model.COORDINATES`."""
     status: Int[Array, " cases"]
-    """`Status` code of the state at the end; what happens between is not looked at."""
+    """`Status` code of the state at the end; states before the end are not judged."""
 
 
 @functools.partial(jit, static_argnames=("solver", "periods"))
@@ -329,13 +330,13 @@ def advance_tangents(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> TangentPassage:
-    """Carry a batch's orthonormal tangents over forcing periods: `slipperjax.analysis.lyapunov.push_tangents`."""
+    """Carry a batch's orthonormal tangents over forcing periods, see `slipperjax.analysis.lyapunov.push_tangents`."""
 
     def one(scene, state, tangents):
         step = PeriodMap(scene, stepping, solver)
         scale = tangent_weights(scene)
 
-        # one at a time, because the growth and the state of each are wanted
+        # one period at a time, to keep the growth and the state of each
         def period(carry, epoch):
             state, tangents = carry
             state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, scale=scale)

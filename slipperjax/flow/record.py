@@ -1,8 +1,8 @@
-"""What a record is, several records as one, and records of samples: strobes, Poincare sections and histories.
+"""Base classes of records, several records as one, and records of samples: strobes, Poincare sections and histories.
 
-A record sees the course of each forcing period inside the compiled program, and keeps of it what a dataset needs. It
-may carry numbers from period to period, which makes a result of one size however long the run is (peaks, means), or
-sample each period, whose samples are joined in the order of time. After the run it labels its arrays for datasets.
+A record gets the course of each forcing period inside the compiled program, and keeps what a dataset needs. A record
+may carry numbers from period to period, so that its result has one size for runs of any length (peaks, means). Or it
+samples each period, and the samples are joined in the order of time. After the run it labels its arrays for datasets.
 """
 
 import abc
@@ -29,18 +29,18 @@ from .course import Course
 from .status import Status
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]
-"""Data variables and coordinates of a dataset, as xarray takes them."""
+"""Data variables and coordinates of a dataset, in the form that xarray takes."""
 
 
 class RecordedSpan(NamedTuple):
-    """The recorded periods of a chunk of cases, as records are told of them after the run."""
+    """The recorded periods of a chunk of cases, passed to records after the run."""
 
     periods: int
     """Number of forcing periods."""
     steps: int
-    """Integration steps in each."""
+    """Integration steps in each period."""
     start: float
-    """Forcing periods from distance zero to the instant from which results count."""
+    """Forcing periods from distance zero to the beginning of the recorded periods."""
     status: Int[np.ndarray, " cases"]
     """`slipperjax.Status` codes."""
     scenes: Batched[Scene] | None = None
@@ -48,24 +48,24 @@ class RecordedSpan(NamedTuple):
 
 
 class AbstractOutput(abc.ABC):
-    """Something of each case that becomes variables of a dataset."""
+    """Values of each case that become variables of a dataset."""
 
     name: str
     """The name in the attribute `record` of datasets."""
     each_period: bool = False
-    """Whether it has values of each recorded period, along the first axis after that of the cases, and not of all."""
+    """Whether it has values of each recorded period, on the first axis after the cases, or of all together."""
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """The data variables that it makes."""
+        """The names of its data variables."""
         return (self.name,)
 
     @abc.abstractmethod
     def values(self, scene: Scene, periods: int) -> int:
-        """Return about how many numbers are kept of one case in so many periods; only shapes of the scene count."""
+        """Return about how many numbers are kept for one case in `periods`; only shapes of the scene count."""
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
-        """Raise `ValueError` where a run does not suit: of `periods` recorded periods of at least `steps` steps."""
+        """Raise `ValueError` for an unsuitable run: of `periods` recorded periods of at least `steps` steps."""
 
     @abc.abstractmethod
     def label(self, scene: Scene, dims: tuple[str, ...], values: PyTree) -> Labelled:
@@ -73,29 +73,29 @@ class AbstractOutput(abc.ABC):
 
 
 class AbstractRecord(AbstractOutput):
-    """Something to keep of each case of a run.
+    """Values to keep of each case of a run.
 
-    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers from period to
-    period defines `begin` and `add`, one that samples each period defines `sample`; both define `finish` and `label`.
-    For a chunk of cases, the order of calls is `begin`, then `add` and `sample` in each period, then `judge` and
-    `finish`; `label` comes last, with the results of all chunks.
+    Subclasses are frozen dataclasses, so that equal records share a compiled program. A record that carries numbers
+    from period to period defines `begin` and `add`; a record that samples each period defines `sample`; both define
+    `finish` and `label`. For a chunk of cases, the order of calls is `begin`, then `add` and `sample` in each period,
+    then `judge` and `finish`; `label` comes last, with the results of all chunks.
     """
 
     inside: bool = True
-    """Whether it looks at states inside periods, and not only at their ends."""
+    """Whether it uses states inside periods, and not only at their ends."""
     from_start: bool = False
-    """Whether it samples the periods before the recorded ones, too."""
+    """Whether it also samples the periods before the recorded periods."""
     goes_on: bool = False
-    """Whether its carry goes on from one stretch of a run to the next."""
+    """Whether the next stretch of a run continues with its carry."""
 
     def last(self, periods: int) -> int:
-        """Return how many periods at the end of the recorded ones need their samples kept."""
+        """Return for how many periods at the end of the recorded periods samples must be kept."""
         return periods
 
     def begin(self, scene: Scene, state: State) -> PyTree:
         """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
 
-        **Arguments:** `scene`, `state`: of a case, whose shapes alone may be used.
+        **Arguments:** `scene`, `state`: of a case; only their shapes may be used.
         """
         return None
 
@@ -104,11 +104,11 @@ class AbstractRecord(AbstractOutput):
         return carried
 
     def sample(self, course: Course) -> PyTree:
-        """Return the arrays that are kept of each period, inside the compiled program; None where there are none."""
+        """Return the arrays that are kept for each period, inside the compiled program; None where there are none."""
         return None
 
     def feed_back(self, scene: Scene, carried: PyTree, epoch: Real) -> Scene:
-        """Return the scene for the period number `epoch`, changed by what earlier periods have left in the carry."""
+        """Return the scene for the period number `epoch`, changed by values of earlier periods in the carry."""
         return scene
 
     def judge(
@@ -123,7 +123,7 @@ class AbstractRecord(AbstractOutput):
 
 
 class Unlabelled(AbstractRecord):
-    """A record without variables in datasets, whose samples are used as they are."""
+    """A record without variables in datasets; callers use its samples directly."""
 
     name = ""
     goes_on = True
@@ -147,21 +147,21 @@ class RecordSet:
 
     @property
     def inside(self) -> bool:
-        """Whether any looks at states inside periods."""
+        """Whether any record uses states inside periods."""
         return any(r.inside for r in self.records)
 
     @property
     def from_start(self) -> "RecordSet":
-        """The records that sample the transient, too."""
+        """The records that also sample the transient."""
         return RecordSet(tuple(r for r in self.records if r.from_start))
 
     @property
     def feeds_back(self) -> bool:
-        """Whether any changes the scene by what earlier periods have left in its carry."""
+        """Whether any record changes the scene by values that earlier periods left in its carry."""
         return any(type(r).feed_back is not AbstractRecord.feed_back for r in self.records)
 
     def renewed(self, carried: tuple[PyTree, ...], begun: tuple[PyTree, ...]) -> tuple[PyTree, ...]:
-        """Return the carries with which the next stretch begins, from those of this one and of a beginning."""
+        """Return the carries for the beginning of the next stretch, from this stretch's and a beginning's carries."""
         parts = zip(self.records, carried, begun, strict=True)
         return tuple(mine if r.goes_on else new for r, mine, new in parts)
 
@@ -174,12 +174,12 @@ class RecordSet:
         return tuple(r.add(mine, course) for r, mine in zip(self.records, carried, strict=True))
 
     def sample(self, course: Course) -> tuple[PyTree, ...]:
-        """Return the arrays that are kept of each period."""
+        """Return the arrays that are kept for each period."""
         return tuple(r.sample(course) for r in self.records)
 
     def feed_back(self, scene: Scene, carried: tuple[PyTree, ...], epoch: Real) -> Scene:
-        """Return the scene for the period number `epoch`, changed by what earlier periods left in the carries."""
-        # one after the other, as each may change the scene
+        """Return the scene for the period number `epoch`, changed by values of earlier periods in the carries."""
+        # one after the other, because each may change the scene
         for r, mine in zip(self.records, carried, strict=True):
             scene = r.feed_back(scene, mine, epoch)
         return scene
@@ -204,22 +204,22 @@ class RecordSet:
 
 
 class Samples:
-    """Samples of records from successive calls of a program, as far as they are needed, outside of JAX."""
+    """Samples of records from successive calls of a program, kept outside of JAX as long as they are needed."""
 
     def __init__(self, records: RecordSet, periods: int):
         """**Arguments:** `periods`: number of recorded periods in all calls together."""
         self._periods = periods
         self._calls: dict[AbstractRecord, deque[PyTree]] = {r: deque() for r in records.records}
         self._held = dict.fromkeys(records.records, 0)
-        """Periods of each record's samples."""
+        """Number of periods for which each record needs samples."""
 
     def add(self, records: RecordSet, samples: tuple[PyTree, ...]) -> None:
-        """Add the samples that some of the records took in one call, arrays (cases, periods, ...)."""
+        """Add the samples that some records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(new)
             self._held[r] += _periods_in(new)
-            # earlier calls are dropped as soon as later ones have all periods that are needed, to save memory
+            # earlier calls are dropped when later calls have all needed periods, to save memory
             while not r.from_start and self._held[r] - _periods_in(calls[0]) >= r.last(self._periods):
                 self._held[r] -= _periods_in(calls.popleft())
 
@@ -227,7 +227,7 @@ class Samples:
         """Return each record's samples in the order of time."""
         found = []
         for record, calls in self._calls.items():
-            # the earliest call that was kept may have more periods than are needed
+            # the earliest kept call may have more periods than needed
             last = slice(None) if record.from_start else slice(-record.last(self._periods), None)
             end_to_end = lambda *parts, last=last: np.concatenate(parts, axis=1)[:, last]
             found.append(jax.tree.map(end_to_end, *calls) if calls else None)
@@ -235,8 +235,8 @@ class Samples:
 
 
 def _periods_in(call: PyTree) -> int:
-    """Return how many periods were sampled in a call."""
-    # all arrays of a sample have the same periods: the first one tells
+    """Return the number of sampled periods in a call."""
+    # all arrays of a sample have the same periods, so that the first array is enough
     return sum(leaf.shape[1] for leaf in jax.tree.leaves(call)[:1])
 
 
@@ -248,7 +248,7 @@ class Strobe(AbstractRecord):
     """The state at the end of each forcing period, as the variable `strobe`. States inside periods are not stored."""
 
     from_start: bool = False
-    """Whether the states of the transient are kept, too."""
+    """Whether the states of the transient are also kept."""
 
     name = "strobe"
     inside = False
@@ -260,8 +260,8 @@ class Strobe(AbstractRecord):
         return len(COORDINATES) * periods
 
     def sample(self, course) -> Motion:
-        # Euler angles are made after the run: made here, XLA would fuse them with the step, and results would differ
-        # in their last digits with the size of the batch.
+        # Euler angles are computed after the run. Here XLA would fuse them with the step, and the last digits of
+        # results would depend on the size of the batch.
         return course.end.motion
 
     def finish(self, carried, samples: Motion, span):
@@ -275,7 +275,7 @@ class Strobe(AbstractRecord):
             "",
             f"state once per period: {text}",
         )
-        # 0 for the last state, -1 for the one before
+        # 0 for the last state, -1 for the state before
         numbers = np.arange(1 - values.shape[-2], 1)
         period = column("strobe_period", numbers, "1", "forcing periods since the end of the record")
         return {"strobe": strobe}, {"coordinate": list(COORDINATES), "strobe_period": period}
@@ -287,19 +287,19 @@ class SectionPoints(NamedTuple):
     time: Float[AnyArray, "*cases 5 crossings"]  # [forcing periods]
     velocity: Float[AnyArray, "*cases 5 crossings"]  # [m/s], [rad/s]
     count: Int[AnyArray, "*cases 5"]
-    """Number of crossings, including those that were not kept."""
+    """Number of crossings, including crossings that were not kept."""
 
 
 @dataclass(frozen=True)
 class PoincareSections(AbstractRecord):
     """Poincare sections: the velocity at each upward zero crossing of a coordinate, and the instant.
 
-    The variables `crossings_<velocity>` are the numbers of crossings. Where a forcing period has more of them than
-    `capacity`, its later ones are dropped, and the case gets the status "points dropped".
+    The variables `crossings_<velocity>` are the numbers of crossings. Where a forcing period has more than `capacity`
+    crossings, the later ones are dropped, and the case gets the status "points dropped".
     """
 
     capacity: int = 8
-    """Number of crossings of each coordinate that can be kept of a forcing period; one or two are usual."""
+    """Number of crossings of each coordinate that are kept in a forcing period; usually there are one or two."""
 
     def __post_init__(self):
         whole("capacity", self.capacity, 1)
@@ -317,7 +317,7 @@ class PoincareSections(AbstractRecord):
         return np.zeros((), int)
 
     def add(self, carried, course):
-        # the most crossings of a coordinate in any period, from which `judge` sees that some were dropped
+        # the greatest number of crossings of a coordinate in any period; `judge` compares it with the capacity
         return jnp.maximum(carried, jnp.max(jnp.sum(~jnp.isnan(course.crossings.time), axis=1)))
 
     def sample(self, course) -> SectionPoints:
@@ -339,7 +339,7 @@ class PoincareSections(AbstractRecord):
         # from (cases, periods, sections, crossings) to (cases, sections, all crossings)
         both = samples.time, samples.velocity
         time, velocity = (np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1) for a in both)
-        # crossings to the front, NaN of each period's unused places to the end; "stable" keeps the order of time
+        # crossings move to the front, and NaN of unused places to the end; "stable" keeps the order of time
         order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
         time, velocity = (np.take_along_axis(a, order, axis=-1) for a in (time, velocity))
         return SectionPoints(time - span.start, velocity, np.sum(samples.count, axis=1))
@@ -347,7 +347,7 @@ class PoincareSections(AbstractRecord):
     def label(self, scene, dims, values: SectionPoints):
         # as many columns as the case with the most crossings needs
         most = int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=1))
-        # arrays in stores have room for as many crossings as there can be
+        # arrays in stores have places for the greatest possible number of crossings
         capacity = values.time.shape[-1]
         along = (*dims, "crossing")
         data = {}
@@ -428,6 +428,6 @@ class History(AbstractRecord):
         for name, q in REACTIONS.items():
             inner = () if name == "drive_force" else tuple(scene.point_labels)
             data[name] = column((*dims, "time", *inner), getattr(values, name), q.unit, q.long_name)
-        # one coordinate for all cases, which have the same instants, or NaN where they were not run
+        # all cases have the same instants, or NaN where they were not run: one coordinate for all
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
         return data, {"period": column("time", period, "1", "time in forcing periods")} | scene.point_labels

@@ -1,7 +1,7 @@
-"""Records that make a number of a run, such as a highest force: for sweeps, stores, designs and sensitivities alike.
+"""Records that make a number of a run, such as a highest force, for sweeps, stores, designs and sensitivities.
 
-They can be differentiated in both modes. The derivative of a greatest value jumps where another point or instant
-takes over. A descent therefore follows its smooth twin, `smooth`.
+The numbers can be differentiated in both modes. The derivative of a greatest value jumps where another point or
+instant becomes the greatest. Therefore a descent follows the smooth form of the record, `smooth`.
 """
 
 import abc
@@ -38,23 +38,23 @@ OF_SLIPPERS = ("slipper", ("axis", ("y", "z")))
 
 
 class Join(NamedTuple):
-    """A way to make one number of the values of all forcing periods: these are reduced one by one, then finished."""
+    """A way to make one number of the values of all forcing periods: reduce each value, then finish the result."""
 
-    empty: float  # the reduced value of no period
+    empty: float  # the reduced value of zero periods
     reduce: Callable[..., Array]
     """Reduces values along axis 0; the result can be reduced with further values."""
     value: Callable[[AnyArray, Whole], AnyArray] = lambda joined, periods: joined
-    """Finishes: gives the number from the reduced value and the number of periods."""
+    """Returns the number from the reduced value and the number of periods."""
     size: Callable[[AnyArray], AnyArray] = lambda values: values
-    """Gives that by which the greatest of several values, such as those of all points, is chosen."""
+    """Returns the value by which the greatest of several values is chosen, such as the values of all points."""
     reduced: Callable[[AnyArray], AnyArray] = lambda values: values
-    """Gives back, from the number of one period, the value that `value` made it of."""
+    """Inverse of `value` for one period: returns the value from which `value` made a number."""
     weighted: Callable[[AnyArray, AnyArray], AnyArray] | None = None
-    """Of means: weights the values of periods by factors whose mean is 1."""
+    """Only for means: multiplies the values of periods by factors whose mean is 1."""
 
     def whole(self, values: AnyArray, weights: AnyArray | None = None) -> np.ndarray:
-        """Return the number of several periods from the numbers of each, along axis 0; `weights`: of means, such as
-        how long each period lasts, of the shape of `values`."""
+        """Return the number of several periods from the numbers of each, along axis 0; `weights`: for means, such as
+        the duration of each period, with the shape of `values`."""
         reduced = self.reduced(values)
         if weights is not None and self.weighted is not None:
             reduced = self.weighted(reduced, weights / np.mean(weights, axis=0))
@@ -63,8 +63,8 @@ class Join(NamedTuple):
 
 def _root_mean(joined: AnyArray, periods: Whole) -> AnyArray:
     square = joined / periods
-    xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
-    # the slope of a square root at zero is infinite, and would make the derivative NaN even in a branch not taken
+    xp = np if isinstance(square, np.ndarray) else jnp  # on the host, so that nothing is compiled
+    # the slope of a square root is infinite at zero, and would make the derivative NaN even in an unused branch
     return xp.where(square == 0, 0.0, xp.sqrt(xp.where(square == 0, 1.0, square)))
 
 
@@ -77,7 +77,7 @@ def _farthest(values: AnyArray, axis: int = 0) -> Array:
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
     """Return ln of the sum of exp(values), which may be minus infinity."""
-    # the greatest value is taken out, so that nothing overflows
+    # the greatest value is taken out of the sum, so that nothing overflows
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - jnp.expand_dims(scale, axis)), axis=axis)
@@ -100,13 +100,13 @@ JOINS: dict[str, Join] = {
 
 
 class AbstractQuantityRecord(AbstractRecord):
-    """A record of one variable: a quantity, which may have dimensions of its own."""
+    """A record of one variable: a quantity, which may have its own dimensions."""
 
     quantity: Quantity
     """Name, unit and description."""
     dims: tuple[PyTree, ...] = ()
-    """Dimensions of a value: "slipper", "end", "point", or a pair of another name and its labels. Of a sled, values
-    at ends or points have those of its slippers first."""
+    """Dimensions of a value: "slipper", "end", "point", or a pair of another name and its labels. For a sled, values
+    at ends or points have first the dimension of slippers."""
 
     @property
     def name(self) -> str:
@@ -144,18 +144,18 @@ class AbstractNumber(AbstractQuantityRecord):
     """A number, or an array of them, from values of each forcing period."""
 
     join: Join
-    """How the values of all periods become one."""
+    """How the values of all periods become one value."""
     samples: Callable[[Course], PyTree] | None = None
-    """For a number that is a greatest magnitude: gives the values that it is of, with samples along the first axis.
-    None for others."""
+    """For a record of a greatest magnitude: returns the values whose magnitude counts, with samples along the first
+    axis. None for other records."""
 
     @abc.abstractmethod
     def of(self, course: Course) -> PyTree:
-        """Return the value of one forcing period, an array with axes `dims`; for "rms" its square."""
+        """Return the value of one forcing period, an array with axes `dims`; for "rms" the square of the value."""
 
     @property
     def smooth(self) -> "AbstractNumber":
-        """A smooth record to descend along: a power mean for a greatest magnitude, the record itself otherwise."""
+        """A smooth record for a descent: a power mean for a greatest magnitude, otherwise the record itself."""
         return self if self.samples is None else PowerMean(self)
 
     def total(self, values: Array) -> AnyArray:
@@ -163,7 +163,7 @@ class AbstractNumber(AbstractQuantityRecord):
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
-        # what changes nothing where it is reduced with the value of the first period
+        # a value that does not change the first period's value when both are reduced
         return np.full(self.shape(scene), self.join.empty)
 
     def add(self, carried, course):
@@ -175,7 +175,7 @@ class AbstractNumber(AbstractQuantityRecord):
 
 @dataclass(frozen=True)
 class Record(AbstractNumber):
-    """A number that any JAX function makes of the course of a forcing period.
+    """A number that a JAX function computes from the course of a forcing period.
 
     ```python
     load = Record(Quantity("front_load", "N", "mean force at the front"), lambda c: c.force.mean[0].sum(), "mean")
@@ -185,14 +185,14 @@ class Record(AbstractNumber):
     quantity: Quantity
     """Name, unit and description."""
     function: Callable[[Course], PyTree]
-    """Gives a real number, or an array with axes `dims`, from a `slipperjax.flow.Course`. Another function, or the
-    same text in another lambda, is compiled anew."""
+    """Returns a real number, or an array with axes `dims`, from a `slipperjax.flow.Course`. Another function, even a
+    new lambda with the same text, is compiled again."""
     over: str = "max"
-    """How the values of forcing periods become one: by "max", "min", "extreme", which is the value of greatest
-    magnitude with its sign, "sum" or "mean", or by "rms", for which `function` gives squares."""
+    """How the values of forcing periods become one: by "max", "min", "sum" or "mean"; by "extreme", the value of
+    greatest magnitude with its sign; or by "rms", for which `function` returns squares."""
     dims: tuple[str | tuple[str, tuple], ...] = ()
     samples: Callable[[Course], PyTree] | None = None
-    """For a greatest magnitude, the values that it is of, with samples along the first axis; for `smooth`."""
+    """For a greatest magnitude, and for `smooth`: the values whose magnitude counts, samples along the first axis."""
 
     def __post_init__(self):
         require(callable(self.function), "function", "be a function of a course", self.function)
@@ -206,7 +206,7 @@ class Record(AbstractNumber):
 
     @property
     def is_extreme(self) -> bool:
-        """Whether it is a greatest or least value of each of several points or slippers."""
+        """Whether the number is a greatest or least value for each of several points or slippers."""
         return bool(self.dims) and self.over in ("max", "min", "extreme")
 
     def of(self, course):
@@ -220,15 +220,15 @@ class Record(AbstractNumber):
 
 @dataclass(frozen=True)
 class PowerMean(AbstractNumber):
-    """A power mean in place of a greatest magnitude, for descents: it is smooth, and a little below the greatest.
+    """A power mean in place of a greatest magnitude, for descents: it is smooth, and slightly below the greatest.
 
-    Of magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
+    For magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
     """
 
     record: AbstractNumber
-    """The greatest magnitude, which has `samples`."""
+    """The record of a greatest magnitude; it must have `samples`."""
     order: float = 32
-    """Order of the mean: the higher, the nearer to the greatest, and the less smooth."""
+    """Order of the mean; a higher order is nearer to the greatest magnitude, but less smooth."""
 
     def __post_init__(self):
         number(positive, "order", self.order)
@@ -243,20 +243,20 @@ class PowerMean(AbstractNumber):
 
     @property
     def join(self):
-        # on the host nothing is compiled
+        # on the host, so that nothing is compiled
         exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
         weighted = lambda logarithm, share: logarithm + np.log(share)
         return Join(-np.inf, _log_sum, value, reduced=lambda x: self.order * jnp.log(x), weighted=weighted)
 
     def of(self, course):
-        """Return ln of the mean over time of the sum of x^order, whose power itself would overflow."""
+        """Return ln of the mean over time of the sum of x^order, because the power itself would overflow."""
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
-        # samples of unused steps are no part of the scale
+        # samples of unused steps do not count for the scale
         counted = course.counted(size, 0.0)
-        most = jax.lax.stop_gradient(jnp.max(counted))  # a scale alone: the result does not depend on it
+        most = jax.lax.stop_gradient(jnp.max(counted))  # only a scale: the result does not depend on it
         scale = jnp.where(most > 0, most, 1.0)
         mean = jnp.sum(course.mean((counted / scale) ** self.order))
         logarithm = jnp.log(jnp.where(most > 0, mean, 1.0)) + self.order * jnp.log(scale)
@@ -265,13 +265,13 @@ class PowerMean(AbstractNumber):
 
 @dataclass(frozen=True)
 class OnePoint(AbstractNumber):
-    """One number from a record of all contact points or slippers: that of one of them, or the greatest or least."""
+    """One number from a record of all contact points or slippers: that of one, or the greatest or least."""
 
     record: Record
-    """A greatest or least value at each point or of each slipper, such as the highest force."""
+    """A greatest or least value at each point or slipper, such as the highest force."""
     point: str | None = None
-    """A point's name and 1 for the front or 2 for the rear, such as "A1", of a sled "left2_A1"; of slippers the
-    labels, such as "left2_z", or "z" of a single one; None for all."""
+    """A point's name with 1 for the front or 2 for the rear, such as "A1", for a sled "left2_A1"; for slippers the
+    labels, such as "left2_z", or "z" for a single slipper; None: all points or slippers."""
 
     def __post_init__(self):
         instance("record", self.record, Record, "a slipperjax.flow.Record")
@@ -315,7 +315,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
     dims = POINTS
 
     def height(self, course: Course) -> Array:
-        """Return what is highest at that instant of one forcing period."""
+        """Return the value that is highest at this instant, in one forcing period."""
         return course.loads.peak_force
 
     @abc.abstractmethod
@@ -323,14 +323,14 @@ class AbstractAtPeak(AbstractQuantityRecord):
         """Return the number at the highest values of one forcing period, in the shape of `height`."""
 
     def begin(self, scene, state):
-        # the highest forces so far, and the numbers there
+        # the highest forces so far, and the numbers at their instants
         none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
     def add(self, carried, course):
         highest, there = carried
         force = self.height(course)
-        # an open point has no highest force yet, and keeps NaN
+        # an open point has no highest force yet, and stays NaN
         higher = force > highest
         return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
 
@@ -349,12 +349,12 @@ class PeakPeriod(AbstractAtPeak):
 
 
 def _only(values: Array, axis: int = 0) -> Array:
-    """Return the only one of some values along the first axis, NaN for several."""
+    """Return the only one of some values along the first axis; NaN for several values."""
     return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
 
 
 ONE_PERIOD = Join(np.nan, _only)
-"""The join of values that several periods have no common number of."""
+"""A join for values that have no common number over several periods."""
 
 
 @dataclass(frozen=True)
@@ -362,7 +362,7 @@ class PeakDistance(AbstractAtPeak, AbstractNumber):
     """The distance travelled at the highest normal force of each point; NaN where it is open throughout."""
 
     quantity = Quantity("peak_distance", "m", "distance travelled at the highest force of a contact point")
-    # distances alone do not tell where the highest force of several windows was
+    # distances alone do not show in which of several windows the highest force was
     join = ONE_PERIOD
 
     def of(self, course):
@@ -393,13 +393,13 @@ def judged_by_contacts(
     carried: PyTree,
     limit: Real,
 ) -> Int[Array, " cases"]:
-    """Return `Status` codes by `with_loads`, from carries of `ContactChecks`; `limit`: `most` of `with_loads`."""
+    """Return `Status` codes of `with_loads`, from carries of `ContactChecks`; `limit`: `most` of `with_loads`."""
     return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit), codes, carried)
 
 
 @dataclass(frozen=True)
 class ContactChecks(Unlabelled):
-    """A record without a variable, for statuses that loads show: no contact, pressed in, too few steps, damped."""
+    """A record without a variable, for statuses from loads: no contact, pressed in, too few steps, damped."""
 
     def values(self, scene, periods):
         return 4
@@ -422,7 +422,7 @@ class ContactChecks(Unlabelled):
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
-    """Return the records of one of `COORDINATES`, the one with index `k`: largest, smallest, greatest magnitude."""
+    """Return the records of the coordinate with index `k` in `COORDINATES`: largest, smallest, greatest magnitude."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
         return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)
@@ -437,7 +437,7 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
 
 
 def _impulse_samples(c: Course) -> Array:
-    """Return the points' impulses once for each sample: their power mean is then one over points alone."""
+    """Return the points' impulses once for each sample, so that their power mean is a mean over points only."""
     return jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape))
 
 
@@ -445,7 +445,7 @@ def _rms(k: int, q: Quantity) -> Record:
     """Return the record of the root mean square of one of `ACCELERATIONS`."""
     text = f"root mean square of the {q.long_name}"
     symbol = rf"\mathrm{{RMS}}\,{q.symbol}"
-    # a function of its own, so that each lambda keeps its own k
+    # one function for each record, so that each lambda keeps its own k
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
@@ -457,7 +457,7 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
         force, lambda c: load(c).extreme[..., :2], "extreme", OF_SLIPPERS, lambda c: load(c).samples[..., :2]
     )
     moment = SLIPPER_LOADS["peak_slipper_moment"]
-    # another dimension than that of forces, which have no x
+    # not the dimension of forces, because these have no x
     about = ("slipper", ("about", ("x", "y", "z")))
     yield Record(moment, lambda c: load(c).extreme[..., 2:], "extreme", about, lambda c: load(c).samples[..., 2:])
     yield SlipperPeakDistance()
@@ -471,7 +471,7 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
 
 
 def _records() -> Iterator[AbstractQuantityRecord]:
-    """Yield all records of numbers that can be asked for by name."""
+    """Yield all records of numbers that have a name."""
     points = functools.partial(Record, dims=POINTS)
     yield points(LOADS["peak_force"], lambda c: c.loads.peak_force, samples=lambda c: c.force.samples)
     yield PeakPeriod()
@@ -481,7 +481,7 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     yield from _of_slippers()
     greatest = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
     yield points(greatest, lambda c: c.loads.impulse, samples=_impulse_samples)
-    # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
+    # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to this
     text = "mean normal force of all points together"
     load = Quantity("contact_load", "N", text, r"\sum\bar F", shown_unit="kN")
     yield Record(load, lambda c: jnp.sum(c.force.mean), "mean")
@@ -492,7 +492,7 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     text = "highest damping force over elastic force of a point in contact"
     damping = Quantity("damping_ratio", "1", text, r"F_D/F_E")
     yield points(damping, lambda c: jnp.max(c.damping_ratio, axis=0))
-    # how far a contact that is almost made, or almost lost, is from grazing: its gap's extreme from zero
+    # distance of a contact that nearly closes or nearly opens from grazing: the extreme of its gap nearest to zero
     distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
     for k, q in enumerate(ACCELERATIONS.values()):

@@ -1,4 +1,4 @@
-"""Statuses of cases, which every result carries, and interrupts: how runs are asked to end, and what they leave."""
+"""Statuses of cases, which every result has, and interrupts: how runs are asked to end, and what they return."""
 
 import dataclasses
 import enum
@@ -23,23 +23,23 @@ from ..tools.types import AnyArray, Numbers, Real
 
 LEAST_PER_CONTACT = 3
 """Steps of a typical impact below which a case is not trusted. The default is 10; at K = 1e12 a case stayed finite
-at 5 and did not at 1.3."""
+with 5 steps, and did not with 1.3."""
 FASTEST_GROWTH = 30.0
-"""Logarithm of a tangent's growth in a period above which steps are too long for a contact's damping. At 100 m/s,
-where chaos is strongest, about 10 is the greatest."""
+"""Logarithm of a tangent's growth in a period above which steps are too long for a contact's damping. The greatest is
+about 10 at 100 m/s, where chaos is strongest."""
 MOST_DAMPED = 3.0
-"""Damping force over elastic force above which a force on a rough rail is doubted."""
+"""Damping force over elastic force above which a force on a rough rail is doubtful."""
 INACCURATE = 0.1
-"""Change of a period's end by half the step above which a run is not trusted, in multiples of `accuracy_scales`."""
+"""Change of a period's end by half the step, in multiples of `accuracy_scales`, above which a run is not trusted."""
 
 
 class Status(enum.IntEnum):
-    """Outcome of a case, with what to do about it. Datasets hold the code, 0 where nothing is wrong."""
+    """Outcome of a case, and how to react to it. Datasets hold the code, which is 0 where nothing is wrong."""
 
     meaning: str
     """What has happened."""
     remedy: str
-    """What to do about it; empty where nothing is wrong."""
+    """How to react; empty where nothing is wrong."""
 
     FINITE = 0, "finite", ""
     NOT_FINITE = (
@@ -99,7 +99,7 @@ class Status(enum.IntEnum):
         "take the memory PeakRateLatch, or a higher restitution",
     )
 
-    # the member itself is the code, the texts are attributes of it
+    # the member itself is the code, with the texts as attributes
     def __new__(cls, code: int, meaning: str, remedy: str):
         member = int.__new__(cls, code)
         member._value_ = code
@@ -112,22 +112,22 @@ class Status(enum.IntEnum):
 
 
 DOUBTFUL = (Status.NO_CONTACT, Status.INACCURATE, Status.POINTS_DROPPED, Status.TOO_SLOW, Status.DAMPED)
-"""Statuses of cases whose numbers are what was computed, with a doubt; those of other statuses mean nothing."""
+"""Statuses of cases whose numbers were computed, but are doubtful; with other statuses numbers mean nothing."""
 
 
 def is_lost(codes: AnyArray) -> np.ndarray | np.bool:
-    """Return of each of some `Status` codes, or of one, whether numbers of such a case mean nothing."""
+    """Return for one or several `Status` codes whether numbers of such a case mean nothing."""
     return ~np.isin(codes, (Status.FINITE, *DOUBTFUL))
 
 
 LOST_MOTIONS = (Status.NOT_FINITE, Status.DERAILED, Status.TOO_FEW_STEPS, Status.PRESSED_IN)
-"""Statuses of motions of which nothing is known: results have NaN in all of their variables."""
+"""Statuses of cases without a known motion: all variables of results are NaN."""
 
 
 def without_lost(values: PyTree, status: np.ndarray) -> PyTree:
-    """Return arrays (cases, ...) of results with NaN, where numbers are real, for all of `LOST_MOTIONS`.
+    """Return arrays (cases, ...) of results, with NaN for all of `LOST_MOTIONS` where numbers are real.
 
-    A maximum passes over NaN, and nothing that touches has a force of zero: such numbers would look like others.
+    A maximum ignores NaN, and without a touch the force is zero: such numbers would look like valid ones.
     """
     lost = np.isin(status, LOST_MOTIONS)
     if not lost.any():
@@ -141,16 +141,16 @@ def without_lost(values: PyTree, status: np.ndarray) -> PyTree:
 
 
 MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
-"""All codes with meaning and remedy, for the attributes of datasets."""
+"""All codes with meaning and reaction, for the attributes of datasets."""
 
 
 def judge_states(states: State) -> Int[Array, ""]:
-    """Return the `Status` code of a case by its states: `FINITE`, `NOT_FINITE` or `DERAILED`.
+    """Return the `Status` code of a case from its states: `FINITE`, `NOT_FINITE` or `DERAILED`.
 
-    Leading axes of `states` are of instants, all of which count.
+    Leading axes of `states` are instants, and all instants count.
     """
     m = states.motion
-    # a lost motion loses its modes, too, and they it
+    # a lost motion makes the modes NaN, and lost modes make the motion NaN
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(dataclasses.replace(m, modes=None))])
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
     good = jnp.where(turned, int(Status.DERAILED), int(Status.FINITE))
@@ -158,9 +158,9 @@ def judge_states(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) -> Int[Array, ""]:
-    """Return `code`, from `judge_states`, or `TOO_FEW_STEPS` where some period's steps are too few for its impacts.
+    """Return `code`, from `judge_states`, or `TOO_FEW_STEPS` where the steps of a period are too few for its impacts.
 
-    `TOO_FEW_STEPS` replaces `DERAILED`, which too few steps can bring about.
+    `TOO_FEW_STEPS` replaces `DERAILED`, because too few steps can cause a derailment.
 
     **Arguments:** `steps`: in each forcing period, from the period number `begin` on.
     """
@@ -169,13 +169,13 @@ def with_resolution(code: Array, scene: Scene, steps: Array, begin: Real = 0.0) 
         slowest = scene.slowest_between(epoch, epoch + 1)
         return contact_duration(scene, slowest) * steps < LEAST_PER_CONTACT * slowest.period
 
-    # each period by the least speed in it
+    # each period at its least speed
     steps = jnp.atleast_1d(steps)
     return _too_few_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))), code)
 
 
 def _too_few_where(problem: Array, code: Array) -> Array:
-    # numbers that were lost stay the first thing to tell
+    # lost numbers remain the first problem to report
     return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.TOO_FEW_STEPS), code)
 
 
@@ -188,21 +188,20 @@ def with_loads(
     scene: Scene,
     most: Real,
 ) -> Int[Array, ""]:
-    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or `DAMPED` where the loads of a whole run show
-    that.
+    """Return `code`, or `NO_CONTACT`, `PRESSED_IN`, `TOO_FEW_STEPS` or `DAMPED` by the loads of a whole run.
 
     **Arguments:** `closed`: sum of the points' contact fractions [1]; `penetration`: the greatest [m];
-    `stability_number`: the greatest, see `Loads`, and `most`, which the solver bears [1]; `damping_ratio`: the
-    highest [1], zero where it is not doubted.
+    `stability_number`: the greatest, see `Loads`; `most`: its limit for the solver [1]; `damping_ratio`: the highest
+    [1], zero where it is not judged.
     """
-    # half the smaller one of the section's width and height is as deep as the contact law has a meaning
+    # the contact law is meaningful up to half the section's width or height, whichever is smaller
     points = scene.section.points
     extent = jnp.min(jnp.max(points, axis=0) - jnp.min(points, axis=0))
-    # a problem that is known already stays
+    # an earlier problem stays
     at = lambda problem, code, instead: jnp.where(problem & (code == int(Status.FINITE)), int(instead), code)
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > 0.5 * extent, code, Status.PRESSED_IN)
-    # replaces the two above, which too long steps can bring about
+    # this status replaces the two above, because too long steps can cause both
     code = _too_few_where(stability_number > most, code)
     law = scene.contact
     usual = jnp.asarray(law.damping(jnp.zeros(()), jnp.ones(()) if law.has_memory else None))
@@ -211,11 +210,11 @@ def with_loads(
 
 
 def with_growth(code: Array, history: Array) -> Int[Array, ""]:
-    """Return `code`, or `TOO_FEW_STEPS` where a tangent grew faster in a period than any does with enough steps.
+    """Return `code`, or `TOO_FEW_STEPS` where a tangent grew faster in a period than is possible with enough steps.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
-    # a motion that was lost has its status already
+    # a lost motion already has its status
     greatest = jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf))
     return _too_few_where(greatest > FASTEST_GROWTH, code)
 
@@ -223,14 +222,14 @@ def with_growth(code: Array, history: Array) -> Int[Array, ""]:
 def most_stability_number(solver: diffrax.AbstractSolver, controller: object = None) -> float:
     """Return the greatest stability number of trusted runs: 5 for explicit solvers with constant steps.
 
-    It is infinite for others. Of 200 random scenes one in 58 with numbers of 2.5 to 5 had an error above 0.1 after a
-    period, and 6 of 16 above 5.
+    It is infinite for others. Of 200 random scenes, one of 58 with numbers of 2.5 to 5 had an error above 0.1 after a
+    period, and 6 of 16 with numbers above 5.
     """
     return 5.0 if controller is None and is_explicit(solver) else np.inf
 
 
 def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
-    """Return the codes of runs from those of two successive stretches: the earlier one unless it is `FINITE`.
+    """Return the codes of runs from the codes of two successive stretches: the earlier code unless it is `FINITE`.
 
     But `NOT_FINITE` replaces `TOO_FEW_STEPS`, as within a stretch.
     """
@@ -241,12 +240,12 @@ def first_problem(earlier: AnyArray, later: AnyArray) -> np.ndarray:
 
 
 class Stop(threading.Event):
-    """A request to end some runs, those submitted with it: once set, they end as by Ctrl-C, within 0.25 s."""
+    """A request to end the runs that were submitted with it: when set, they end as after Ctrl-C, within 0.25 s."""
 
     def __init__(self, outer: "Stop | None" = None):
         super().__init__()
         self.outer = outer
-        """Another request, which ends these runs, too."""
+        """Another request, which also ends these runs."""
 
     def is_set(self) -> bool:
         return super().is_set() or (self.outer is not None and self.outer.is_set())
@@ -258,24 +257,24 @@ class Stop(threading.Event):
 
     def submit(self, pool: Executor, call: Callable, *args: object) -> Future:
         """Submit a call to a pool of threads; runs in the call end when this request is set."""
-        # a thread does not see the context variables of the one that submits: it gets a copy with this request
+        # a new thread has no context variables, so that it gets a copy of these with this request
         context = copy_context()
         context.run(_HERE.set, self)
         return pool.submit(context.run, call, *args)
 
 
 ASKED = Stop()
-"""The request to end all runs of the process, set by programs that handle signals themselves.
+"""The request to end all runs of the process, for programs that handle signals themselves.
 
-An exception that the handler of a signal raises would be lost where a callback is running, such as JAX's in the
-garbage collector.
+An exception that a signal handler raises would be lost inside a callback, such as JAX's callback in the garbage
+collector.
 """
 _HERE = ContextVar("stop", default=ASKED)
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
-    """Raise `KeyboardInterrupt` where this run is asked to end. Serves as report of
-    progress of runs that show none."""
+    """Raise `KeyboardInterrupt` where this run is asked to end. Also serves as the report of progress in runs that
+    show none."""
     if Stop.here().is_set():
         raise KeyboardInterrupt
 
@@ -292,21 +291,21 @@ class Interrupted(KeyboardInterrupt):
         ds = stop.result
     ```
 
-    In an interactive session `sys.last_value.result` is the same. The run's threads have ended then; a warning says
-    where one goes on to the end of the call that it is in, such as one that compiles.
+    In an interactive session `sys.last_value.result` is the same. The run's threads have ended then. A warning says
+    where a thread continues to the end of its present call, such as a compilation.
     """
 
     def __init__(self, result: object, finished: int, of: int | None = None, unit: str = "cases"):
         super().__init__(result, finished, of, unit)
         self.result = result
-        """The result of the function so far: a dataset, in which unfinished cases have `Status.NOT_RUN`, or a branch,
+        """The result of the function so far: a dataset in which unfinished cases have `Status.NOT_RUN`, or a branch,
         a curve or a design. None where nothing was finished."""
         self.finished = finished
         """Number of finished cases, points or trials."""
         self.of = of
-        """Number of all; None where it is not known beforehand."""
+        """Number of all cases, points or trials; None where it is not known beforehand."""
         self.unit = unit
-        """The things counted, in the plural."""
+        """Name of the counted things, in the plural."""
 
     def __str__(self) -> str:
         total = "" if self.of is None else f" of {self.of}"
@@ -317,8 +316,8 @@ class Interrupted(KeyboardInterrupt):
 def blank(result, lanes: int):
     """Return a result for a chunk that was not run: NaN, zeros in place of whole numbers, and status `NOT_RUN`.
 
-    **Arguments:** `result`: that of another chunk, a named tuple of arrays (lanes, ...) with a field `status`;
-    `lanes`: number of lanes of the chunk.
+    **Arguments:** `result`: result of another chunk, a named tuple of arrays (lanes, ...) with a field `status`;
+    `lanes`: number of cases in the chunk.
     """
 
     def empty(leaf):
@@ -333,16 +332,16 @@ def with_accuracy(
 ) -> Int[np.ndarray, "*cases"]:
     """Return statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
-    **Arguments:** `error`: change by half the step, of a motion over a period in multiples of its scales, or of
+    **Arguments:** `error`: change by half the step, for a motion over a period in multiples of its scales, for
     another number relative to it [1], (*cases,); `stderr`: standard error of the change [1].
     """
-    # Twice the standard error is forgiven. Written so that an error of NaN is inaccurate, too.
+    # Twice the standard error is allowed. In this form an error of NaN is inaccurate.
     inaccurate = (status == Status.FINITE) & ~(error - 2 * stderr <= INACCURATE)
     return np.where(inaccurate, int(Status.INACCURATE), status)
 
 
 def step_error(scene: Scene, changes: Numbers, unit: str = "") -> str:
-    """Return in words the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
+    """Return a text with the largest change by half the step over a forcing period, in units of `accuracy_scales`."""
     most = float(np.max(changes))
     share = float(share_of_scale(scene))
     if not np.isfinite(most):

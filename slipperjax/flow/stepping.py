@@ -20,12 +20,12 @@ from ..tools.forms import in_one_kernel
 from ..tools.types import Whole
 
 ROOM = 50
-"""Most forcing periods in one call of a program, for which it is compiled: one program serves any number of periods.
-Progress and Ctrl-C are polled between calls."""
+"""Most forcing periods in one call of a program. The program is compiled for this number, and serves any smaller one.
+Progress and Ctrl-C are checked between calls."""
 
 
 def calls_of(periods: int) -> list[int]:
-    """Return how many forcing periods each call of a program runs, of so many in all."""
+    """Return the number of forcing periods in each call of a program, for `periods` in all."""
     return [min(ROOM, periods - passed) for passed in range(0, periods, ROOM)]
 
 
@@ -34,11 +34,11 @@ class Period(NamedTuple):
 
     end: State
     inside: State | None
-    """The states at both ends of all steps, leading axis `most` + 1; None where they were not wanted."""
+    """The states at both ends of all steps, leading axis `most` + 1; None where they were not requested."""
     rates: Motion | None
-    """The motion's derivatives there [per forcing period], where the solver leaves them."""
-    steps_taken: Whole  # tried
-    failed: Array  # whether solver or controller gave up
+    """The motion's derivatives at the same ends [per forcing period], where the solver provides them."""
+    steps_taken: Whole  # steps tried
+    failed: Array  # whether the solver or the controller gave up
     solver_state: PyTree  # carried over to the next period
 
 
@@ -48,7 +48,7 @@ class AbstractStepping(eqx.Module):
     @property
     @abc.abstractmethod
     def number(self) -> Whole:
-        """Steps per forcing period; where they are adaptive, at how many instants records get states."""
+        """Steps per forcing period; for adaptive steps, the number of instants at which records get states."""
 
     @abc.abstractmethod
     def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
@@ -56,7 +56,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
-        """Return the solver state to pass to the first `period` of a run; None for solvers that carry none over."""
+        """Return the solver state for the first `period` of a run; None for solvers that carry no state over."""
 
     @abc.abstractmethod
     def period(
@@ -68,19 +68,18 @@ class AbstractStepping(eqx.Module):
         args: Args,
         inside: bool,
     ) -> Period:
-        """Integrate one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
-        wanted."""
+        """Integrate one period of diffrax's `terms` by `solver`; `inside`: whether states at all steps are needed."""
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
-        """Return a stepping whose error is a fraction of this one's, to measure the error by."""
+        """Return a stepping with a fraction of this one's error, to measure the error."""
 
 
 class AbstractEqualSteps(AbstractStepping):
     """Steps of equal length."""
 
     keeps_rates: ClassVar[bool] = True
-    """Whether records get the derivatives that the solver leaves, with the states."""
+    """Whether records get the solver's derivatives together with the states."""
 
     @property
     def total(self) -> Whole:
@@ -89,40 +88,40 @@ class AbstractEqualSteps(AbstractStepping):
 
     @abc.abstractmethod
     def loop(self, step: Callable, carry: PyTree, ends_of: Callable) -> tuple[PyTree, PyTree]:
-        """Apply `step(carry, k)` for all steps k; return the last carry, and `ends_of` those that records see."""
+        """Apply `step(carry, k)` for all steps k; return the last carry, and `ends_of` the carries for records."""
 
     def prepared(self, solver):
         return differentiable(solver, diffrax.ForwardMode())
 
     def begin(self, terms, solver, state, args):
-        # a stock solver that integrates the memory begins each period anew, too
+        # a diffrax solver that integrates the memory also begins each period again
         continues = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
         return solver.init(terms, 0.0, 1 / self.total, state, args) if continues else None
 
     def period(self, terms, solver, state, solver_state, args, inside):
-        # a solver that is renewed carries nothing from period to period
+        # a solver that begins again carries nothing from period to period
         begins = solver_state is None
         if begins:
             solver_state = solver.init(terms, 0.0, 1 / self.total, state, args)
-        # no step of an explicit method fails
+        # steps of explicit methods cannot fail
         may_fail = not getattr(solver, "explicit", False)
         has_rates = self.keeps_rates and isinstance(solver, AbstractLatchingSolver)
 
         def step(carry, k):
             state, solver_state, failed = carry
             ends = k / self.total, (k + 1) / self.total
-            # neither the error estimate nor data for an interpolation are used: XLA drops what makes them
+            # neither the error estimate nor data for an interpolation are used, so that XLA omits their computation
             state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def ends_of(carry):
-            """Return state and rates at a step's end, for records; None where they are not wanted."""
+            """Return state and rates at a step's end, for records; None where they are not requested."""
             if not inside:
                 return None, None
             return carry[0], solver.rates(carry[1]) if has_rates else None
 
         carry = state, solver_state, jnp.zeros((), bool)
-        # both ends of all steps: the start of the first, and the end of each
+        # both ends of all steps: the start of the first step, and the end of each step
         start = ends_of(carry)
         (end, solver_state, failed), ends = self.loop(step, carry, ends_of)
         states, rates = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
@@ -130,15 +129,15 @@ class AbstractEqualSteps(AbstractStepping):
 
 
 class ConstantSteps(AbstractEqualSteps):
-    """Steps of equal length, of all of which records see the ends.
+    """Steps of equal length; records get the states at the ends of all steps.
 
-    With `most` alone, their number is part of the compiled program, which can be differentiated in both modes. With
-    `steps`, an array, one program serves every number, but is differentiated in forward mode only; `most` is then the
-    greatest number, for which the records' arrays of states inside periods have room.
+    With `most` alone, the number of steps is part of the compiled program, which can be differentiated in both modes.
+    With `steps`, an array, one program serves every number, but can be differentiated only in forward mode. Then
+    `most` is the greatest number, for which the records' arrays of states inside periods have places.
     """
 
     most: int | None = eqx.field(static=True, default=None)
-    """Steps per forcing period, or the greatest number of them where `steps` is given."""
+    """Steps per forcing period, or the greatest number of steps where `steps` is given."""
     steps: Float[Array, ""] | None = None
     """Steps per forcing period as an array."""
 
@@ -155,16 +154,15 @@ class ConstantSteps(AbstractEqualSteps):
         return differentiable(solver, diffrax.DirectAdjoint()) if self.steps is None else super().prepared(solver)
 
     def finer(self):
-        assert self.steps is not None  # only these are probed
+        assert self.steps is not None  # errors are measured only with `steps`
         return ConstantSteps(self.most, 2 * self.steps)
 
     def loop(self, step, carry, ends_of):
-        # With dynamic steps, only the first `steps` entries are valid.
+        # With `steps` as an array, only the first `steps` entries are valid.
         if self.steps is None:
             assert self.most is not None
 
-            # Reverse mode keeps the state of each step and computes its stages once more. A loop needs no care that
-            # XLA does not merge the two.
+            # Reverse mode keeps each step's state and computes its stages again; in a loop XLA cannot merge both.
             @functools.partial(jax.checkpoint, prevent_cse=False)
             def scanned(carry, k):
                 carry = step(carry, k)
@@ -173,7 +171,7 @@ class ConstantSteps(AbstractEqualSteps):
             steps = jnp.arange(float(self.most))
             return in_one_kernel(lambda carry: jax.lax.scan(scanned, carry, steps), carry)
 
-        # Their number is an argument: what each step leaves is written to its place in arrays with room for `most`.
+        # The number of steps is an argument: the results of each step go to their place in arrays of length `most`.
         def one(k, both):
             carry, ends = both
             carry = step(carry, k * 1.0)
@@ -190,15 +188,15 @@ class ConstantSteps(AbstractEqualSteps):
 
 
 class SampledSteps(AbstractEqualSteps):
-    """Steps of equal length whose number is an argument of the program, and states at a few of their ends alone.
+    """Steps of equal length whose number is an argument of the program; records get states at only a few steps' ends.
 
-    Arrays have no room for states that no record wants. It is differentiated in forward mode only.
+    Arrays have no places for states that no record needs. It can be differentiated only in forward mode.
     """
 
     samples: int = eqx.field(static=True)
     """Instants in a forcing period at which records get states."""
     each: Whole
-    """Steps from one instant to the next."""
+    """Steps between two instants."""
 
     keeps_rates = False
 
@@ -230,7 +228,7 @@ class ControlledSteps(AbstractStepping):
     samples: int = eqx.field(static=True)
     """Number of instants in a forcing period at which records get states."""
     first_steps: int = eqx.field(static=True)
-    """The first step of a run is one forcing period over this."""
+    """The first step of a run is one forcing period divided by this number."""
     controller: diffrax.AbstractStepSizeController
     adjoint: diffrax.AbstractAdjoint = eqx.field(static=True, default=diffrax.ForwardMode())
 
@@ -242,14 +240,14 @@ class ControlledSteps(AbstractStepping):
         solver = differentiable(solver, self.adjoint)
         if not isinstance(self.controller, AdaptiveSteps):
             return solver
-        # root finders follow the controller's tolerance, converted to the scales of the motion that they use
+        # root finders use the controller's tolerance, converted to the motion's scales that they use
         return with_tolerance(
             solver,
             self.controller.atol / scaled_size(MOTION_SCALES, self.controller.scales),
         )
 
     def finer(self):
-        """Return one with a tenth of the tolerances.
+        """Return a stepping with a tenth of the tolerances.
 
         **Raises:** `ValueError` for a controller without tolerances.
         """
@@ -258,7 +256,7 @@ class ControlledSteps(AbstractStepping):
             raise ValueError(
                 f"Argument `probe` must be 0 with {type(self.controller).__name__}, which has no tolerance."
             )
-        # diffrax's controllers have rtol and atol, our own one has one tolerance
+        # diffrax's controllers have rtol and atol, `AdaptiveSteps` has one tolerance
         at = lambda s: [getattr(s.controller, name) for name in fields]
         return eqx.tree_at(at, self, replace_fn=lambda tolerance: tolerance / 10)
 
@@ -275,9 +273,9 @@ class ControlledSteps(AbstractStepping):
         return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, solver_state, args, inside):
-        # `wanted` is the step that our own controller would have taken next; diffrax's begin anew in each period
+        # `wanted` is the next step that `AdaptiveSteps` would have taken; others begin again in each period
         solver_state, wanted = solver_state
-        # the end is saved by itself, because the last instant is interpolated
+        # the end is saved separately, because the last instant is interpolated
         subs = {"end": diffrax.SubSaveAt(t1=True)}
         instants = jnp.arange(1, self.samples + 1) / self.samples
         if inside:
@@ -291,14 +289,14 @@ class ControlledSteps(AbstractStepping):
             stepsize_controller=self.controller,
             adjoint=self.adjoint,
             solver_state=solver_state,
-            max_steps=1_000_000,  # after which a case has failed
+            max_steps=1_000_000,  # a case with more steps has failed
             throw=False,
         )
         assert solution.ys is not None  # it is asked for
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         states = None
         if inside:
-            # an interpolated state gets the memory that fits its gaps
+            # an interpolated state gets the memory that belongs to its gaps
             within = jax.tree.map(lambda ys: ys[: self.samples], solution.ys["inside"])
             within = jax.vmap(lambda t, y: field_of(terms).inside_step(t, y, args))(instants, within)
             states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys]), state, within)
@@ -309,12 +307,12 @@ class ControlledSteps(AbstractStepping):
 
 
 def as_stepping(stepping: AbstractStepping | int) -> AbstractStepping:
-    """Return a stepping as it is, and a whole number as so many constant steps."""
+    """Return a stepping unchanged, and a whole number as a number of constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 
 
 def capacity_for(count: int) -> int:
-    """Return the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is `count` or more: for few programs."""
+    """Return the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is at least `count`, to have few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

@@ -4,12 +4,12 @@ Laws follow Eq. (12) of Dang et al. 2024,
 
     F = K d^(3/2) (1 + c g' / g'_0),       d = -g > 0,
 
-with g the gap [m], g' its rate [m/s] and g'_0 < 0 that rate at touchdown, when the contact began. The laws of the
-family differ in c alone.
+with g the gap [m], g' its rate [m/s] and g'_0 < 0 the rate at touchdown, when the contact began. The laws of this
+family differ only in c.
 
-g'_0 is the contact's memory: one number per point, which changes at touchdowns only. It is latched between steps
-(`EventLatch`) or integrated as an ordinary differential equation (`SmoothSwitch`). In contacts that last, g'_0 is
-better the fastest approach since touchdown (`PeakRateLatch`).
+g'_0 is the contact's memory: one number per point, which changes only at touchdowns. The memory is latched between
+steps (`EventLatch`) or integrated as an ordinary differential equation (`SmoothSwitch`). In long contacts the fastest
+approach since touchdown is a better g'_0 (`PeakRateLatch`).
 """
 
 import abc
@@ -52,20 +52,20 @@ class AbstractContactLaw(ShapeChecked):
         **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. All have the same shape.
         """
         force = self.stiffness * _hertz(gap) * (1 + self.damping(rate, rate_ratio))
-        # a selection, because the derivative of jnp.maximum divides
+        # a selection, because `jnp.maximum` has a division in its derivative
         return jnp.where(force > 0, force, 0.0) if self.clamp else force
 
 
 @jax.custom_jvp
 def _hertz(gap: Array) -> Array:
     """Return d^(3/2) of penetrations d = -gap, 0 where open."""
-    # where open the root is of one, so that no derivative is infinite
+    # an open point takes the root of 1, so that no derivative is infinite
     return jnp.where(gap < 0, -gap, 0.0) * jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
 
 
 @_hertz.defjvp
 def _hertz_jvp(primals, tangents):
-    # without the division of a root's derivative, and finite in all further ones where the gap is zero
+    # without the division of a root's derivative, and all higher derivatives are finite where the gap is zero
     (gap,) = primals
     root = jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
     closed = jnp.where(gap < 0, root, 0.0)
@@ -141,8 +141,8 @@ class ConstantDamping(AbstractContactLaw):
 class AbstractMemory(ShapeChecked):
     """A model of the contact memory, which keeps the gap rate at touchdown.
 
-    It is latched between steps: zero of an open point, below zero of a closed one. `AbstractIntegratedMemory` is the
-    base of those that are integrated with the motion.
+    The memory is latched between steps: zero for an open point, below zero for a closed point. Memories that are
+    integrated with the motion inherit from `AbstractIntegratedMemory`.
     """
 
     unit: ClassVar[str] = ""
@@ -159,13 +159,14 @@ class AbstractMemory(ShapeChecked):
         """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Real, ratio: Real) -> Array:
-        """Return the memory after a step, shape (points,): `at_touchdown` of points whose gap closed in it, zero of
-        open ones, and as before of those that stay closed.
+        """Return the memory after a step, shape (points,): `at_touchdown` for points whose gap closed in the step,
+        zero for open points, and unchanged for points that stay closed.
 
-        **Arguments:** `memory` and `before` (gaps and rates): at the step's start; `gap` [m] and `rate` [m/s]: at its
-        end; `step`: its length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
+        **Arguments:** `memory` and `before` (gaps and rates): at the step's start; `gap` [m] and `rate` [m/s]: at the
+        step's end; `step`: length of the step [s]; `ratio`: this length over that of the previous step [1], 0 if
+        there was none.
         """
-        # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
+        # Decided by the memory, because at a gap of zero, as at a start, the previous gap's sign is arbitrary.
         entered = (memory == 0) & (gap < 0)
         place = before.touchdown(gap, rate, step, entered)
         rise, bend = before.change_of_rate(rate, ratio)
@@ -175,25 +176,25 @@ class AbstractMemory(ShapeChecked):
         return jnp.where(gap >= 0, 0.0, self.kept(jnp.where(entered, began, memory), rates, entered))
 
     def kept(self, memory: Array, rates: "Rates", entered: Array) -> Array:
-        """Return the memory of contacts after a step, from that at its start or at their touchdown; here the same.
+        """Return the memory of contacts after a step, by default unchanged from its start or from their touchdown.
 
-        **Arguments:** `rates`: of the gaps in the step; `entered`: whether they touched down in it.
+        **Arguments:** `rates`: of the gaps in the step; `entered`: whether the points touched down in the step.
         """
         return memory
 
     def at_touchdown(self, gap: Array, rate: Array) -> Array:
-        """Return the memory of points in contact [`unit`] by their rate at touchdown [m/s]; here `initial`."""
+        """Return the memory of points in contact [`unit`] from the rate at touchdown [m/s], by default `initial`."""
         return self.initial(gap, rate)
 
     @staticmethod
     def weights(memory: Array) -> Array:
-        """Return the weights of a tangent's components: of closed contacts relative to themselves, of open ones 0."""
-        # the least number below zero marks a contact without damping, which counts as open
+        """Return the weights of a tangent's components: relative to the memory for closed contacts, 0 for open."""
+        # the greatest number below zero marks a contact without damping, which counts as open
         closed = memory < -1e-9
         return jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
-        """Return a copy with settings of None replaced by values for the scene. Here unchanged.
+        """Return a copy in which values for the scene replace settings of None. By default unchanged.
 
         **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
         """
@@ -203,12 +204,11 @@ class AbstractMemory(ShapeChecked):
 class EventLatch(AbstractMemory):
     """A memory that is latched after each step: g'_0 is the rate at the instant at which the gap crossed zero.
 
-    The memory of a point is 1 / g'_0 [s/m], and 0 while the point is open. During the step in which a point touches
-    down, its memory is still 0 and it uses g' / g'_0 = 1, the value at touchdown. A point that is closed and
-    approaching at the start takes its rate there as g'_0; one that is closed and not approaching has no damping until
-    it opens.
+    The memory of a point is 1 / g'_0 [s/m], and 0 while the point is open. In the step in which a point touches down
+    the memory is still 0; the point then uses g' / g'_0 = 1, the value at touchdown. For a point that is closed at
+    the start, g'_0 is its rate there if it approaches; otherwise the point has no damping until it opens.
 
-    Needs a solver that applies the latch after each step: one of `slipperjax`, or one of diffrax in
+    This memory needs a solver that applies the latch after each step: a solver of `slipperjax`, or one of diffrax in
     `slipperjax.solvers.Latching`.
     """
 
@@ -218,37 +218,38 @@ class EventLatch(AbstractMemory):
     )
     """Least approach rate at touchdown [m/s]; slower touchdowns are treated as touchdowns at this rate.
 
-    The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second
-    and is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
+    The damping of Eq. (12) grows as 1 / g'_0. Without a least rate, a point that touches down at a micrometre per
+    second and is then pressed in has damping too stiff for any explicit method. MBDyn drops the damping below 1e-6
+    m/s.
     """
 
     def __check_init__(self):
         warn_unless_within("slowest", number(positive, "slowest", self.slowest, "m/s"), 0, 1.0, "m/s")
 
     def initial(self, gap, rate):
-        # closed, but not approaching: the least number below zero marks a contact without damping
+        # closed, but not approaching: the greatest number below zero marks a contact without damping
         began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
         return jnp.where(gap < 0, began, 0.0)
 
     def rate_ratio(self, memory, rate):
-        # in the step of a touchdown nothing is stored yet: the ratio is that at the touchdown itself
+        # in the step of a touchdown the memory is still zero: the ratio is that at the touchdown
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def at_touchdown(self, gap, rate):
-        # whatever its sign, which is certain of the gap alone
+        # for any sign of the rate, because only the sign of the gap is certain
         return 1 / jnp.minimum(rate, -self.slowest)
 
 
 class PeakRateLatch(EventLatch):
-    """A memory whose g'_0 is the fastest approach since touchdown: the damping of contacts that last is bounded.
+    """A memory whose g'_0 is the fastest approach since touchdown, so that the damping of long contacts is bounded.
 
-    At a rate that is the fastest so far, g' / g'_0 is 1, and it never is more. The force of an impact without other
-    loads is that with `EventLatch`, because such an impact is fastest at touchdown. But a point that touches down
+    The ratio g' / g'_0 is 1 when the rate is the fastest so far, and never more. In an impact without other loads the
+    force is the same as with `EventLatch`, because such an impact is fastest at touchdown. A point that touches down
     gently and is pressed in later has at most the damping of an impact at the rate at which it is pressed in.
 
-    The memory is 1 / g'_0 [s/m], as that of `EventLatch`. In a step it is that at the step's start: where the rate
-    is faster than ever before, the ratio is 1. After the step it includes the fastest rate in it, inside the step,
-    too; after the step of a touchdown it is the rate at the touchdown.
+    The memory is 1 / g'_0 [s/m], as with `EventLatch`. In a step the memory is that at the step's start; where the
+    rate is faster than before, the ratio is 1. After the step the memory includes the fastest rate at its end and
+    inside the step; after the step of a touchdown the memory is the rate at the touchdown.
     """
 
     def rate_ratio(self, memory, rate):
@@ -256,12 +257,12 @@ class PeakRateLatch(EventLatch):
         return jnp.where(ratio < 1, ratio, 1.0)
 
     def kept(self, memory, rates, entered):
-        # 1 / g'_0 as a quotient, of the end of the step or of the place inside it where the rate turns
+        # 1 / g'_0 is a quotient, at the end of the step or where the rate has an extreme inside the step
         turns = (rates.slope < 0) & (rates.slope + 2 * rates.bend > 0)
         above = jnp.where(turns, 4 * rates.bend, 1.0)
         below = jnp.where(turns, 4 * rates.bend * rates.start - rates.slope * rates.slope, rates.end)
-        # false of points that are open, have no damping, or recede. Where a contact begins, its force bends the rate
-        # more than the parabola can, and the rate can have become faster by no more than the step's power 2.5.
+        # False for points that are open, have no damping, or recede. Where a contact begins, its force bends the rate
+        # more than the parabola can describe; the rate can have become faster by no more than the step's power 2.5.
         faster = (memory * below > above) & ~entered
         return jnp.where(faster, above / jnp.where(faster, below, -1.0), memory)
 
@@ -289,10 +290,10 @@ class Before(NamedTuple):
     """Length of the previous step [forcing periods], a number; infinite if there was none."""
 
     def touchdown(self, gap: Array, rate: Array, step: Real, entered: Array) -> Array:
-        """Return the places in the step, from 0 to 1, at which the points that `entered` touched down; else 0.
+        """Return the places in the step, from 0 to 1, at which the points that `entered` touched down; 0 for others.
 
-        They are the zeros of the gap on the cubic through both ends of the step. All of this is differentiable, so
-        that tangents include the dependence of the touchdown's time and place on the state.
+        The places are zeros of the gap's cubic through both ends of the step. They are differentiable, so that
+        tangents include how the time and place of the touchdown depend on the state.
 
         **Arguments:** as for `AbstractMemory.latch`.
         """
@@ -302,11 +303,11 @@ class Before(NamedTuple):
     def change_of_rate(self, rate: Array, ratio: Real) -> tuple[Array, Array]:
         """Return rise and bend [m/s] of the rate in the step, before + x (rise + (x - 1) bend) of x from 0 to 1.
 
-        It is the parabola through both ends and the start of the previous step: a linear interpolation would limit
-        the whole simulation to second order.
+        The rate is the parabola through both ends and the start of the previous step. Linear interpolation would
+        limit the whole simulation to second order.
         """
         rise = rate - self.rate
-        # a ratio of zero, in the first step, leaves the straight line through both ends
+        # in the first step the ratio is zero, which gives the straight line through both ends
         bend = (rise - ratio * (self.rate - self.earlier_rate)) * (ratio / (1 + ratio))
         return rise, bend
 
@@ -339,11 +340,11 @@ class AbstractIntegratedMemory(AbstractMemory):
 
     @property
     def closing_gap(self) -> Array | float:
-        """Gap below which the memory of an approaching point changes its law [m], where adaptive steps end."""
+        """Gap [m] at which the equation for the memory of an approaching point changes; adaptive steps end there."""
         return 0.0
 
     def felt(self, gap: Array, rate: Array, depth: Array) -> Array:
-        """Return the share of an error in the memory that a contact still feels [1], shape (points,); by default all.
+        """Return how much of an error in the memory still affects a contact [1], shape (points,); by default all.
 
         **Arguments:** `gap` [m] and `rate` [m/s]; `depth` of a typical impact [m].
         """
@@ -351,15 +352,15 @@ class AbstractIntegratedMemory(AbstractMemory):
 
 
 class SmoothSwitch(AbstractIntegratedMemory):
-    """The memory as an ordinary differential equation, so that any solver integrates it: no events.
+    """The memory as an ordinary differential equation, which any solver integrates without events.
 
         m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -slowest)
 
-    The memory m [m/s] follows g' while the point is open and freezes while it is closed. S is a twice
-    continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is a feed-forward term, without which
-    m would lag behind g'.
+    The memory m [m/s] follows g' while the point is open, and is constant while it is closed. S is a twice
+    continuously differentiable step from 0 to 1, centred on g = 0. The feed-forward term d(g')/dt prevents a lag of m
+    behind g'.
 
-    Settings of None are scaled from the scene, case by case: see `scaled`. `tests/benchmarks/test_smooth_switch.py`
+    Settings of None are scaled for each case of a scene, see `scaled`. `tests/benchmarks/test_smooth_switch.py`
     prints the table from which the scaling was chosen.
     """
 
@@ -367,36 +368,37 @@ class SmoothSwitch(AbstractIntegratedMemory):
     width: Float[Array, ""] | None = field("m", positive, plausible=(0.0, 1e-2), default=None)
     """Width of the switch about g = 0 [m]."""
     relaxation: Float[Array, ""] | None = field("s", positive, plausible=(0.0, 1e-2), default=None)
-    """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
+    """Decay time of errors in m while the point is open [s]; short compared with the time between contacts."""
     slowest: Float[Array, ""] = field("m/s", positive, plausible=(0.0, 1.0), default=1e-3)
-    """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
+    """Slowest approach rate [m/s]; it keeps the force finite while m changes sign at the end of a contact."""
 
     def initial(self, gap, rate):
         return rate
 
     def rate_ratio(self, memory, rate):
-        # kept below zero, where the quotient has its pole
+        # below zero, because the quotient has a pole at zero
         return rate / jnp.minimum(memory, -self.slowest)
 
     def scaled(self, depth, duration, period):
         """Fill in `width` and `relaxation`.
 
-        The width is a fraction of the depth of a typical impact. It is not scaled by the clearance, because at zero
-        clearance a point opens only as far as the opposite one is pressed in. The relaxation is the shortest that
-        explicit methods allow at the default steps, 0.6 of a step; with a longer one, errors persist from one contact
-        to the next.
+        The width is a fraction of the depth of a typical impact. The width does not depend on the clearance, because
+        at zero clearance a point opens only as far as the opposite point is pressed in. The relaxation is the
+        shortest that explicit methods allow at the default steps, 0.6 of a step; with a longer relaxation, errors
+        last from one contact to the next.
 
-        Bias, as the worst scaled difference from the event latch, RK4 at 1600 steps: 4.9e-5 after 10 periods at
-        V = 1250 m/s, C = 1 mm; 1.5e-3 after 10 at V = 2300 m/s; 1.6e-4 after 2 at K = 1e10; but 0.35 after 6 at
-        C = 4 mm, where near-grazing touchdowns magnify every error and only a width of a micrometre or two helps.
+        Bias, as the greatest scaled difference from the event latch, with RK4 at 1600 steps: 4.9e-5 after 10 periods
+        at V = 1250 m/s, C = 1 mm; 1.5e-3 after 10 at V = 2300 m/s; 1.6e-4 after 2 at K = 1e10. The bias is 0.35 after
+        6 periods at C = 4 mm, where near-grazing touchdowns magnify every error; only a width of a micrometre or two
+        helps.
         """
         if self.width is not None and self.relaxation is not None:
             return self
-        # one hundredth of the depth; a twenty-fifth of the impact, or the shortest that explicit methods allow
+        # a hundredth of the depth; a twenty-fifth of the impact, or the shortest that explicit methods allow
         width = 0.01 * depth if self.width is None else self.width
         relaxation = jnp.minimum(duration / 25, period / 80) if self.relaxation is None else self.relaxation
         fields = lambda m: (m.width, m.relaxation)
-        # The constructor's checks would put a Python callback into the compiled program.
+        # The checks of the constructor would put a Python callback into the compiled program.
         return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
 
     def derivative(self, memory, gap, rate, acceleration):
@@ -415,10 +417,10 @@ class SmoothSwitch(AbstractIntegratedMemory):
         return 0.5 * _number(self.width)
 
     def felt(self, gap, rate, depth):
-        """Return the share of an error in m that a contact still feels [1], shape (points,).
+        """Return how much of an error in m still affects a contact [1], shape (points,).
 
-        On an approaching point it relaxes until touchdown; on a receding one that is pressed in, what is left of the
-        rebound feels it, about (d / `depth`)^(5/2) by its energy; an open one that recedes does not.
+        Errors of an approaching point decay until touchdown. A receding point that is pressed in is affected in what
+        is left of its rebound, about (d / `depth`)^(5/2) by its energy. An open point that recedes is not affected.
         """
         # share of the rebound that is left, and decay until touchdown
         left = jnp.clip(-gap / depth, 0.0, 1.0)

@@ -33,7 +33,7 @@ def paper_section(clearance: Real) -> Section:
     **Raises:** `ValueError` for a negative clearance.
     """
     clearance = PARAMETERS["clearance"].check(clearance)
-    # an array of clearances would be a batch of sections
+    # an array of clearances would give a batch of sections
     if clearance.ndim:
         raise ValueError(f"Argument `clearance` must be of shape (), but has shape {clearance.shape}.")
     return Section(points=_TABLE_1, play=half_play(clearance, 5))

@@ -65,7 +65,7 @@ class Acting(NamedTuple):
 
 
 class Args(NamedTuple):
-    """Arguments of the vector field besides time and state."""
+    """Arguments of the vector field other than time and state."""
 
     scene: Scene
     epoch: Real = 0
@@ -104,14 +104,14 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
 
 
 def forces_at(scene: Scene, frame: RailFrame, now: Contacts, state: State) -> Acting:
-    """Return the contacts with their normal forces, from which all else follows."""
+    """Return the contacts with their normal forces, from which accelerations and loads follow."""
     return Acting(frame, now, state.motion, contact_forces(scene, now, state.memory))
 
 
 def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
     """Return force along x, y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces.
 
-    Their friction is included, whose coefficient may depend on the forces. Shape (points,) each.
+    Friction is included; its coefficient may depend on the forces. Shape (points,) each.
     """
     directions = (*at.frame.normal, *at.contacts.lever)
     if scene.friction is None:
@@ -121,26 +121,26 @@ def per_force(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
 
 
 def wrench_directions(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
-    """Return of `per_force` what moves the body: the force along x only if its modes' shapes have x."""
+    """Return the parts of `per_force` that move the body: force along x only if the modes' shapes have an x."""
     every = per_force(scene, at, travel)
     return every if len(at.frame.shapes or ()) == 3 else every[1:]
 
 
 def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array] = ()) -> list[list[Array]]:
-    """Return the wrench of each of some loads of the points, in one pass over them.
+    """Return the wrench of each of some loads, summed over the points in one pass.
 
-    A wrench is the force along y and z [N] and the moment about the body's x, y and z [N m], and of an elastic body
-    the force on each mode, an array [N kg^-0.5].
+    A wrench is the force along y and z [N] and the moment about the body's x, y and z [N m]; for an elastic body also
+    an array of the force on each mode [N kg^-0.5].
 
-    **Arguments:** `loads`: each a force or a moment of all points along each of `wrench_directions`, (points,);
-    `others`: what else is to be summed over the points, the last of the results.
+    **Arguments:** `loads`: each is a force or a moment of all points along each of `wrench_directions`, (points,);
+    `others`: further values to be summed over the points; their sums are the last result.
     """
     flat = [part for load in loads for part in load]
     if frame.shapes is None:
         total = sums(*flat, *others)
         wrenches = [total[k : k + 5] for k in range(0, len(flat), 5)]
         return [*wrenches, total[len(flat) :]]
-    # of each slipper first, whose force moves the modes
+    # first the force of each slipper, which moves the modes
     axes = len(frame.shapes)
     slippers = len(frame.shapes[0])
     of_slippers = sums(*(part.reshape(slippers, -1) for part in (*flat, *others)))
@@ -156,7 +156,7 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
 def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N]."""
     drive = -jnp.sum(at.force * per_force(scene, at, travel)[0], axis=-1)
-    # applied loads and the acceleration of the masses act on the drive, too
+    # applied loads and the acceleration of masses also act on the drive
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel)[0][0]
     # constant speeds add no operations
@@ -164,7 +164,7 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
 
 
 def driven_mass(scene: Scene) -> Array:
-    """Return the mass that the drive accelerates [kg]: of the slipper, and of the sled on it."""
+    """Return the mass that the drive accelerates [kg]: the slipper and the sled on it."""
     return scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
 
 
@@ -179,14 +179,13 @@ def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
     force, moment = total[:3], total[3:]
     places = zip(*(slipper.place for slipper in scene.mounted), strict=True)
     middle = [jnp.stack([jnp.zeros(()) if v is None else v for v in along]) for along in places]
-    # from the moment about the body's centre to that about each slipper's middle
+    # from the moment about the body's centre to the moment about each slipper's middle
     carried = cross(middle, in_slipper_frame(rotation(at.motion), force))
     return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
 
 
 def static_loads(scene: Scene, travel: Travel) -> Array:
-    """Return each slipper's static share of the weight and of the applied load along z [N], (*slippers,); NaN where
-    there is none."""
+    """Return each slipper's static share of weight and applied load along z [N], (*slippers,); NaN without either."""
     down = 0.0 if scene.gravity is None else driven_mass(scene) * scene.gravity
     if scene.load is not None:
         down = down - scene.load.wrench(travel)[0][2]
@@ -208,7 +207,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         on_slipper = sled_force(scene.sled, m)
         f_y = f_y + on_slipper[0]
         f_z = f_z + on_slipper[1]
-    # reciprocals, because the derivative of a product is shorter than that of a division
+    # reciprocals, because a product's derivative is shorter than a division's
     per_mass = 1 / scene.slipper.mass
     j_x, j_y, j_z = scene.slipper.inertia
     per_x, per_y, per_z = (1 / j for j in (j_x, j_y, j_z))
@@ -236,7 +235,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
 
 
 def modal_rates(modes: Modes, m: Motion, force: Float[Array, " modes"]) -> ModalMotion:
-    """Return the derivative of the modes' motion [per second] under a modal force [N kg^-0.5]."""
+    """Return the derivative of the modes' motion [per second] from a modal force [N kg^-0.5]."""
     now = m.modes
     if now is None:
         raise ValueError("Argument `start` must be of a scene with elastic modes: take a Motion, or a run's end.")
@@ -259,35 +258,35 @@ def sled_force(sled: SledMass, m: Motion) -> Array:
 
 
 def motion_rates(scene: Scene, at: Acting, travel: Travel) -> Motion:
-    """Return the motion's derivative [per second], from the contacts and their forces at one instant."""
+    """Return the derivative of the motion [per second] from the contacts and their forces at one instant."""
     wrench, _ = resultants(at.frame, [at.force * w for w in wrench_directions(scene, at, travel)])
     return newton_euler(scene, at.motion, wrench, travel)
 
 
 def per_period(travel: Travel, rates: Motion) -> Motion:
     """Return rates [per second] as rates [per forcing period]."""
-    period = store_if_differentiated(travel.period)  # else each of the ten rates has the derivatives of a division
+    period = store_if_differentiated(travel.period)  # or else each rate would have a division
     return jax.tree.map(lambda r: period * r, rates)
 
 
 class VectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call.
 
-    It integrates the ten numbers of the motion, and where the contact memory is integrated, too, that of each contact
-    point. A latched memory is constant during a step, and changes in `close_step`, with which such a solver ends each
-    step. Subclasses with forces of their own define `from_contacts`.
+    It integrates the ten numbers of the motion and, where the contact memory is integrated, one number for each
+    contact point. A latched memory is constant during a step; `close_step` changes it at the end of each step.
+    Subclasses with forces of their own define `from_contacts`.
     """
 
     def __call__(self, t: Real, state: State, args: Args) -> State:
-        """Return the derivative of the whole state [per forcing period], as of an ODE for any solver.
+        """Return the derivative of the whole state [per forcing period], as an ODE for any solver.
 
-        **Raises:** `equinox.EquinoxRuntimeError` for a latched memory, which changes where a solver of `slipperjax`
-        ends a step. For the derivative at an instant take `evaluate`.
+        **Raises:** `equinox.EquinoxRuntimeError` for a latched memory, which changes only where a solver of
+        `slipperjax` ends a step. Use `evaluate` for the derivative at one instant.
         """
         rates = self.evaluate(t, state, args)
         if rates.memory is not None or state.memory is None:
             return rates
-        # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
+        # at run time and only where the result is used, because diffrax asks each right-hand side for its shapes
         text = (
             "Argument `solver` must be one of slipperjax, or slipperjax.solvers.Latching of one of diffrax's, for a "
             "contact memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
@@ -295,9 +294,9 @@ class VectorField(eqx.Module):
         )
         return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)
 
-    @jax.jit  # traced once for all stages of all steps, which halves the tracing
+    @jax.jit  # traced once for all stages of all steps, which halves the time of tracing
     def evaluate(self, t: Real, state: State, args: Args, frame: RailFrame | None = None) -> State:
-        """Return the derivative [per forcing period], with None for parts that are frozen over a step.
+        """Return the derivative [per forcing period], with None for parts that are constant over a step.
 
         **Arguments:** `frame`: `args.frame(t)`, if already computed.
         """
@@ -311,8 +310,8 @@ class VectorField(eqx.Module):
         rates = per_period(travel, motion_rates(scene, forces_at(scene, frame, now, state), travel))
         if not scene.integrates_memory:
             return State(rates, None)
-        scene = settle_memory(scene)  # no effect where the period map has already done it
-        # d(g')/dt along the flow: of the rail's motion and of the slipper's
+        scene = settle_memory(scene)  # without effect where the period map has already done this
+        # d(g')/dt along the flow, from the motions of rail and slipper
         gap_rate = lambda t, motion: contacts(args.frame(t), motion).rate
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
         memory = scene.contact_memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
@@ -331,7 +330,7 @@ class VectorField(eqx.Module):
             "of diffrax's implicit ones with a root finder of optimistix",
             shown="implicit",
         )
-        if scene.friction is not None:  # which has no closed form here
+        if scene.friction is not None:  # friction has no closed form here
             rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
             return dense_linearised(rates, state.motion, args.travel(t).period)
         frame = args.frame(t)
@@ -340,25 +339,25 @@ class VectorField(eqx.Module):
         return contact_linearised(scene, args.travel(t), frame, now, state.motion, force)
 
     def memory_decay(self, t: Real, state: State, args: Args) -> Float[Array, " points"] | None:
-        """Return the derivative of the memory's rate by the memory [per forcing period]; None if not integrated."""
+        """Return the derivative of the memory's rate by the memory [per forcing period]; None unless integrated."""
         if not args.scene.integrates_memory:
             return None
         now = contacts(args.frame(t), state.motion)
         return args.travel(t).period * settle_memory(args.scene).contact_memory.decay(now.gap)
 
     def open_step(self, t0: Real, state: State, args: Args) -> Before | None:
-        """Return what `close_step` needs to know of the time before the first step; None where nothing is latched."""
+        """Return what `close_step` needs about the time before the first step; None where nothing is latched."""
         if not args.scene.latches_memory:
             return None
         now = contacts(args.frame(t0), state.motion)
-        # an infinite earlier step: there is none
+        # an infinite earlier step means that there was none
         return Before(now.gap, now.rate, now.rate, jnp.asarray(jnp.inf))
 
     def inside_step(self, t: Real, state: State, args: Args) -> State:
         """Return an interpolated state with the memory that fits its gaps."""
         if not args.scene.latches_memory:
             return state
-        # of the steps in which a contact opens, the memory is that of the closed contact throughout
+        # in a step in which a contact opens, the memory is that of the closed contact
         gap = contacts(args.frame(t), state.motion).gap
         return State(state.motion, jnp.where(gap >= 0, 0.0, state.memory))
 
@@ -382,10 +381,10 @@ class VectorField(eqx.Module):
         frame = args.frame(t1) if frame is None else frame
         now = contacts(frame, state.motion)
         step = t1 - t0
-        # by the pace in the middle of the step
+        # with the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
         memory = args.scene.contact_memory.latch(state.memory, before, now.gap, now.rate, seconds, step / before.step)
-        # the derivative is that with the new memory
+        # the derivative has the new memory
         state = State(state.motion, memory)
         rates = self.from_contacts(t1, frame, now, state, args)
         return state, rates, Before(now.gap, now.rate, before.rate, step)
@@ -394,7 +393,7 @@ class VectorField(eqx.Module):
 def vector_field(scene: Scene) -> VectorField:
     """Return the right-hand side for a scene, as a term of diffrax.
 
-    Its time counts forcing periods, not seconds: a period of the scene is an interval of 1. Solve it with
+    Time counts forcing periods, not seconds: one period of the scene is an interval of 1. Solve with
     `args=slipperjax.model.Args(scene)`.
     """
     instance("scene", scene, Scene, "a slipperjax.Scene")
@@ -402,7 +401,7 @@ def vector_field(scene: Scene) -> VectorField:
 
 
 def fill_frozen(rates: State, state: State) -> State:
-    """Replace a derivative of None, which marks a memory that is frozen over a step, by zeros."""
+    """Replace a derivative of None, of a memory that is constant over a step, by zeros."""
     if rates.memory is not None:
         return rates
     return State(rates.motion, jax.tree.map(jnp.zeros_like, state.memory))
@@ -412,7 +411,7 @@ class Reactions(NamedTuple):
     """Forces at one instant."""
 
     contact_force: Float[Array, "*slippers 2 points"]
-    """Normal force at each point, front and rear [N]; of a sled with a first axis of its slippers."""
+    """Normal force at each point, front and rear [N]; for a sled with a first axis of slippers."""
     gap: Float[Array, "*slippers 2 points"]
     """Gap at each point, front and rear [m]."""
     drive_force: Float[Array, ""]
@@ -430,7 +429,7 @@ def reactions(t: Real, state: State, args: Args) -> Reactions:
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
 
-    **Raises:** `ValueError` for an argument of another kind.
+    **Raises:** `ValueError` for an argument of a wrong kind.
     """
     instance("state", state, State, "a slipperjax.State")
     instance("args", args, Args, "slipperjax.model.Args")
@@ -447,11 +446,11 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
     now = contacts(frame, m)
     at = forces_at(scene, frame, now, state)
     rates = motion_rates(scene, at, travel)
-    # points of the front and of the rear end, of each slipper
+    # points of the front end and of the rear end, of each slipper
     ends = lambda a: a.reshape(*a.shape[:-1], *scene.point_shape)
     # the track feels the opposite force
     on_track = ends(-at.force[None] * jnp.stack(per_force(scene, at, travel)[:3]))
-    # places of the points, and of the nodes under both ends, seen from the body's centre on a straight rail
+    # places of the points, and of the nodes under both ends, relative to the body's centre on a straight rail
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node = track_nodes(scene, phase(t, args.epoch), args.points)

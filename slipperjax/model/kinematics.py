@@ -1,11 +1,11 @@
 """Attitude, and the gaps and gap rates of the contact points, Eqs. (1)-(8) of Dang et al. 2024.
 
-The points of both ends share one axis: front A, B, ..., then rear A, B, ...; of a sled those of its first slipper,
-then those of its second, and so on.
+The points of both ends have one axis: front A, B, ..., then rear A, B, ...; for a sled the points of its first
+slipper, then of its second, and so on.
 
-The attitude is the vector part q of a unit quaternion, with q_0 = sqrt(1 - q.q): rotation matrices are
-polynomials in it and regular for every angle below 180 degrees. Euler angles of Eq. (2) are used for input and output
-only.
+The attitude is the vector part q of a unit quaternion, with q_0 = sqrt(1 - q.q). Rotation matrices are polynomials
+in q_0 and q, and regular for every angle below 180 degrees. Euler angles of Eq. (2) are used only for input and
+output.
 """
 
 import dataclasses
@@ -59,7 +59,7 @@ class ModalMotion(eqx.Module):
     coordinate: Float[Array, " modes"] = _modal("coordinate", "m kg^0.5")
     """Coordinate of each mode [m kg^0.5]."""
     rate: Float[Array, " modes"] = _modal("rate", "m kg^0.5/s")
-    """Its rate [m kg^0.5/s]."""
+    """Rate of each coordinate [m kg^0.5/s]."""
 
 
 class Motion(eqx.Module):
@@ -86,7 +86,7 @@ class Motion(eqx.Module):
     w_z: Real = _coordinate("w_z", "rad/s")
     """Angular velocity about the slipper's z axis [rad/s]."""
     sled: SledMotion | None = None
-    """Motion of the mass on it; None for none."""
+    """Motion of the mass on the slipper; None where there is no mass."""
     modes: ModalMotion | None = None
     """Motion of the elastic modes; None for a rigid body."""
 
@@ -107,13 +107,13 @@ class Motion(eqx.Module):
 
     @staticmethod
     def from_euler(*, roll: Real = 0.0, pitch: Real = 0.0, yaw: Real = 0.0, **others: Real) -> "Motion":
-        """Return a motion from Euler angles of Eq. (2) [rad]; `others`: fields of `Motion` besides the attitude."""
+        """Return a motion from Euler angles of Eq. (2) [rad]; `others`: other fields of `Motion`."""
         q_x, q_y, q_z = quaternion_from_euler(roll, pitch, yaw)
         return Motion(q_x=q_x, q_y=q_y, q_z=q_z, **others)
 
 
 def moved(m: Motion, change: Motion) -> Motion:
-    """Return a motion with `change` added to the body's numbers; those of its parts stay."""
+    """Return a motion with `change` added to the body's numbers; the motions of parts stay unchanged."""
     sums = [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)]
     return eqx.tree_at(_of_slipper, m, sums)
 
@@ -128,7 +128,7 @@ def check_motion(name: str, motion: Motion) -> Motion:
     for coordinate in MOTION_NUMBERS:
         value = getattr(motion, coordinate)
         if is_traced(value):
-            continue  # its value is not known
+            continue  # a traced value is not known
         # True and False pass, as 1 and 0
         if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
@@ -140,11 +140,11 @@ def check_motion(name: str, motion: Motion) -> Motion:
 
 
 MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
-"""Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
+"""Scales of the motion, equal to those of `COORDINATES`: 1 mm, 10 mrad (5e-3 of the quaternion), 1 m/s, 10 rad/s."""
 
 
 def scales_of(motion: Motion) -> Motion:
-    """Return the scales of a motion's numbers, those of its parts included."""
+    """Return the scales of a motion's numbers, including the numbers of its parts."""
     sled = None if motion.sled is None else SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
     modes = None
     if motion.modes is not None:
@@ -153,17 +153,17 @@ def scales_of(motion: Motion) -> Motion:
 
 
 def with_parts(scales: Motion, scene: Scene) -> Motion:
-    """Return scales of a body's numbers with those of the scene's parts that have none of their own.
+    """Return scales of a body's numbers, with scales of the scene's parts where these have none.
 
-    The coordinate of a mode counts by the displacement of the mount or place that it moves farthest, that of a mode
-    which hardly moves any by the mean of its body's.
+    The scale of a mode's coordinate follows from the displacement of the mount or place that the mode moves farthest;
+    for a mode that hardly moves any place, from the mean displacement of the body.
     """
     sled, modes = scales.sled, scales.modes
     if sled is None and scene.sled is not None:
         sled = SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
     own = scene.slipper.modes
     if modes is None and own is not None:
-        # of unit modal mass, the mean square of a shape is one over the mass
+        # with unit modal mass, the mean square of a shape is one over the mass
         moved = [jnp.broadcast_to(1 / jnp.sqrt(scene.slipper.mass), own.frequency.shape)]
         for shapes in (own.shapes, own.place_shapes):
             if shapes is not None:
@@ -174,23 +174,25 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
-    """Return the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
+    """Return the clearance of the tightest face with play, over 1 mm as in `MOTION_SCALES`; at most 1 [1]."""
     # faces without play do not count
     play = _side_by_side([slipper.section.play for slipper in scene.mounted])
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
-    # a clearance below what is made and measured [m]: smaller ones do not narrow the scales further
+    # clearances below those that can be made and measured [m] do not narrow the scales further
     least = 5e-6
     return jnp.clip(tightest, least, MOTION_SCALES.z) / MOTION_SCALES.z
 
 
 def accuracy_scales(scene: Scene) -> Motion:
-    """Return the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
-    displacements and attitude in proportion, because an error of the size of the play leaves nothing right; and with
-    contact points farther than 0.1 m from the centre of mass attitude and spin in proportion, because they move.
-    Those of its parts are as of `with_parts`."""
+    """Return the scales by which errors of a scene are judged, from `MOTION_SCALES`.
+
+    With less play than 1 mm the scales of displacements and attitude are smaller in proportion, because an error of
+    the size of the play makes all results wrong. With contact points farther than 0.1 m from the centre of mass the
+    scales of attitude and spin are smaller in proportion. Scales of parts are as in `with_parts`.
+    """
     share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
     body = scene.slipper
-    # where the scale of the attitude moves a point by that of displacements; a quaternion is half an angle
+    # the scale of the attitude moves a point by the scale of displacements; a quaternion's component is half an angle
     lever = MOTION_SCALES.z / (2 * MOTION_SCALES.q_x)
     near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
     y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
@@ -202,16 +204,16 @@ def accuracy_scales(scene: Scene) -> Motion:
 def disturbances(
     scene: Scene, share: float, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "count numbers"]:
-    """Return random changes of the numbers of slippers' motions: velocities change by a share of their accuracy
-    scales [1], displacements, which could come to lie outside the play, not at all."""
+    """Return random changes of slippers' motions: velocities change by a share of their accuracy scales [1];
+    displacements do not change, because they could leave the play."""
     changes = share * rng.normal(size=(count, len(MOTION_NUMBERS)))
     changes[:, :5] = 0.0
     return changes * np.array(_of_slipper(accuracy_scales(scene)))
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
-    """Return the largest magnitude in a difference of two motions, in multiples of `scales` [1]; of parts for which
-    these have none, of the usual ones."""
+    """Return the largest magnitude in a difference of two motions, in multiples of `scales` [1]; parts without
+    `scales` have their usual scales."""
     instance("scales", scales, Motion, "a slipperjax.Motion of sizes")
     usual = scales_of(instance("motion", motion, Motion, "a slipperjax.Motion"))
     parts = {"sled": usual.sled, "modes": usual.modes}
@@ -223,7 +225,7 @@ def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, 
 def quaternion_from_euler(roll, pitch, yaw):
     """Return (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad.
 
-    **Raises:** `ValueError` for what is no numbers.
+    **Raises:** `ValueError` for values that are not numbers.
     """
     halves = []
     for name, given in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
@@ -232,7 +234,7 @@ def quaternion_from_euler(roll, pitch, yaw):
         halves.append(jnp.asarray(angle, float) / 2)
     cr, cp, cy = map(jnp.cos, halves)
     sr, sp, sy = map(jnp.sin, halves)
-    # of the two quaternions of an attitude, the one with q_0 >= 0
+    # an attitude has two quaternions: the one with q_0 >= 0
     sign = jnp.where(cr * cp * cy + sr * sp * sy < 0, -1.0, 1.0)
     return (
         sign * (sr * cp * cy - cr * sp * sy),
@@ -251,7 +253,7 @@ def rotation(m: Motion):
     w = scalar_part(m)
     q = (m.q_x, m.q_y, m.q_z)
     x, y, z = q
-    # products that several entries share
+    # products that several entries use
     xx, yy, zz = (v * v for v in q)
     xy, xz, yz = (a * b for a, b in ((x, y), (x, z), (y, z)))
     wx, wy, wz = (w * v for v in q)
@@ -279,7 +281,7 @@ def attitude_rates(m: Motion):
 
 
 def in_slipper_frame(r, v):
-    """Return R^T v, the vectors v in the slipper's frame; `r`: rows of its `rotation`."""
+    """Return R^T v, the vectors v in the slipper's frame; `r`: rows of the slipper's `rotation`."""
     return [r[0][j] * v[0] + r[1][j] * v[1] + r[2][j] * v[2] for j in range(3)]
 
 
@@ -294,29 +296,29 @@ def dot(a, b):
 
 
 class Points(NamedTuple):
-    """Data of the contact points of both ends that are constant during a run; of a sled those of all slippers."""
+    """Constant data of the contact points of both ends during a run; for a sled of all slippers."""
 
     normal: Float[Array, "2 points"]
     """y and z of the faces' unit normals on a straight rail [1]."""
     track: Float[Array, "2 points"]
     """y and z of the matching points on the rail head, in the track node's frame [m]."""
     arm: tuple[Array, Array, Array]
-    """x, y and z of the body's points in its own frame, front ones first, each of shape (points,) [m]."""
+    """x, y and z of the body's points in the body's frame, front points first, each of shape (points,) [m]."""
     length: Array
-    """Length of the slipper that each point is on [m]; one number for a single slipper."""
+    """Length of the slipper to which each point belongs [m]; one number for a single slipper."""
     axis: tuple[Array | None, Array | None]
     """y and z of the undisturbed rail's axis at each point [m]; None for zero."""
     ahead: Float[Array, " slippers"] | None
-    """How far the front end of each slipper is ahead of the distance that is counted [m]; None of a single one."""
+    """How far the front end of each slipper is ahead of the counted distance [m]; None for a single slipper."""
     lengths: Float[Array, " slippers"]
     """Length of each slipper [m]."""
     shapes: tuple[Array, ...] | None
     """y and z, or x, y and z, of the modes' shapes at the slippers, each of shape (slippers, modes) [kg^-0.5]; None
-    if rigid."""
+    for a rigid body."""
 
 
 def contact_points(scene: Scene) -> Points:
-    """Return the scene's contact points, computed once per run because they cost as much as a rail frame."""
+    """Return the scene's contact points; computed once per run, because they cost as much as a rail frame."""
     slippers = instance("scene", scene, Scene, "a slipperjax.Scene").mounted
     # the rear end has the section of the front one
     both = lambda a: jnp.tile(a, (2, 1)).T
@@ -328,7 +330,7 @@ def contact_points(scene: Scene) -> Points:
     arms = []
     for slipper in slippers:
         count = slipper.section.points.shape[0]
-        # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
+        # A constant array: an index computed inside the loop over cases and points would prevent vectorisation.
         x = slipper.length * np.repeat([0.5, -0.5], count)
         own = (x, *both(slipper.section.points))
         arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])
@@ -348,14 +350,14 @@ def contact_points(scene: Scene) -> Points:
 
 
 def _side_by_side(parts: Sequence[Any]) -> AnyArray:
-    """Return arrays joined along their last axis; a single one as it is."""
+    """Return arrays joined along their last axis; a single array unchanged."""
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
 def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | None, Array | None]:
     """Return y and z of the undisturbed rail's axis at each point [m], None where it is zero for all."""
     gauge = scene.track.gauge
-    # a gauge tells where the rails are; otherwise they are where their mounts are
+    # a gauge gives the places of the rails; otherwise rails are where their mounts are
     side = {"left": 0.5, "right": -0.5}
     across = [slipper.place[1] if gauge is None else side[slipper.rail] * gauge for slipper in slippers]
     upwards = [slipper.place[2] for slipper in slippers]
@@ -370,7 +372,7 @@ def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | Non
 
 
 class RailFrame(NamedTuple):
-    """Geometry and velocity of the rail at one instant; independent of the slipper's state."""
+    """Geometry and velocity of the rail at one instant, independent of the slipper's state."""
 
     normal: tuple[Array, Array, Array]
     """Unit normals n out of the rail head, x, y and z, each of shape (points,) [1]."""
@@ -379,9 +381,9 @@ class RailFrame(NamedTuple):
     velocity: Float[Array, " points"]
     """n . v_T, the rail point's velocity along its normal [m/s]."""
     arm: tuple[Array, Array, Array]
-    """The body's points in its own frame, each of shape (points,) [m]."""
+    """The body's points in the body's frame, each of shape (points,) [m]."""
     shapes: tuple[Array, ...] | None = None
-    """`Points.shapes`."""
+    """As `Points.shapes`."""
 
 
 def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailFrame:
@@ -389,30 +391,30 @@ def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailF
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
-    need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
+    need_64_bits()  # each program of a motion calls this function, also with a plain jax.jit
     instance("scene", scene, Scene, "a slipperjax.Scene")
     if points is None:
         points = contact_points(scene)
     instance("points", points, Points, "of `contact_points`")
     front, rear = _nodes(scene, points, real("phase", phase))
-    # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
+    # Eq. (4): the face goes from the front node's points to the rear node's points, which tilts its normal along x
     along_y = rear.y - front.y
     along_z = rear.z - front.z
     n_y, n_z, t_y, t_z, v_y, v_z = _each_at_its_node(scene, front, rear)
-    # along x, so that the normal is at right angles to the face
+    # the part along x makes the normal perpendicular to the face
     n_x = store((n_y * along_y + n_z * along_z) / points.length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
-    # tilted normals are longer than one
+    # tilted normals are longer than one, and are scaled to one
     per_norm = store(1 / jnp.sqrt(1 + n_x * n_x))
-    # stored, so that the loop over lanes and points does not compute it again
+    # stored, so that the loop over cases and points does not compute these values again
     n_x, n_y, n_z, position, slope = store([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
     return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm, points.shapes)
 
 
 def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Float[Array, "3 *slippers 2"]:
-    """Return x, y and z of the track nodes under both ends of each slipper [m], seen from the body's centre on a
-    straight rail; without an axis of slippers for a single one."""
+    """Return x, y and z of the track nodes under both ends of each slipper [m], relative to the body's centre on a
+    straight rail; a single slipper has no axis of slippers."""
     points = contact_points(scene) if points is None else points
     distance = jnp.asarray(phase, float) * scene.wavelength
     # the rear node is one length behind the front one
@@ -424,7 +426,7 @@ def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Floa
         return node.reshape(3, *scene.point_shape[:-1])
     behind = points.lengths[:, None] * ends[None]
     here, _, _ = _rails_at(scene, (distance + points.ahead)[None] - behind.T)
-    # the body's centre is half of its slippers' length behind the distance
+    # the body's centre is half a slipper's length behind the distance
     x = (points.ahead + scene.slipper.length / 2)[:, None] - behind
     each = scene.points // len(points.lengths)
     y, z = (0.0 if axis is None else axis[::each, None] for axis in points.axis)
@@ -432,7 +434,7 @@ def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Floa
 
 
 class _Node(NamedTuple):
-    """Normals and rail points of all points as if at their slipper's front or rear node, each of shape (points,)."""
+    """Normals and rail points of all points, as if at their slipper's front or rear node, each of shape (points,)."""
 
     n_y: Array
     n_z: Array
@@ -444,13 +446,13 @@ class _Node(NamedTuple):
 
 
 def _nodes(scene: Scene, points: Points, phase: Real) -> list[_Node]:
-    """Return all points as if at the front node, and as if at the rear one."""
+    """Return all points as if at the front node, and all points as if at the rear node."""
     distance = jnp.asarray(phase, float) * scene.wavelength
     if points.ahead is None:
         return [_node(points, _rail_at(scene.track, at)) for at in (distance, distance - points.length)]
     front = distance + points.ahead
     rail = _rails_at(scene, jnp.stack([front, front - points.lengths]))
-    # from values of each slipper to those of its points
+    # from values of each slipper to values of its points
     flat, structure = jax.tree.flatten(rail)
     values = spread(scene.points // len(points.lengths), *flat)
     ends = zip(*(value.reshape(2, -1) for value in values), strict=True)
@@ -485,7 +487,7 @@ def _rails_at(scene: Scene, distance: Float[Array, "ends slippers"]) -> _Rail:
     if not rails:
         return _rail_at(scene.track, distance)
     on = [slipper.rail for slipper in scene.mounted]
-    # the slippers of each rail at once, and back in their order
+    # all slippers of a rail at once, then back to their order
     index = {name: np.flatnonzero([rail == name for rail in on]) for name in dict.fromkeys(on)}
     motions = [rails[name].motion(distance[:, k]) for name, k in index.items()]
     if any(here.roll is not None for here, _ in motions):
@@ -496,7 +498,7 @@ def _rails_at(scene: Scene, distance: Float[Array, "ends slippers"]) -> _Rail:
 
 
 def _rolling(rail: Irregularity) -> Irregularity:
-    """Return a rail with a roll of zero where it has none."""
+    """Return a rail with a roll of zero where it has no roll."""
     return rail if rail.roll is not None else rail._replace(roll=jnp.zeros_like(rail.lateral))
 
 
@@ -511,7 +513,7 @@ def _node(points: Points, rail: _Rail) -> _Node:
         c, s = turn
         n_y, n_z = _rolled(c, s, n_y, n_z)
         y, z = _rolled(c, s, y, z)
-        # a rolling rail moves its points around the axis
+        # where the rail rolls, its points move around the axis
         v_y = v_y - slope.roll * z
         v_z = v_z + slope.roll * y
     y = y + here.lateral
@@ -540,7 +542,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Return gaps, gap rates and levers of all points, at both ends."""
     instance("frame", frame, RailFrame, "that of slipperjax.model.rail_frame")
     instance("m", m, Motion, "a slipperjax.Motion")
-    # stored, as XLA does not move it out of the loop over the points
+    # stored, because XLA does not move this value out of the loop over the points
     r = store(rotation(m))
     n_x, n_y, n_z = frame.normal
     a_x, a_y, a_z = frame.arm
@@ -564,11 +566,11 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
 def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]]) -> list[list[Array]]:
     """Return how far an elastic sled moves its slippers along the axes of its shapes, each of shape (points,).
 
-    **Arguments:** `moves`: each y and z of the centre and the modes' coordinates, or the rates of all.
+    **Arguments:** `moves`: each has y and z of the centre and the modes' coordinates, or the rates of all these.
     """
     assert frame.shapes is not None  # of each elastic sled
     axes = len(frame.shapes)
-    # of each slipper, for all its points alike
+    # for each slipper, the same for all its points
     of_slippers = sums(*(shape * q[None] for *_, q in moves for shape in frame.shapes))
     for k, (y, z, _) in enumerate(moves, 1):
         of_slippers[k * axes - 2] += y
@@ -578,7 +580,7 @@ def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]])
 
 
 def _of_all_points(frame: RailFrame, of_slippers: Sequence[Array]) -> list[Array]:
-    """Return values of each slipper as those of its points, each of shape (points,)."""
+    """Return values of each slipper as values of its points, each of shape (points,)."""
     each = frame.normal[0].shape[-1] // len(of_slippers[0])
     return [value.ravel() for value in spread(each, *of_slippers)]
 
@@ -589,24 +591,25 @@ def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
     normal = frame.normal[-len(frame.shapes) :]
     axes = range(len(normal))
     pairs = [(j, k) for j in axes for k in axes[j:]]
-    # of each slipper a symmetric matrix, for all its points alike
+    # a symmetric matrix for each slipper, the same for all its points
     of_slippers = sums(*(frame.shapes[j] * frame.shapes[k] for j, k in pairs))
     at_points = _of_all_points(frame, of_slippers)
-    # those off the diagonal count twice
+    # entries off the diagonal count twice
     terms = [(1 + (j < k)) * normal[j] * normal[k] for j, k in pairs]
     return jnp.asarray(sum(term * entry for term, entry in zip(terms, at_points, strict=True)))
 
 
 def face_offsets(scene: Scene, phase: Real, m: Motion) -> Float[Array, " points"]:
-    """Return how far the slipper's points have moved along their faces, as seen from the rail's points [m].
+    """Return how far the slipper's points have moved along their faces, relative to the rail's points [m].
 
-    Front ones first. Counted in the plane of the section, along the direction from a face's first corner to its
-    second. With the gap, across the face, it tells where each point is relative to the rail head.
+    Front points first. The displacement is in the plane of the section, along the direction from a face's first
+    corner to its second. The gap is the displacement across the face; both give the place of a point on the rail
+    head.
     """
     points = contact_points(scene)
     node = _each_at_its_node(scene, *_nodes(scene, points, phase))
     _, across, up = rotation(m)
     from_rail_y = m.y + sum(r * a for r, a in zip(across, points.arm, strict=True)) - node.y
     from_rail_z = m.z + sum(r * a for r, a in zip(up, points.arm, strict=True)) - node.z
-    # along a face is its normal, turned by 90 degrees
+    # the direction along a face is its normal, turned by 90 degrees
     return node.n_z * from_rail_y - node.n_y * from_rail_z

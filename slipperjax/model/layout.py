@@ -16,16 +16,16 @@ from .scene import Scene
 
 @dataclass(frozen=True)
 class StateLayout:
-    """The numbers of a state in a row: those of the motion, then those of each part that the scene has."""
+    """The numbers of a state in a row: first the motion, then each part that the scene has."""
 
     motion: tuple[Quantity, ...]
     """The motion's numbers, in the order of `Motion`."""
     modes: int
-    """Number of elastic modes, whose coordinates and rates are the last of the motion's numbers."""
+    """Number of elastic modes; their coordinates and rates are the last numbers of the motion."""
     memory: tuple[Quantity, ...] | None
-    """The memory of each contact point, front ones first; None for laws without memory."""
+    """The memory of each contact point, front points first; None for laws without memory."""
     integrated: bool
-    """Whether there is a memory that is integrated, and not latched."""
+    """Whether there is a memory that is integrated, not latched."""
 
     @classmethod
     def of(cls, scene: Scene) -> "StateLayout":
@@ -67,8 +67,8 @@ class StateLayout:
 
     @staticmethod
     def pack(states: State) -> Float[np.ndarray, "*batch size"]:
-        """Return states (*batch), which are known, as rows of all their numbers."""
-        # in NumPy nothing is compiled
+        """Return known states (*batch) as rows of all their numbers."""
+        # with NumPy nothing is compiled
         m = states.motion
         columns = [np.asarray(v)[..., None] for v in jax.tree.leaves(replace(m, modes=None))]
         arrays = [*jax.tree.leaves(m.modes), *([] if states.memory is None else [states.memory])]
@@ -79,7 +79,7 @@ class StateLayout:
         count = len(self.motion)
         single = count - 2 * self.modes
         parts = [rows[..., k] for k in range(single)]
-        zeros = jnp.asarray(np.zeros(1))  # stands for an array
+        zeros = jnp.asarray(np.zeros(1))  # in place of an array
         sled = SledMotion() if single > len(MOTION_NUMBERS) else None
         modes = None
         if self.modes:
@@ -89,7 +89,7 @@ class StateLayout:
         if self.memory is not None:
             parts.append(rows[..., count:])
             memory = zeros
-        # by the structure and not by the classes, whose fields convert and check what they get
+        # by the structure, because the classes would convert and check the values of their fields
         return jax.tree.unflatten(jax.tree.structure(State(Motion(sled=sled, modes=modes), memory)), parts)
 
 

@@ -1,17 +1,17 @@
 """The linearised motion, and linear systems with its structure, for implicit solvers.
 
 The slipper is a second-order system: positions p = (y, z, attitude) follow from velocities u = (v_y, v_z, w) by
-kinematics alone. With d a small rotation of the slipper in its own frame, in place of the change of the quaternion,
-and B the (small) rotation of d by the spin,
+kinematics alone. A small rotation d of the slipper in its own frame replaces the change of the quaternion, and B is
+the (small) rotation of d by the spin. Then
 
     dp' = B dp + du,     du' = stiffness dp + damping du,
 
-so a linear system of ten unknowns reduces to one of five, with stiffness and damping in closed form. For a point with
+and a linear system of ten unknowns reduces to five, with stiffness and damping in closed form. For a point with
 the force direction s = (n_y, n_z, lever), normal n and position a in the slipper's frame, and spin w,
 
     dg = s . dp,     dg' = s . du + w . (a x (n x d)),     dlever = a x (n x d) = n (a . d) - d (a . n),
 
-These are 39 sums over the points; ten Jacobian-vector products cost several times as much.
+These are 39 sums over the points. Ten Jacobian-vector products would cost several times as much.
 """
 
 from collections.abc import Callable
@@ -70,13 +70,13 @@ def contact_linearised(
     for i in range(3):
         for k in range(3):
             stiff[2 + i, 2 + k] += forces * (n[i] * arm[k] - (normal_arm if i == k else 0.0))
-    # the damping is symmetric: its upper triangle alone is summed
+    # the damping is symmetric: only its upper triangle is summed
     damp = {(i, k): by_rate * s[i] * s[k] for i in range(5) for k in range(i, 5)}
     # all sums over the points in one pass
     total = sums(*stiff.values(), *damp.values())
     stiff = dict(zip(stiff, total[: len(stiff)], strict=True))
     damp = dict(zip(damp, total[len(stiff) :], strict=True))
-    # what is left of both follows by symmetry
+    # the rest of both matrices follows by symmetry
     stiff[0, 1] = stiff[1, 0]
     damp |= {(k, i): v for (i, k), v in damp.items()}
 
@@ -91,7 +91,7 @@ def contact_linearised(
         j = (i + 1) % 3
         k = (i + 2) % 3
         gyro = travel.period * (moments[k] - moments[j]) / moments[i]
-        # derivatives by w_j and by w_k
+        # derivatives with respect to w_j and w_k
         damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
         damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
     return Linearised(stiffness, damping, m, travel.period)
@@ -112,7 +112,7 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Real) -
     tangents += [zero.at[k].set(1.0) for k in range(half, 2 * half)]
     column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
     columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[half:]
-    # each column is a tangent's; rows of the matrices are those of the velocities' rates
+    # each column comes from one tangent; rows of the matrices are rates of velocities
     part = lambda at: [[row[at + k] for k in range(half)] for row in columns]
     return Linearised(part(0), part(half), m, unit)
 
@@ -126,7 +126,7 @@ class LinearSystem(eqx.Module):
     step: Real  # the factor in seconds
     factor: Real
     stiffness: Matrix
-    matrix: Matrix  # LU factors of the five velocities' equations
+    matrix: Matrix  # LU factors of the equations of the five velocities
     transport: Matrix  # (1 - step B)^-1, see the module
     turn: Matrix  # the rotation that belongs to a change of the quaternion, after `transport`
     attitude: Matrix  # the change of the quaternion that belongs to a rotation
@@ -136,7 +136,7 @@ class LinearSystem(eqx.Module):
         self.step = factor * at.unit
         self.factor = factor
         self.stiffness = at.stiffness
-        # displacements are eliminated: over the step they follow from velocities
+        # displacements are eliminated, because over the step they follow from velocities
         transport = _inverse(_unit_minus(_spin_of_turn(m), self.step))
         by_turn = _product([row[2:] for row in at.stiffness], transport)
         reduced = []
@@ -175,7 +175,7 @@ def solved(factors: Matrix, right: list[Real]) -> list[Real]:
 
 
 def factored(a: Matrix) -> Matrix:
-    """Return LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
+    """Return LU factors in one matrix, unrolled; its diagonal belongs to L, and the diagonal of U is all ones."""
     n = len(a)
     a = [list(row) for row in a]
     for k in range(n):
@@ -191,7 +191,7 @@ def eliminated(a: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array
     """Return the solution of a linear system of any size by Gauss-Jordan elimination, without pivoting or LAPACK."""
 
     def without(system: Array, k: Array) -> tuple[Array, None]:
-        """Return a system in which the k-th unknown is left in the k-th equation alone."""
+        """Return a system in which only the k-th equation contains the k-th unknown."""
         row = system[k] / system[k, k]
         others = system - system[:, k, None] * row[None]
         return others.at[k].set(row), None

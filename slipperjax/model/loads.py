@@ -1,4 +1,4 @@
-"""Loads on the slipper besides contacts, and friction in the contacts. All are None by default, and cost nothing."""
+"""Loads on the slipper other than contacts, and friction in contacts. All are None by default, and cost nothing."""
 
 import abc
 from collections.abc import Sequence
@@ -22,24 +22,24 @@ COEFFICIENTS = ("drag_coefficient", "lift_coefficient", "side_coefficient")
 
 
 class AbstractLoad(ShapeChecked):
-    """A force and a moment on the slipper that depend on how fast it travels, where it is, and when."""
+    """A force and a moment on the slipper that depend on its speed, its place and the time."""
 
     @abc.abstractmethod
     def wrench(self, travel: Travel) -> tuple[Vector, Vector]:
         """Return the force along the track's x, y and z [N], and the moment about the slipper's axes [N m].
 
         **Arguments:** `travel`: has the `speed` [m/s], the `distance` along the rail [m], and the `seconds` [s]. The
-        force along x acts on what drives the slipper.
+        force along x acts on the drive.
         """
 
     @property
     def by_speed(self) -> bool:
-        """Whether it depends on the speed alone, so that it recurs with the rail."""
+        """Whether the load depends on the speed alone, so that it recurs with the rail."""
         return True
 
 
 class AppliedLoad(AbstractLoad):
-    """Constant loads, such as a share of the sled's weight, and lift and drag by the square of the speed.
+    """Constant loads, such as a share of the sled's weight, plus lift and drag by the square of the speed.
 
     ```python
     load = sj.model.AppliedLoad(force=[0.0, 0.0, -800.0], force_by_square=[-0.02, 0.0, 0.01])
@@ -55,7 +55,7 @@ class AppliedLoad(AbstractLoad):
     moment_by_square: Vector = field("N s^2/m", finite, default=(0.0, 0.0, 0.0))
     """Moment over the square of the speed [N s^2/m]."""
     arm: Vector | None = field("m", finite, default=None)
-    """Where the forces act: x, y and z from the centre of mass [m]; None for there."""
+    """Where the forces act: x, y and z from the centre of mass [m]; None: at the centre of mass."""
 
     def wrench(self, travel):
         # lift and drag grow with the dynamic pressure
@@ -68,7 +68,7 @@ class AppliedLoad(AbstractLoad):
 class AerodynamicLoad(AbstractLoad):
     """Drag, lift and side force of the air: dynamic pressure times area times a coefficient.
 
-    Coefficients are numbers, or tables by the Mach number, linear between its rows and constant beyond its ends.
+    Coefficients are numbers, or tables by the Mach number, linear between rows and constant beyond the ends.
 
     ```python
     load = sj.model.AerodynamicLoad(area=0.5, drag_coefficient=[0.4, 0.9, 0.7], mach=[0.8, 1.1, 2.6])
@@ -78,19 +78,19 @@ class AerodynamicLoad(AbstractLoad):
     area: Float[Array, ""] = field("m^2", positive)
     """Area that the coefficients refer to [m^2]."""
     drag_coefficient: Coefficient = field("", finite, default=0.0)
-    """Of the force against the travel [1]."""
+    """Coefficient of the force against the travel [1]."""
     lift_coefficient: Coefficient = field("", finite, default=0.0)
-    """Of the force upwards [1]."""
+    """Coefficient of the force upwards [1]."""
     side_coefficient: Coefficient = field("", finite, default=0.0)
-    """Of the force to the left [1]."""
+    """Coefficient of the force to the left [1]."""
     mach: Float[Array, " rows"] | None = field("", not_negative, default=None)
     """Mach numbers of the rows of tables, increasing [1]."""
     arm: Vector = field("m", finite, default=(0.0, 0.0, 0.0))
     """Where the force acts: x, y and z from the slipper's centre of mass [m]."""
     density: Float[Array, ""] = field("kg/m^3", positive, default=1.225)
-    """Of the air [kg/m^3]."""
+    """Density of the air [kg/m^3]."""
     sound_speed: Float[Array, ""] = field("m/s", positive, default=340.3)
-    """In the air [m/s]."""
+    """Speed of sound in the air [m/s]."""
 
     def __check_init__(self):
         tables = [name for name in COEFFICIENTS if getattr(self, name).ndim]
@@ -120,11 +120,11 @@ class TabulatedLoad(AbstractLoad):
     force: Float[Array, "rows 3"] = field("N", finite)
     """Forces along the track's x, y and z [N]."""
     moment: Float[Array, "rows 3"] | None = field("N m", finite, default=None)
-    """Moments about the slipper's x, y and z, besides those of the force [N m]; None for none."""
+    """Moments about the slipper's x, y and z, in addition to the moments of the force [N m]; None: no moments."""
     speed: Rows = field("m/s", not_negative, default=None)
     """Speeds of the rows, increasing [m/s]."""
     time: Rows = field("s", finite, default=None)
-    """Times of the rows, increasing [s]: since the first place of a programme of speeds, or else distance zero."""
+    """Times of the rows, increasing [s]: from the first place of a speed programme, or else from distance zero."""
     distance: Rows = field("m", finite, default=None)
     """Distances of the rows along the rail, increasing [m]."""
     arm: Vector = field("m", finite, default=(0.0, 0.0, 0.0))
@@ -134,9 +134,9 @@ class TabulatedLoad(AbstractLoad):
     def from_file(cls, file: str | Path, arm: Numbers = (0.0, 0.0, 0.0)) -> "TabulatedLoad":
         """Read a table of loads.
 
-        A CSV or netCDF file as for `load_rail` has columns `distance`, `time` or `speed`, of which the first counts,
-        and some of `force_x` (or thrust), `force_y`, `force_z`, `moment_x`, `moment_y` and `moment_z`, such as
-        `time [s], thrust [lbf]`. Those that are absent are zero.
+        A CSV or netCDF file as for `load_rail` has a column `distance`, `time` or `speed`, of which the first counts,
+        and some of the columns `force_x` (or thrust), `force_y`, `force_z`, `moment_x`, `moment_y` and `moment_z`,
+        such as `time [s], thrust [lbf]`. Absent forces and moments are zero.
 
         **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
         """
@@ -159,7 +159,7 @@ class TabulatedLoad(AbstractLoad):
     def wrench(self, travel):
         name = next(name for name in AXES if getattr(self, name) is not None)
         here = getattr(travel, AXES[name])
-        # `interp` takes one component at a time
+        # `interp` takes only one component at a time
         row = lambda table: jnp.stack([jnp.interp(here, getattr(self, name), table[:, k]) for k in range(3)])
         force = row(self.force)
         moment = jnp.cross(self.arm, force)
@@ -167,7 +167,7 @@ class TabulatedLoad(AbstractLoad):
 
 
 AXES = {"distance": "distance", "time": "seconds", "speed": "speed"}
-"""What the rows of a table go by, and what the travel calls it."""
+"""Axis of a table's rows, and its name in `Travel`."""
 ALIASES = {"thrust": "force_x", "t": "time", "velocity": "speed", "v": "speed", "chainage": "distance"}
 """Other names of the columns of a file."""
 
@@ -198,19 +198,19 @@ class SumLoad(AbstractLoad):
 
 
 class AbstractFriction(ShapeChecked):
-    """Friction of sliding contacts: a traction against the sliding, of the normal force times a coefficient.
+    """Friction of sliding contacts: a traction against the sliding, equal to a coefficient times the normal force.
 
-    Contacts slide at the travelling speed along the rail and at some metres per second across it, so that they never
-    stick, and the direction needs no regularisation.
+    Contacts slide along the rail at the travelling speed and across it at some metres per second. Therefore they
+    never stick, and the direction of the traction needs no regularisation.
     """
 
     @abc.abstractmethod
     def coefficient_at(self, force: Array, sliding: Array) -> Array:
-        """Return the coefficient of friction [1] from normal force [N] and sliding speed [m/s] of each point."""
+        """Return the coefficient of friction [1] of each point, from its normal force [N] and sliding speed [m/s]."""
 
 
 class Coulomb(AbstractFriction):
-    """Coulomb's friction, the same coefficient everywhere."""
+    """Coulomb's friction, with the same coefficient everywhere."""
 
     coefficient: Float[Array, ""] = field("", not_negative)
     """mu [1]."""
@@ -220,13 +220,13 @@ class Coulomb(AbstractFriction):
 
 
 class FadingFriction(AbstractFriction):
-    """Friction that fades with the power that heats the contact, as steel's does at high speed:
+    """Friction that decreases with the power that heats the contact, as for steel at high speed:
     mu (1 + sliding speed x normal force / power)^-exponent."""
 
     coefficient: Float[Array, ""] = field("", not_negative)
-    """mu of slow sliding [1]."""
+    """mu for slow sliding [1]."""
     power: Float[Array, ""] = field("W", positive)
-    """Sliding speed times normal force at which it has faded to mu / 2^exponent [W]."""
+    """Sliding speed times normal force at which friction has decreased to mu / 2^exponent [W]."""
     exponent: Float[Array, ""] = field("", positive)
     """Exponent [1]."""
 

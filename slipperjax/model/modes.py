@@ -1,4 +1,4 @@
-"""Elastic modes of a free sled: from finite elements, or of a beam in closed form."""
+"""Elastic modes of a free sled: from finite elements, or for a beam in closed form."""
 
 import io
 from collections.abc import Sequence, Set
@@ -19,17 +19,17 @@ from ..tools.types import AnyArray, Numbers, Real
 MASS = "modal_mass"
 """Name of modal masses in files."""
 LARGEST = 30.0
-"""Square of a shape of unit modal mass, times the mass of the body, from which it is implausible [1]."""
+"""Square of a shape with unit modal mass, times the mass of the body, above which the shape is implausible [1]."""
 
 
 class Modes(ShapeChecked):
-    """Elastic modes of the free sled, each a damped oscillator that the contacts drive.
+    """Elastic modes of a free sled, each a damped oscillator that the contacts drive.
 
     A mode with the coordinate q [m kg^0.5] moves the sled by its shape times q, and
 
         q'' + 2 damping (2 pi frequency) q' + (2 pi frequency)^2 q = sum over contact points of (shape . n) F.
 
-    Shapes are those of a free body, so that rigid motions and modes are orthogonal, with a modal mass of one.
+    Shapes belong to a free body, so that rigid motions and modes are orthogonal, with a modal mass of one.
     """
 
     frequency: Float[Array, " modes"] = field("Hz", positive, plausible=(0.1, 1e5))
@@ -37,9 +37,9 @@ class Modes(ShapeChecked):
     damping: Float[Array, " modes"] = field("", not_negative, plausible=(0.0, 0.5))
     """Damping ratios [1]."""
     shapes: Float[Array, "modes mounts axes"] = field("kg^-0.5", finite)
-    """Displacements of the mounts along x, y and z, or along y and z alone, of unit modal mass [kg^-0.5]."""
+    """Displacements of the mounts along x, y and z, or along y and z only, with unit modal mass [kg^-0.5]."""
     places: Float[Array, "places 3"] | None = field("m", finite, default=None)
-    """Places besides the mounts where shapes are known, such as a payload's, from the centre of mass [m]."""
+    """Places other than mounts where shapes are known, such as a payload, from the centre of mass [m]."""
     place_shapes: Float[Array, "modes places 3"] | None = field("kg^-0.5", finite, default=None)
     """Displacements of the places [kg^-0.5]."""
 
@@ -56,12 +56,12 @@ class Modes(ShapeChecked):
         places: Numbers | None = None,
     ) -> "Modes":
         """Return the lowest bending modes of a uniform free beam along the sled, with its middle at the centre of
-        mass: Euler and Bernoulli's closed form.
+        mass, from Euler and Bernoulli's closed form.
 
         **Arguments:** `places_of_mounts`: x of each mount [m]; `mass` [kg] and `length` [m] of the beam;
-        `stiffness`: of lateral and of vertical bending, E I [N m^2], or one number for both; `count`: of modes of
-        both directions together; `damping`: ratios [1]; `places`: other places where shapes are wanted, (places, 3)
-        [m].
+        `stiffness`: of lateral and of vertical bending, E I [N m^2], or one number for both; `count`: number of
+        modes, both directions together; `damping`: ratios [1]; `places`: other places where shapes are needed,
+        (places, 3) [m].
 
         **Raises:** `ValueError` for places beyond the ends of the beam, and other numbers out of range.
         """
@@ -96,10 +96,10 @@ class Modes(ShapeChecked):
         return self.frequency.shape[-1]
 
     def warn_of_scale(self, mass: float) -> None:
-        """Warn of shapes that are too large for a unit modal mass of a body of a mass [kg]."""
+        """Warn of shapes that are too large for unit modal mass, for a body of some mass [kg]."""
         if is_traced(self.shapes):
             return
-        # of a uniform free beam 4, at its ends
+        # a uniform free beam has 4, at its ends
         ratio = float(np.max(np.asarray(self.shapes) ** 2, initial=0.0)) * mass
         if ratio > LARGEST:
             warn(
@@ -113,11 +113,11 @@ class Modes(ShapeChecked):
         need = "be places of the modes, see slipperjax.model.Modes"
         require(self.places is not None, "places", need, place)
         apart = np.linalg.norm(np.asarray(self.places) - np.asarray(place), axis=1).min()
-        # a millimetre is no other place
+        # a place within a millimetre is the same place
         require(apart < 1e-3, "places", f"{need}, the nearest is {apart:.3g} m away", place)
 
     def shape_at(self, place: AnyArray) -> Float[Array, "modes 3"]:
-        """Return the shapes at the nearest of the `places` to one [kg^-0.5]."""
+        """Return the shapes at that of the `places` which is nearest to a place [kg^-0.5]."""
         assert self.places is not None  # see `check_place`
         assert self.place_shapes is not None
         return self.place_shapes[:, jnp.argmin(jnp.sum((self.places - jnp.asarray(place)[None]) ** 2, axis=1))]
@@ -141,21 +141,21 @@ class Modes(ShapeChecked):
 
 
 def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
-    """Read the elastic modes of a free sled, as finite elements give them.
+    """Read the elastic modes of a free sled, as finite-element programs write them.
 
     A CSV file has a line of names, `frequency [Hz], damping, left1 x, left1 y, left1 z, right1 x, ...`, with the
     names of the mounts, and a line for each mode. An npz file of NumPy has arrays `frequency` [Hz], `damping` and
-    `shapes` (modes, mounts, 3), and may have `mounts`, their names, and `places` [m] with `place_shapes`, as `Modes`.
-    Shapes are of a modal mass of one [kg^-0.5], in a CSV file also in another unit, as in `left1 x [t^-0.5]`, or of
-    the modal masses in a column `modal mass [kg]`, an array `modal_mass`, such as shapes of largest value 1. A
-    universal file, .unv, has normal modes in datasets 55 with masses in kg, and mounts are numbers of nodes. Shapes
-    along x may be left out everywhere, which takes less time where modes hardly move the slippers along the rail.
+    `shapes` (modes, mounts, 3), optionally the names `mounts`, and `places` [m] with `place_shapes`, as in `Modes`.
+    Shapes have a modal mass of one [kg^-0.5], in a CSV file also with another unit, as in `left1 x [t^-0.5]`. Shapes
+    of other modal masses, such as shapes with a largest value of 1, need a column `modal mass [kg]` or an array
+    `modal_mass`. A universal file, .unv, has normal modes in datasets 55 with masses in kg; its mounts are numbers of
+    nodes. All shapes along x may be left out, which saves time where modes hardly move the slippers along the rail.
 
     **Arguments:** `file`: its path; `mounts`: names of the sled's mounts in their order, as `sled.names`; None for
-    those of the file in its order.
+    the mounts in the file's order.
 
-    **Raises:** `ValueError` with all faults of the file: names, numbers or shapes that are missing, frequencies that
-    fall; `OSError` for a file that cannot be read.
+    **Raises:** `ValueError` with all faults of the file: missing names, numbers or shapes, and frequencies that
+    decrease; `OSError` for a file that cannot be read.
     """
     path = user_path(file, "file")
     content = content_of(path)
@@ -170,13 +170,13 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     except TableError:
         raise
     except ValueError as error:
-        # what is no npz file is told with its name
+        # an error for a file that is no npz file names the file
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise TableError(f"{where}{error}") from None
 
 
 def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
-    """Return the arrays of an npz file that modes have, with the shapes at `mounts` in their order."""
+    """Return those arrays of an npz file that modes have, with the shapes at `mounts` in their order."""
     with readable(path, "npz file"), np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         names = ("frequency", "damping", MASS, "shapes", "mounts", "places", "place_shapes")
         found = {name: arrays[name] for name in names if name in arrays}
@@ -186,7 +186,7 @@ def _of_arrays(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict
 
 
 def _of_universal(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[str, Any]:
-    """Return the normal modes of a universal file, its datasets 55, at nodes that `mounts` has the numbers of."""
+    """Return the normal modes of a universal file, its datasets 55, at the nodes whose numbers `mounts` has."""
     try:
         import pyuff  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -194,7 +194,7 @@ def _of_universal(path: Path, content: bytes, mounts: Sequence[str] | None) -> d
     with readable(path, "universal file"):
         sets = pyuff.UFF(str(path)).read_sets()
         sets = [sets] if isinstance(sets, dict) else sets
-        # of six numbers a node the first three are its displacement
+        # the first three of six numbers of a node are its displacement
         modes = [one for one in sets if one["type"] == 55 and one["analysis_type"] == 2]
         nodes = {tuple(map(int, one["node_nums"])) for one in modes}
         numbers = {"frequency": "freq", "damping": "modal_damp_vis", MASS: "modal_m"}
@@ -228,11 +228,11 @@ def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[
         return own | dict.fromkeys(shapes, "")
 
     table = Table(path, content, wanted, {})
-    # modal masses are one kilogram where no unit is given
+    # modal masses are one kilogram where the file gives none
     table.wanted = {name: own.get(name, "kg^-0.5") for name in table.wanted}
-    # without names of mounts those of the file, in its order
+    # without names of mounts, the file's mounts in its order
     mounts = mounts or list(dict.fromkeys(name[:-2] for name in table.columns if name not in own))
-    # without any x, shapes are along y and z
+    # without any x, shapes have only y and z
     axes = "xyz" if any(name.endswith("_x") for name in table.columns) else "yz"
     columns = {name: [f"{name}_{axis}".lower() for axis in axes] for name in mounts}
     for name in ("frequency", "damping"):
@@ -251,7 +251,7 @@ def _of_table(path: Path, content: bytes, mounts: Sequence[str] | None) -> dict[
 
 
 def _of_unit_mass(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the arrays of modes with shapes of a modal mass of one."""
+    """Return the arrays of modes, with shapes of unit modal mass."""
     mass = found.pop(MASS, None)
     if mass is None:
         return found
@@ -263,9 +263,9 @@ def _of_unit_mass(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def _free_root(k: int) -> float:
-    """Return the k-th root of cos(x) cosh(x) = 1 above zero, of a beam with free ends [1]."""
+    """Return the k-th positive root of cos(x) cosh(x) = 1, for a beam with free ends [1]."""
     x = (k + 0.5) * np.pi
-    # the second one is exact to the last bit already
+    # already the second iterate is exact to the last bit
     for _ in range(10):
         x -= (np.cos(x) - 1 / np.cosh(x)) / (np.tanh(x) / np.cosh(x) - np.sin(x))
     return float(x)
@@ -274,7 +274,7 @@ def _free_root(k: int) -> float:
 def _free_shape(root: float, even: bool, s: np.ndarray) -> np.ndarray:
     """Return the shape of a free beam's mode, with a mean square of one, at places from -1/2 to 1/2 of its length."""
     x = root * s
-    # hyperbolic functions over that at the end, which alone would overflow
+    # hyperbolic functions divided by their value at the end, because they would overflow otherwise
     grown = np.exp(np.abs(x) - root / 2)
     decayed = np.exp(-np.abs(x) - root / 2)
     end = np.exp(-root)

@@ -1,8 +1,8 @@
 """Every number of a scene as a named parameter: by its name in the registry, or by its path in the scene.
 
-A path names fields, and places in arrays: slipper.inertia.1 is the moment of inertia about y, section.play.2 the play
+A path names fields, and places in arrays. slipper.inertia.1 is the moment of inertia about y, section.play.2 the play
 of the third face, section.points.D.1 the height z of point D, slipper.mounts.left1.x the place of a sled's slipper.
-Unit, check and plausible range are declared by the field, see `slipperjax.tools.fields`.
+The field declares unit, check and plausible range, see `slipperjax.tools.fields`.
 """
 
 import dataclasses
@@ -33,28 +33,28 @@ AnyScene = TypeVar("AnyScene", bound=eqx.Module)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Parameter(Quantity):
-    """A number that a scene holds as one leaf."""
+    """A number that is one leaf of a scene."""
 
     path: str
     """Fields that lead to the leaf, joined by points; empty for a number of the start."""
     check: Check
-    """Converter of values [unit] to an array; raises `ValueError` out of range, and warns of implausible ones."""
+    """Converter of values [unit] to an array: raises `ValueError` out of range, warns of implausible values."""
     index: tuple[int, ...] = ()
-    """Place in the leaf where that is an array, behind axes of cases."""
+    """Place in the leaf where the leaf is an array, after axes of cases."""
 
     @property
     def whole(self) -> bool:
         return self.check.whole
 
     def leaf(self, scene: eqx.Module) -> Array | None:
-        """Return the leaf in a scene; None where the scene has no such part, or does without it."""
+        """Return the leaf in a scene; None where the scene has no such part, or where the part is None."""
         try:
             return self._where(scene)
         except AttributeError:
             return None
 
     def of(self, scene: eqx.Module) -> Real | np.ndarray | None:
-        """Return the value in a scene [unit]; None where the scene has no such part, or does without it."""
+        """Return the value in a scene [unit]; None where the scene has no such part, or where the part is None."""
         leaf = self.leaf(scene)
         return None if leaf is None else self._read(leaf)
 
@@ -66,12 +66,12 @@ class Parameter(Quantity):
             raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
 
     def check_varies(self) -> None:
-        """Raise `ValueError` where the values are whole numbers, by which nothing can be differentiated."""
+        """Raise `ValueError` where values are whole numbers, for which there are no derivatives."""
         if self.whole:
             raise ValueError(f"Argument `{self.name}` cannot be varied by little: it is a whole number, of no slope.")
 
     def replaced(self, scene: AnyScene, value: ArrayLike) -> AnyScene:
-        """Return a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
+        """Return a copy of `scene` with another, unchecked value; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
         """
@@ -85,9 +85,9 @@ class Parameter(Quantity):
             return None
         leaf: Any = scene
         for word in self.path.split("."):
-            # parts may be listed, such as loads
+            # parts may be in a list, such as loads
             leaf = leaf[int(word)] if isinstance(leaf, tuple) else getattr(leaf, word)
-        if isinstance(leaf, eqx.Module):  # a part in place of a number, such as a programme of speeds
+        if isinstance(leaf, eqx.Module):  # a part that replaces a number, such as a programme of speeds
             raise AttributeError(self.path)
         return leaf
 
@@ -100,13 +100,13 @@ class Parameter(Quantity):
         shape = np.shape(leaf)
         of_cases = len(shape) - len(self.index)
         cases = jnp.broadcast_shapes(np.shape(value), shape[:of_cases])
-        # cases of the value and of the array make common leading axes
+        # cases of the value and of the array become common leading axes
         every = jnp.broadcast_to(leaf, (*cases, *shape[of_cases:]))
         return every.at[(..., *self.index)].set(value)
 
 
 class Clearance(Parameter):
-    """The total play, of which each face has half; where faces differ, twice the mean of theirs."""
+    """The total play, half of it at each face; where faces differ, twice the mean play of the faces."""
 
     def _read(self, leaf: Array) -> Real | np.ndarray:
         # over all faces, each of which has half of the clearance
@@ -124,10 +124,10 @@ def half_play(clearance: Array | np.ndarray, faces: int) -> Float[Array, "*cases
 def _declared(path: str, owner: type, name: str, check: Check | None, index: tuple[int, ...] = ()) -> Parameter:
     """Return the parameter that a field of a module declares.
 
-    **Arguments:** `path`: fields that lead to it; `owner`: the module's class; `name`: of the parameter; `check`: of
-    the field, None where it has none; `index`: place in the field's array.
+    **Arguments:** `path`: fields that lead to the field; `owner`: the module's class; `name`: of the parameter;
+    `check`: of the field, None where it has none; `index`: place in the field's array.
     """
-    # None is no value to vary, also where the field allows it
+    # None is not a value to vary, also where the field allows it
     own = dataclasses.replace(finite("") if check is None else check, name=name, optional=False)
     labels = labels_of(owner, path.rpartition(".")[2])
     text = labels.pop("text") or (name if "." in name else path).replace(".", " ")
@@ -135,7 +135,7 @@ def _declared(path: str, owner: type, name: str, check: Check | None, index: tup
 
 
 def _named(path: str, owner: type) -> Parameter:
-    """Return the parameter that is named by its field."""
+    """Return the parameter that has the name of its field."""
     field = path.rpartition(".")[2]
     return _declared(path, owner, field, declared_check(owner, field))
 
@@ -169,7 +169,7 @@ PARAMETERS: dict[str, Parameter] = {
         _named("slipper.length", Slipper),
         _named("slipper.mass", Slipper),
         *(_moment_of_inertia(k, axis) for k, axis in enumerate("xyz")),
-        # with the labels of the paper's kinds of contact and track; other kinds may have the same names
+        # labels are those of the paper's kinds of contact and track; other kinds may have the same names
         _named("contact.stiffness", Flores),
         _named("contact.restitution", Flores),
         _named("track.amplitude", HarmonicTrack),
@@ -197,15 +197,15 @@ def _at_start(q: Quantity) -> Parameter:
 
 
 START = "start_"
-"""What the names of a start's coordinates begin with in grids and datasets, where `y` is the displacement itself."""
+"""Prefix of a start's coordinates in grids and datasets, where `y` is the displacement itself."""
 STARTS: dict[str, Parameter] = {
     START + name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
 }
-"""The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
+"""The coordinates of the start that a grid may vary in addition to `PARAMETERS`, for basins of attraction."""
 
 
 def of_motion(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of coordinates of the start among `values`, by their names in a `Motion`."""
+    """Return those of `values` that are coordinates of the start, by their names in a `Motion`."""
     return {name.removeprefix(START): value for name, value in values.items() if name in STARTS}
 
 
@@ -224,14 +224,14 @@ QUANTITIES: dict[str, Quantity] = {
 def quantity(name: str) -> Quantity:
     """Return a quantity by its name in datasets.
 
-    **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
+    **Raises:** `KeyError` for an unknown name, `ValueError` for a value that is no name.
     """
     instance("name", name, str, "the name of a quantity")
     return QUANTITIES[name]
 
 
 def check_units(ds: Any, argument: str) -> None:
-    """Raise `ValueError` where variables of a result, an `xarray.Dataset`, have been given other units than SI's."""
+    """Raise `ValueError` where variables of a result, an `xarray.Dataset`, do not have SI units."""
     for name, variable in ds.variables.items():
         known = QUANTITIES.get(str(name))
         if known is not None:
@@ -243,7 +243,7 @@ def check_units(ds: Any, argument: str) -> None:
 def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
     """Return a scene's parameter by name or path.
 
-    **Arguments:** `scene`: where a path leads; without it paths are unknown.
+    **Arguments:** `scene`: the scene in which a path leads to a number; without it paths are unknown.
 
     **Raises:** `ValueError` for an unknown name, or a path that leads to no number.
     """
@@ -252,7 +252,7 @@ def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
         return PARAMETERS[name]
     if isinstance(name, str) and "." in name and scene is not None:
         return _at_path(name, scene)
-    shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where it can be
+    shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where possible
     meant = START + shown if START + shown in STARTS else name
     raise ValueError(
         f"Argument `{shown}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
@@ -261,12 +261,12 @@ def parameter(name: object, scene: eqx.Module | None = None) -> Parameter:
 
 
 def _at_path(path: str, scene: eqx.Module) -> Parameter:
-    """Return the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
+    """Return the parameter at a path: fields of modules, then indices into an array, for points also names."""
     words = path.split(".")
     owner = scene
     part: Any = scene
     fields = []
-    # down the modules; what is left of the path are places in an array
+    # down the modules; the rest of the path is a place in an array
     while words and (dataclasses.is_dataclass(part) or isinstance(part, tuple)):
         if isinstance(part, tuple):
             fields.append(str(_place(path, words.pop(0), len(part), owner)))
@@ -291,17 +291,17 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
         raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
     sizes = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True))
-    # asked of the module, whose other values may bound this one
+    # the module gives the check, because its other values may bound this value
     check = owner.check_of(fields[-1]) if isinstance(owner, ShapeChecked) else None
     return _declared(".".join(fields), type(owner), path, check, index)
 
 
 def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:
-    """Return an index into an array or a tuple, as a number or, for points of a section and mounts, as a name."""
+    """Return an index into an array or a tuple, from a number or, for points of a section and mounts, from a name."""
     names = getattr(owner, "names", ())
     # points of a section and mounts of a sled have names
     names = names if len(names) == size else ()
-    # a number is a place, also where a mount is named by one
+    # a number is a place, even where a number is the name of a mount
     if word.isdecimal() and int(word) < size:
         return int(word)
     if word in names:
@@ -311,16 +311,16 @@ def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:
 
 
 def check_no_overlap(parameters: Sequence[Parameter], scene: eqx.Module) -> None:
-    """Raise `ValueError` where one of several parameters, which are set in their order, undoes what another sets.
+    """Raise `ValueError` where one of several parameters, set in their order, undoes another.
 
-    The clearance followed by section.play.2 is a section with another third face; the other way round
-    section.play.2 would be without effect, as would one of mass and slipper.mass.
+    The clearance followed by section.play.2 gives a section with another third face. In the other order
+    section.play.2 would have no effect; so would the first of mass and slipper.mass.
     """
     with jax.ensure_compile_time_eval():
         for first, later in itertools.combinations(parameters, 2):
             if is_traced(first.leaf(scene)) or is_traced(later.leaf(scene)):
                 continue
-            # NaN is gone where the later one overwrites the first
+            # the NaN of the first parameter is lost where the later one overwrites it
             both = later.replaced(first.replaced(scene, np.nan), 0.0)
             if not np.any(np.isnan(np.asarray(first.of(both)))):
                 raise ValueError(
@@ -330,9 +330,9 @@ def check_no_overlap(parameters: Sequence[Parameter], scene: eqx.Module) -> None
 
 
 def checked_parameters(names: Sequence[str], scene: eqx.Module) -> list[Parameter]:
-    """Return parameters by which results can be differentiated together.
+    """Return parameters with respect to which results can be differentiated together.
 
-    **Raises:** `ValueError` where `names` is no list of parameters that the scene has and that do not undo each
+    **Raises:** `ValueError` unless `names` is a list of parameters that the scene has and that do not undo each
     other.
     """
     # a single name would be read letter by letter
@@ -351,12 +351,12 @@ def checked_parameters(names: Sequence[str], scene: eqx.Module) -> list[Paramete
 def at_values(scene: AnyScene, names: Sequence[str], values: Numbers) -> AnyScene:
     """Return the scene with other values of named parameters, unchecked."""
     for k, name in enumerate(names):
-        # in their order, so that a part may follow the whole
+        # in their order, so that a part may follow the whole array
         scene = parameter(name, scene).replaced(scene, values[k])
     return scene
 
 
 def values_of(scene: eqx.Module, names: tuple[str, ...]) -> Float[Array, " parameters"]:
-    """Return the values of named parameters [their SI units]."""
+    """Return the values of named parameters, in their SI units."""
     values = [jnp.asarray(parameter(name, scene).of(scene), float) for name in names]
     return jnp.stack(values) if values else jnp.zeros(0)

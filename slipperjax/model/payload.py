@@ -1,4 +1,4 @@
-"""A mass on a spring and a damper on the slipper or sled, with states of its own only where a scene has one."""
+"""A mass on a spring and a damper on the slipper or sled; it adds states only where a scene has one."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -12,8 +12,8 @@ Pair = Float[Array, "2"]
 class SledMass(ShapeChecked):
     """A mass that moves laterally and vertically, on a spring and a damper at the slipper's centre.
 
-    It takes part in the travel, so that the drive accelerates it, too. A run that begins with a `Motion` begins with
-    the mass at rest on its spring, moving as the slipper does.
+    The mass travels with the slipper, so that the drive also accelerates the mass. A run that begins with a `Motion`
+    begins with the mass at rest on its spring, moving like the slipper.
     """
 
     mass: Float[Array, ""] = field("kg", positive)
@@ -23,7 +23,7 @@ class SledMass(ShapeChecked):
     damping: Pair = field("N s/m", not_negative, default=(0.0, 0.0))
     """Damping of the lateral and the vertical damper [N s/m]."""
     travel: Pair | None = field("m", positive, default=None)
-    """Deflection of the springs from which on stops are hit [m]; None: there are none."""
+    """Deflection of the springs at which stops begin to act [m]; None: there are no stops."""
     stop_stiffness: Pair | None = field("N/m", positive, default=None)
     """Stiffness of the stops [N/m]."""
 
@@ -34,17 +34,17 @@ class SledMass(ShapeChecked):
     def force(self, deflection: Pair, rate: Pair) -> Pair:
         """Return the lateral and the vertical force on the slipper [N].
 
-        **Arguments:** `deflection`: displacement of the mass less the slipper's [m]; `rate`: of it [m/s].
+        **Arguments:** `deflection`: displacement of the mass minus that of the slipper [m]; `rate`: its rate [m/s].
         """
         force = self.stiffness * deflection + self.damping * rate
         if self.travel is None or self.stop_stiffness is None:
             return force
-        # the stops act beside the springs, on either side of the free travel
+        # the stops act in addition to the springs, on both sides of the free travel
         beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
         return force + self.stop_stiffness * beyond
 
     def fastest(self, body: Array) -> Array:
-        """Return the greatest rate of springs, stops and dampers [1/s]; `body`: mass of what carries them [kg]."""
+        """Return the greatest rate of springs, stops and dampers [1/s]; `body`: mass of the body under them [kg]."""
         stiffness = self.stiffness if self.stop_stiffness is None else self.stiffness + self.stop_stiffness
         per_mass = 1 / self.mass + 1 / body
         return jnp.max(jnp.maximum(jnp.sqrt(stiffness * per_mass), self.damping * per_mass))
@@ -58,7 +58,7 @@ class SledMass(ShapeChecked):
         free = weight / spring
         if self.travel is None or self.stop_stiffness is None:
             return -free
-        # what the spring does not carry within its travel, spring and stop carry together
+        # the spring carries what it can within the free travel; spring and stop together carry the rest
         travel = self.travel[1]
         stop = self.stop_stiffness[1]
         return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))

@@ -1,6 +1,6 @@
-"""What is computed: name, unit, symbol, scale and display unit of coordinates, accelerations, forces and loads.
+"""Computed quantities: name, unit, symbol, scale and display unit of coordinates, accelerations, forces and loads.
 
-Solvers, datasets, plots and the command line look them up here; a scene's parameters stand in `parameters`.
+Solvers, datasets, plots and the command line use this list; the module `parameters` has a scene's parameters.
 """
 
 import functools
@@ -15,7 +15,7 @@ from ..tools.checks import brief, require
 from ..tools.units import unit_factor
 
 PER_SHOWN = {"": 1.0, "mm": 1e-3, "mrad": 1e-3, "degrees": np.pi / 180, "kN": 1e3, "kJ": 1e3}
-"""SI units in one of those in which pictures and the command line show numbers; pint knows others."""
+"""How many SI units one display unit is, for pictures and the command line; pint knows other units."""
 KINDS = {
     "m/s^2": "acceleration",
     "m": "length",
@@ -26,11 +26,11 @@ KINDS = {
     "kg": "mass",
     "s": "time",
 }
-"""Kinds of quantities whose unit users may choose, by SI unit; g is one of acceleration."""
+"""Kinds of quantities whose unit users may choose, by SI unit; g is a unit of acceleration."""
 OF_FEET = ("ft/s", "in")
-"""Units of speeds and of small lengths that come with feet, unless others are given."""
+"""Units of speeds and small lengths that are used together with feet, unless others are given."""
 LONG = 0.1
-"""Unit of length above which units are for distances along the rail [m]; smaller ones are for displacements."""
+"""Length [m] from which a unit is for distances along the rail; smaller units are for displacements."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Quantity:
 
     @property
     def whole(self) -> bool:
-        """Whether the values are whole numbers, such as choose one of several rails."""
+        """Whether the values are whole numbers, such as the number of one of several rails."""
         return False
 
     @property
@@ -82,10 +82,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class ShownUnits:
-    """Units in which a user wants numbers shown, such as ft, thou, lbf and g."""
+    """Units that a user chooses for shown numbers, such as ft, thou, lbf and g."""
 
     units: Sequence[str] = ()
-    """Each replaces the display unit of quantities of its kind, the first one of a kind."""
+    """Each unit replaces the display unit of quantities of its kind; the first unit of a kind counts."""
 
     def __post_init__(self):
         listed = isinstance(self.units, tuple | list) and all(isinstance(unit, str) for unit in self.units)
@@ -94,7 +94,7 @@ class ShownUnits:
             _kind(unit)
 
     def of(self, q: Quantity) -> Quantity:
-        """Return a quantity with the display unit that is wanted for it."""
+        """Return a quantity with the display unit that the user chose for it."""
         kind = q.unit, q.unit == "m" and q.per_shown > LONG
         for unit in (*self.units, *(OF_FEET if "ft" in self.units else ())):
             if _kind(unit) == kind:
@@ -104,12 +104,12 @@ class ShownUnits:
 
 @functools.cache
 def _kind(unit: str) -> tuple[str, bool]:
-    """Return the SI unit of a unit's kind, and whether it is one of distances.
+    """Return the SI unit of a unit's kind, and whether the unit is for distances along the rail.
 
-    **Raises:** `ValueError` for a unit of no kind in `KINDS`.
+    **Raises:** `ValueError` for a unit whose kind is not in `KINDS`.
     """
     for si in KINDS:
-        # pint tells by an error whether it is of this kind
+        # pint raises an error for a unit of another kind
         with suppress(ValueError):
             return si, unit_factor("units", unit, si) > LONG and si == "m"
     need = f"be units of {', '.join(KINDS.values())}, such as ft, lbf and g"
@@ -135,7 +135,7 @@ COORDINATES: dict[str, Quantity] = _named(
 """The slipper's coordinates and velocities, in the order of every array of coordinates."""
 
 COORDINATE_SCALES = np.array([q.scale for q in COORDINATES.values()])
-"""Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are multiples of them."""
+"""Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are multiples of these."""
 
 # a small rotation changes the quaternion's vector part by half its angle
 _ATTITUDE: dict[str, Quantity] = {
@@ -196,12 +196,12 @@ SLIPPER_LOADS: dict[str, Quantity] = _named(
     Quantity("peak_slipper_distance", "m", "distance travelled at the greatest net force of a slipper"),
     Quantity("static_ratio", "1", "greatest vertical net force of a slipper over its static load"),
 )
-"""Net loads of slippers: sums over a slipper's contact points at one instant, those of greatest magnitude."""
+"""Net loads of slippers: sums over a slipper's contact points at one instant; the value of greatest magnitude."""
 
 NET_DIMS = ("axis", "about")
-"""Dimensions of slippers' net loads in datasets, which have signs."""
+"""Dimensions of slippers' net loads, which have signs, in datasets."""
 POINT_DIMS = ("slipper", "end", "point", *NET_DIMS)
-"""Dimensions of values of contact points and slippers in datasets; only those of a sled have that of slippers."""
+"""Dimensions of values of contact points and slippers in datasets; only values of a sled have one of slippers."""
 
 
 def point_dims(values: Any) -> list[str]:
@@ -211,7 +211,7 @@ def point_dims(values: Any) -> list[str]:
 
 def highest_of_points(values: Any) -> Any:
     """Return the highest value of all contact points, or the greatest magnitude of all net loads of slippers, of an
-    `xarray.DataArray`; NaN where one is."""
+    `xarray.DataArray`; NaN where any value is NaN."""
     sizes = abs(values) if set(NET_DIMS) & set(values.dims) else values
     return sizes.max(point_dims(values), skipna=False)
 

@@ -32,16 +32,16 @@ from ..tools.units import in_unit
 from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
 
 ENDS = ("straight", "repeat", "error")
-"""How a rail goes on beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, refused
-where known, and level before its start, where the rear of a slipper begins."""
+"""How a rail continues beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, with an
+error before a run where this is known, and level before its start, where the rear of a slipper begins."""
 DEFAULT_RAMP = 8.0
-"""Length of the ramps at the ends of a rail that goes on straight [m], or a quarter of the rail if that is less."""
+"""Length of the ramps at the ends of a rail that continues straight [m]; a quarter of the rail if that is less."""
 Displacement = Real | Numbers
-"""One number that holds everywhere, or one for each sample."""
+"""One number for the whole rail, or one for each sample."""
 Channels = dict[str, Array | np.ndarray]
-"""Lateral and vertical displacement [m], and roll [rad] if any, of each sample by their names."""
+"""Lateral and vertical displacement [m], and roll [rad] if any, of each sample, by name."""
 EQUAL_SPACING = 1e-3
-"""Greatest difference of distances from equal spacing that counts as none, over the spacing."""
+"""Greatest difference from equal spacing that counts as equal, divided by the spacing."""
 
 
 class SplineTrack(AbstractTrack):
@@ -52,7 +52,7 @@ class SplineTrack(AbstractTrack):
     spacing: Float[Array, ""]
     """Distance between knots [m]."""
     intervals: Float[Array, ""]
-    """Number of intervals between knots [1]; there may be coefficients beyond, which do not count."""
+    """Number of intervals between knots [1]; further coefficients do not count."""
     coefficients: Float[Array, "knots channels"]
     """Coefficients of the B-splines: lateral and vertical [m], and roll [rad] if any."""
     forcing_length: Float[Array, ""]
@@ -77,13 +77,13 @@ class SplineTrack(AbstractTrack):
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
         slope = (u**2 * d - (1 - u) ** 2 * a + (3 * u - 4) * u * b + (1 + 2 * u - 3 * u**2) * c) / 2 / self.spacing
         if self.ends == "error":
-            # level before its start
+            # level before the rail's start
             slope = jnp.where(s < 0, 0.0, slope)
         return self._of(value, s), self._of(slope, s)
 
     def _interval(self, distance: Array) -> tuple[list[Array], Array, Array]:
         """Return the four coefficients at a distance, the place within its interval (0 to 1), and the place on the
-        rail, counted in intervals."""
+        rail, in intervals."""
         s = (distance - self.first) / self.spacing
         count = self.intervals
         if self.ends == "repeat":
@@ -91,14 +91,14 @@ class SplineTrack(AbstractTrack):
         # places beyond the ends belong to the first or the last interval
         at = jnp.clip(jnp.floor(s), 0, count - 1)
         index = at.astype(int)
-        # four neighbours as one slice, which a batch of rails reads as one piece
+        # four neighbours as one slice, so that a batch of rails reads one piece of memory
         four = lambda i: jax.lax.dynamic_slice_in_dim(self.coefficients, i, 4)
         rows = jnp.moveaxis(jax.vmap(four)(index.ravel()), 1, 0).reshape(4, *index.shape, -1)
         place = jnp.where(s < 0, 0.0, s) if self.ends == "error" else s
         return list(rows), (place - at)[..., None], s[..., None]
 
     def _of(self, rows: Array, s: Array) -> Irregularity:
-        """Return rows of channels as displacements, as they go on beyond the ends."""
+        """Return rows of channels as displacements, also beyond the ends."""
         if self.ends == "straight":
             rows = jnp.where((s >= 0) & (s <= self.intervals), rows, 0.0)
         elif self.ends == "error":
@@ -112,16 +112,16 @@ class SplineTrack(AbstractTrack):
 def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[Array, " knots"]:
     """Return the coefficients of cubic B-splines through equally spaced samples. Pure.
 
-    A rail that repeats has a periodic spline, of which the last sample is the first again. Otherwise the second
-    derivatives vanish at the ends: less the line through both ends, the samples are continued oddly, which makes them
-    periodic, too. The spline of periodic samples is a division of their Fourier coefficients.
+    A rail that repeats has a periodic spline, whose last sample equals the first. Otherwise the second derivatives
+    are zero at the ends: the line through both ends is subtracted, and the samples are continued as an odd function,
+    so that they are also periodic. The spline of periodic samples is a division of their Fourier coefficients.
     """
     count = samples.shape[0] - 1
     if ends == "repeat":
-        # each interval needs its neighbours: one row before, two behind, around the circle
+        # each interval needs its neighbours: one row before and two rows behind, around the circle
         rows = _periodic_coefficients(samples[:-1])
         return jnp.concatenate([rows[-1:], rows, rows[:2]])
-    # a line is its own spline
+    # the spline of a line is the line
     line = samples[0] + (samples[-1] - samples[0]) * jnp.arange(-1, count + 2) / count
     odd = samples - line[1:-1]
     rows = _periodic_coefficients(jnp.concatenate([odd[:-1], -odd[:0:-1]]))
@@ -131,7 +131,7 @@ def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[A
 def _periodic_coefficients(samples: Float[Array, " samples"]) -> Float[Array, " samples"]:
     """Return the c with (c_before + 4 c + c_after) / 6 = samples around a circle."""
     count = samples.shape[0]
-    # what the average does to each wave
+    # factor by which the average changes each wave
     share = (2 + np.cos(2 * np.pi * np.arange(count // 2 + 1) / count)) / 3
     return jnp.fft.irfft(jnp.fft.rfft(samples) / share, n=count)
 
@@ -152,7 +152,7 @@ class AbstractRail(AbstractTrack):
     @property
     @abc.abstractmethod
     def bounds(self) -> Sequence[Real] | Array | np.ndarray:
-        """Distances between which the rail is given [m], known while programs are made unless they are traced."""
+        """Distances between which the rail is given [m], known before a program runs unless they are traced."""
 
     @property
     def recurrence(self):
@@ -196,7 +196,7 @@ class SampledTrack(AbstractRail):
     """
 
     distance: Float[Array, "2"] = field("m", finite)
-    """Distances of the first and the last sample [m]; the others lie at equal distances between them."""
+    """Distances of the first and the last sample [m]; the other samples are at equal distances between them."""
     lateral: Float[Array, " samples"] = field("m", finite, plausible=(-1.0, 1.0))
     """Displacement of the rail's axis along y at the samples [m]."""
     vertical: Float[Array, " samples"] = field("m", finite, plausible=(-1.0, 1.0))
@@ -206,7 +206,7 @@ class SampledTrack(AbstractRail):
     ends: str = eqx.field(static=True)
     """One of `ENDS`."""
     ramp: Float[Array, ""] = field("m", not_negative)
-    """Length over which a rail that goes on straight rises from zero at its ends, or one that repeats was closed [m].
+    """Length [m] over which a straight rail rises from zero at its ends, or over which a repeating rail was closed.
     """
 
     def __init__(
@@ -221,17 +221,17 @@ class SampledTrack(AbstractRail):
     ):
         """**Arguments:**
 
-        - `distance`: of the samples [m], increasing; or of the first and the last of equally spaced ones. Others are
-            resampled at equal distances, and a warning says by how much that changes the rail at the samples.
+        - `distance`: of the samples [m], increasing; or of the first and the last of equally spaced samples. Other
+            samples are resampled at equal distances; a warning says by how much this changes the rail at the samples.
         - `lateral`, `vertical`, `roll`: displacements [m] and angle [rad] there; a single number holds everywhere.
-        - `ends`: what the rail is beyond its ends: "straight", risen to by ramps within it; "repeat", where the last
-            sample must be the first again, or is made so over the length `ramp`; or "error", where runs that are
-            longer are refused.
-        - `ramp`: length of the ramps [m], default `DEFAULT_RAMP` where the rail goes on straight, otherwise zero. Of
-            a rail that repeats, the length at its end over which a smooth step leads to its beginning; a warning says
-            by how much that changes the rail.
+        - `ends`: the rail beyond its ends: "straight", with ramps within the rail; "repeat", where the last sample
+            must equal the first, or is made equal over the length `ramp`; or "error", where longer runs raise an
+            error.
+        - `ramp`: length of the ramps [m], default `DEFAULT_RAMP` where the rail continues straight, otherwise zero.
+            For a rail that repeats, the length at its end over which a smooth step leads to its beginning; a warning
+            says by how much this changes the rail.
 
-        **Raises:** `ValueError` that names the argument which is wrong.
+        **Raises:** `ValueError` that names the wrong argument.
         """
         self.ends = one_of("ends", ends, ENDS)
         places = _places(distance)
@@ -256,7 +256,7 @@ class SampledTrack(AbstractRail):
 
     @property
     def wavelength(self):
-        """Forcing period [m]: the length of a rail that repeats, which thus has periodic orbits; else the default."""
+        """Forcing period [m]: the length of a rail that repeats, so that it has periodic orbits; else the default."""
         return self.length if self.ends == "repeat" else super().wavelength
 
     @property
@@ -271,7 +271,7 @@ class SampledTrack(AbstractRail):
 
     @at_once
     def prepared(self):
-        """Return the spline through the samples, risen from zero by ramps at the ends."""
+        """Return the spline through the samples, with ramps from zero at the ends."""
         samples = jnp.stack([c for c in (self.lateral, self.vertical, self.roll) if c is not None], axis=1)
         if self.ends == "straight":
             away = jnp.arange(samples.shape[0]) * self.spacing
@@ -294,8 +294,8 @@ class SampledTrack(AbstractRail):
     @property
     @at_once
     def shortest_wavelength(self):
-        """Wavelength of a sine with the same root mean squares of slope and curvature [m], which short waves shorten
-        as far as they matter; at most `wavelength`."""
+        """Wavelength of a sine with the same root mean squares of slope and curvature [m]; short waves shorten it
+        only as far as they matter; at most `wavelength`."""
         places = self._places()
         slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
@@ -310,14 +310,14 @@ class SampledTrack(AbstractRail):
 
 @at_once
 def ramps(away: Array, ramp: Array) -> Array:
-    """Return factors that rise from 0 at the ends of a rail to 1 at the distance `ramp` `away` from them [m]."""
+    """Return factors from 0 at a rail's ends to 1 at the distance `ramp`; `away`: distance from the ends [m]."""
     return jnp.where(ramp > 0, smooth_step(away / jnp.where(ramp > 0, ramp, 1.0)), 1.0)
 
 
 def _places(distance: Numbers) -> np.ndarray:
-    """Return the distances of samples [m], or those of the first and the last; raise `ValueError` for others."""
+    """Return the distances of samples [m], or of the first and the last; raise `ValueError` for other values."""
     require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
-    # for its errors alone
+    # only for its errors
     finite("distance", "m")(distance)
     places = np.asarray(in_unit(distance, "m"), float)  # inside jit, too
     require(places.ndim == 1 and len(places) > 1, "distance", "be a list of distances", distance)
@@ -336,7 +336,7 @@ def _channels(
     channels = {"lateral": finite("lateral", "m")(lateral), "vertical": finite("vertical", "m")(vertical)}
     if roll is not None:
         channels["roll"] = finite("roll", "rad")(roll)
-    # single numbers hold everywhere, and two distances say nothing of the number of samples
+    # single numbers hold everywhere, and two distances do not give the number of samples
     lengths = {len(array) for array in channels.values() if array.ndim == 1}
     if len(places) > 2 or not lengths:
         lengths.add(len(places))
@@ -353,8 +353,8 @@ def _channels(
 
 
 def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
-    """Return channels at equal distances, resampled where they are not; a warning says by how much that changes
-    them."""
+    """Return channels at equal distances, resampled where they are not; a warning says by how much this changes the
+    channels."""
     gaps = np.diff(places)
     length = float(places[-1] - places[0])
     even = length / len(gaps)
@@ -362,7 +362,7 @@ def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
         return channels
     from scipy.interpolate import CubicSpline  # here, because importing it takes time
 
-    # as close as the closest samples, but eight times as many at most
+    # as close as the closest samples, but at most eight times as many samples
     count = int(min(np.ceil(length / np.min(gaps)), 8 * len(gaps))) + 1
     at = np.linspace(places[0], places[-1], count)
     if is_traced(channels):
@@ -378,13 +378,14 @@ def _evenly_spaced(places: np.ndarray, channels: Channels) -> Channels:
 
 
 def _closed(channels: Channels, away: np.ndarray, ramp: float, usual: float) -> Channels:
-    """Return channels that end as they begin: over the length `ramp` [m] a smooth step takes out what is missing.
+    """Return channels that end as they begin: over the length `ramp` [m] a smooth step removes the difference.
 
-    A warning says how much that is. Traced channels cannot be compared, and are taken to be closed without a ramp.
+    A warning says how large the difference is. Traced channels cannot be compared; they count as closed without a
+    ramp.
 
     **Arguments:** `away`: distances of the samples from the end [m]; `usual`: a ramp that an error may propose [m].
 
-    **Raises:** `ValueError` where something is missing and there is no ramp.
+    **Raises:** `ValueError` where there is a difference and no ramp.
     """
     with jax.ensure_compile_time_eval():  # known inside jit, too
         share = on_host(smooth_step(jnp.asarray(1 - away / ramp))) if ramp > 0 else None
@@ -408,7 +409,7 @@ def _closed(channels: Channels, away: np.ndarray, ramp: float, usual: float) -> 
 
 
 class TrackSet(AbstractRail):
-    """Several rails, such as surveys of one track, or pairs of rails, of which a number chooses one.
+    """Several rails, such as surveys of one track, or several pairs of rails, of which a number chooses one.
 
     ```python
     ds = sj.sweep(dataclasses.replace(scene, track=sj.model.TrackSet(rails)), {"track.number": range(len(rails))})
@@ -418,18 +419,18 @@ class TrackSet(AbstractRail):
     tracks: tuple[AbstractRail | AbstractTwoRails, ...] = eqx.field(
         converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
     )
-    """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such,
-    with one gauge."""
+    """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such
+    rails, with one gauge."""
     chosen_by: ClassVar = "number"
     number: Float[Array, ""] = field("", finite, default=0)
-    """Which of them is the track, from 0 [1]; a traced number of which there is none gives NaN."""
+    """Number of the rail that is the track, from 0 [1]; a traced number without a rail gives NaN."""
 
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
         pairs = {bool(getattr(track, "rails", None)) for track in self.tracks}
         require(len(pairs) == 1, "tracks", "be single rails or pairs of rails", shown="some of each")
         if pairs == {True}:
-            # each side is a set of its own, which checks the rest
+            # each side is a set of its own, which checks its rails
             _ = self.rails
         else:
             for track in self.tracks:
@@ -470,14 +471,14 @@ class TrackSet(AbstractRail):
         return self._most("wavelength")
 
     def prepared(self):
-        """Return the chosen rail's spline, with coefficients for the longest; of pairs both rails' ones."""
+        """Return the chosen rail's spline, with as many coefficients as the longest; for pairs both splines."""
         if self.rails:
             return TwoRails(**{name: rail.prepared() for name, rail in self.rails.items()}, gauge=self.gauge)
         splines = [track.prepared() for track in self.tracks]
         index, known = chosen(self)
         at = lambda values: jnp.stack(values)[index]
         most = max(len(spline.coefficients) for spline in splines)
-        # shorter rails are filled up with coefficients that are never read
+        # further coefficients of shorter rails are never used
         longer = [jnp.pad(s.coefficients, ((0, most - len(s.coefficients)), (0, 0))) for s in splines]
         coefficients = jnp.where(known, at(longer), jnp.nan)
         first, spacing, intervals = (at([getattr(s, n) for s in splines]) for n in ("first", "spacing", "intervals"))
@@ -485,8 +486,8 @@ class TrackSet(AbstractRail):
 
     @property
     def bounds(self):
-        """Distances between which all of them are given [m]."""
-        # the least end is the greatest of them with changed signs
+        """Distances between which all rails are given [m]."""
+        # the least end is the greatest one with changed signs
         return greatest([track.begin for track in self.tracks]), -greatest([-track.extent for track in self.tracks])
 
     @property
@@ -495,7 +496,7 @@ class TrackSet(AbstractRail):
 
     @property
     def steepest_slope(self):
-        """Slope of the steepest rail [1], so that all take the same steps."""
+        """Slope of the steepest rail [1], so that all rails take the same steps."""
         return self._most("steepest_slope")
 
     @property

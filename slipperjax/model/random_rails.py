@@ -1,7 +1,7 @@
-"""Random rails from spectra of their displacement, for which each seed is one rail.
+"""Random rails from spectra of their displacement; each seed is one rail.
 
 All spectra here are one-sided densities by wavenumber in cycles per metre: the variance between two wavenumbers is
-the integral of the density between them. Published ones in rad/m are converted: S(cycles/m) = 2 pi S(rad/m).
+the integral of the density between them. Published spectra in rad/m are converted: S(cycles/m) = 2 pi S(rad/m).
 """
 
 import abc
@@ -54,10 +54,10 @@ class AbstractSpectrum(ShapeChecked):
 
     def rms(self, band: tuple[float, float], power: int = 0) -> Float[Array, ""]:
         """Return the root mean square over a band of wavelengths [m]: of the displacement [m], or with a `power` of
-        its derivative of that order by distance [m^(1 - power)]."""
+        the displacement's derivative of that order by distance [m^(1 - power)]."""
         k = jnp.geomspace(1 / band[1], 1 / band[0], 4001)
         values = self.density(k) * (2 * jnp.pi * k) ** (2 * power)
-        # over the logarithm of k, in which spectra change slowly
+        # over the logarithm of k, because spectra change slowly with it
         return jnp.sqrt(jnp.trapezoid(values * k, jnp.log(k)))
 
 
@@ -74,7 +74,7 @@ class PowerLawSpectrum(AbstractSpectrum):
 
 
 class CornerSpectrum(AbstractSpectrum):
-    """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the railways' form."""
+    """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the form that railways use."""
 
     amplitude: Float[Array, ""] = field("m^2 rad/m", not_negative)
     """A [m^2 rad/m], for a one-sided density per rad/m."""
@@ -94,13 +94,13 @@ class TableSpectrum(AbstractSpectrum):
     wavenumber: Float[Array, " rows"] = field("cycles/m", positive)
     """Wavenumbers, rising [cycles/m]."""
     values: Float[Array, " rows"] = field("m^2 per cycle/m", positive)
-    """One-sided densities there [m^2 per cycle/m]."""
+    """One-sided densities at these wavenumbers [m^2 per cycle/m]."""
 
     def __check_init__(self):
         check_table(self, "wavenumber", "values", least=2)
 
     def density(self, wavenumber):
-        # zero has no logarithm, and is outside of the table
+        # zero has no logarithm; it is outside of the table
         k = jnp.where(wavenumber > 0, wavenumber, self.wavenumber[0])
         value = jnp.exp(jnp.interp(jnp.log(k), jnp.log(self.wavenumber), jnp.log(self.values)))
         inside = (wavenumber >= self.wavenumber[0]) & (wavenumber <= self.wavenumber[-1])
@@ -115,41 +115,41 @@ class RandomTrack(AbstractRail):
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred rails
     ```
 
-    With one length and band, a seed gives the same deviates for every roughness and spectrum, so that designs are
+    For one length and band, a seed gives the same deviates for every roughness and spectrum, so that designs are
     compared on the same rails.
     """
 
     chosen_by: ClassVar = "seed"
     lateral: AbstractSpectrum | None
-    """Spectrum of the lateral displacement; None for none."""
+    """Spectrum of the lateral displacement; None: no displacement."""
     vertical: AbstractSpectrum | None
-    """Spectrum of the vertical displacement; None for none."""
+    """Spectrum of the vertical displacement; None: no displacement."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
     band: tuple[float, float] = eqx.field(
         static=True, converter=converted("band", "m"), default=(0.4, 100.0), metadata={"unit": "m"}
     )
-    """Shortest and longest wavelength [m], by default those of a sled track's published spectrum."""
+    """Shortest and longest wavelength [m], by default of the published spectrum of a sled track."""
     length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = field("", whole_number, default=0)
-    """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
+    """Number of the rail, a whole number of 0 or more [1]; another number that is traced gives NaN."""
     roughness: Float[Array, ""] = field("", not_negative, default=1.0)
     """Factor of all displacements [1]."""
     coherence: Float[Array, ""] | None = field("", correlation, default=None)
-    """Correlation of the lateral with the vertical displacement [1]; None for none."""
+    """Correlation of the lateral with the vertical displacement [1]; None: no correlation."""
     ends: str = eqx.field(static=True, default="straight")
-    """How the rail goes on beyond its ends, see `SampledTrack`."""
+    """How the rail continues beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
-    """Length of the ramps at the ends of a rail that goes on straight [m]."""
+    """Length of the ramps at the ends of a rail that continues straight [m]."""
     lines: FourierTrack | None = None
-    """Sines that all seeds have, by the distance from the rail's beginning, such as of joints; None for none."""
+    """Sines that all seeds have, by the distance from the rail's beginning, such as joints; None: no sines."""
     first: float = eqx.field(static=True, converter=converted("first", "m"), default=0.0, metadata={"unit": "m"})
     """Distance at which the rail begins [m]."""
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: object) -> "RandomTrack":
-        """Return a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
+        """Return a rail with the German railways' spectra, "low" or "high" disturbance; wavelengths of 3 to 25 m."""
         # A of the vertical and of the lateral alignment [m^2 rad/m]
         amplitudes = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
         vertical, lateral = amplitudes[one_of("disturbance", disturbance, tuple(amplitudes))]
@@ -175,7 +175,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def sled(cls, **options: object) -> "RandomTrack":
-        """Return a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
+        """Return a rail with a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
         100 m.
 
         A fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.2015.06.028.
@@ -194,18 +194,18 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def spectrum(cls, wavenumber: Numbers, density: Numbers, **options: object) -> "RandomTrack":
-        """Return a rail of a table in both directions, its band that of the table.
+        """Return a rail with a tabulated spectrum in both directions, in the band of the table.
 
         **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].
         """
         spectrum = TableSpectrum(wavenumber, density)
-        # the highest wavenumber is that of the shortest wave
+        # the highest wavenumber belongs to the shortest wave
         band = tuple(1 / float(k) for k in (spectrum.wavenumber[-1], spectrum.wavenumber[0]))
         return cls(**{"band": band, "vertical": spectrum, "lateral": spectrum, **options})
 
     @classmethod
     def like(cls, survey: SampledTrack, **options: object) -> "RandomTrack":
-        """Return a rail of a survey's own spectra, from an eighth of its length to three samples, and coherence.
+        """Return a rail with a survey's coherence and spectra, from an eighth of its length to three samples.
 
         ```python
         survey = sj.load_rail("survey.csv")
@@ -213,12 +213,12 @@ class RandomTrack(AbstractRail):
         track = sj.model.TrackSet([survey, *(dataclasses.replace(alike, seed=seed) for seed in range(1, 200))])
         ```
 
-        Narrow peaks of the spectra, such as those of joints that recur, are not random: they become the `lines`, with
-        the survey's amplitudes and phases, and so all seeds have joints of one shape at the survey's places. A rail
-        that repeats has a whole number of them; another `length` of such a rail needs another call.
+        Narrow peaks of the spectra, such as those of recurring joints, are not random. They become the `lines`, with
+        the survey's amplitudes and phases, so that all seeds have joints of one shape at the survey's places. A rail
+        that repeats has a whole number of these waves; another `length` of such a rail needs another call.
 
-        **Arguments:** `survey`: a rail of samples; `options`: fields of `RandomTrack`, by default where the survey
-        begins, its length and its ends.
+        **Arguments:** `survey`: a rail of samples; `options`: fields of `RandomTrack`, by default with the survey's
+        beginning, length and ends.
 
         **Raises:** `ValueError` for a rail without samples, or with fewer than 256.
         """
@@ -231,7 +231,7 @@ class RandomTrack(AbstractRail):
         begin, end = survey.bounds
         length = float(end - begin)
         found = statistics_of(np.stack(list(channels.values())), length / (count - 1))
-        # a channel of zeros has no logarithms
+        # a channel of zeros has no logarithm
         spectra = [TableSpectrum(found.wavenumber, np.fmax(density, 1e-40)) for density in found.density]
         band = (1 / float(found.wavenumber[-1]), 1 / float(found.wavenumber[0]))
         own = {"band": band, "length": length, "first": float(begin), "ends": survey.ends}
@@ -240,7 +240,7 @@ class RandomTrack(AbstractRail):
             own["ramp"] = survey.ramp
         own |= options
         if found.multiple.size:
-            # whole numbers of them fit into a rail that repeats
+            # a rail that repeats has a whole number of each wave
             length = in_unit(own["length"], "m") if own["ends"] == "repeat" else np.inf
             own.setdefault("lines", _lines(found, tuple(channels), length))
         return cls(**own)
@@ -278,38 +278,41 @@ class RandomTrack(AbstractRail):
 
     @with_standard_promotion
     def spline(self, correlation: Float[Array, ""] | None = None) -> SplineTrack:
-        """Return this seed's rail as a spline, or with a `correlation` [1] the one of a rail beside it: its deviates
-        are those of this rail times the correlation, and others of the same seed."""
-        # eight samples in the shortest wave: the spline changes that wave by a thousandth
+        """Return this seed's rail as a spline, or with a `correlation` [1] a second rail.
+
+        Random numbers of the second rail: `correlation` times the numbers of this rail, plus a share of further
+        numbers of the same seed.
+        """
+        # with eight samples in the shortest wave, the spline changes this wave by a thousandth
         count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
         wavenumbers = np.arange(count // 2 + 1) / self.length
         inside = (wavenumbers >= 1 / self.band[1]) & (wavenumbers <= 1 / self.band[0])
         first, last = np.flatnonzero(inside)[[0, -1]]
         k = jnp.asarray(wavenumbers[first : last + 1])
         spacing = self.length / count
-        # a spline with coefficients that are a wave is that wave, times this
+        # a spline whose coefficients are a wave of amplitude 1 is the same wave with this amplitude
         share = (2 + jnp.cos(2 * jnp.pi * spacing * k)) / 3
 
         def coefficients(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
-            """Return the coefficients of one direction, with one at each end that belongs to the neighbours."""
+            """Return the coefficients of one direction, with further ones beyond both ends: those of a repetition."""
             if spectrum is None:
                 return jnp.zeros(count + 3)
-            # amplitudes of the variance in each wavenumber's share of the band
+            # amplitudes from the variance in each wavenumber's share of the band
             waves = jnp.sqrt(spectrum.density(k) / self.length) / share * (deviates[0] - 1j * deviates[1])
             every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
             around = jnp.fft.irfft(every, n=count) * count / 2
             return jnp.concatenate([around[-1:], around, around[:2]])
 
         seed, is_rail = chosen(self)
-        # a key for each direction, so that none depends on which others there are
+        # each direction has its own key, so that it does not depend on which other directions there are
         deviates = [normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3]]
         if correlation is not None:
-            # further keys of the seed, which leave the first as they are
+            # further keys of the seed, which do not change the first keys
             others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[3:]]
             apart = jnp.sqrt(1 - correlation**2)
             deviates = [correlation * one + apart * other for one, other in zip(deviates, others, strict=True)]
         vertical, lateral, roll = deviates
-        # the lateral deviates share a part with the vertical ones
+        # lateral and vertical deviates have a common part
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
@@ -319,7 +322,7 @@ class RandomTrack(AbstractRail):
             rows = [row + line for row, line in zip(rows, self._line_coefficients(spacing, count), strict=True)]
         # a number that chooses no rail gives NaN
         rail = jnp.where(is_rail, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
-        # distances to the nearer end of the rail, also of the coefficients beyond it
+        # distance of each coefficient, also of those beyond the rail, to the nearer end of the rail
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
@@ -328,10 +331,10 @@ class RandomTrack(AbstractRail):
         return SplineTrack(first, jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
 
     def _line_coefficients(self, spacing: float, count: int) -> list[Array]:
-        """Return the coefficients of the lines' spline in the directions that the rail has."""
+        """Return the spline coefficients of the lines, for each direction that the rail has."""
         lines = self.lines
         assert lines is not None  # where this is called
-        # as for the random waves
+        # as in `spline` for the random waves
         share = (2 + jnp.cos(2 * jnp.pi * spacing / lines.wavelengths)) / 3
         sizes = {name: getattr(lines, name) for name in ("lateral", "vertical", "roll")}
         larger = {name: size / share for name, size in sizes.items() if size is not None}
@@ -340,8 +343,8 @@ class RandomTrack(AbstractRail):
         return [waves.lateral, waves.vertical, *roll]
 
     def rms(self, power: int = 0) -> Irregularity:
-        """Return the root mean squares of the displacements [m] and the roll [rad] that spectra and lines have, or of
-        their derivatives of the order `power`."""
+        """Return the root mean squares of displacements [m] and roll [rad], of spectra and lines together, or of the
+        derivatives of the order `power`."""
         random = self._random_rms(power)
         lines = self.lines
         if lines is None:
@@ -354,14 +357,14 @@ class RandomTrack(AbstractRail):
         )
 
     def _random_rms(self, power: int) -> Irregularity:
-        """Return the root mean squares that the spectra alone have, see `rms`."""
+        """Return the root mean squares of the spectra without lines, see `rms`."""
         of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
         return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
     @property
     def steepest_slope(self):
-        """Four times the greater root mean square slope [1], the same for all seeds: of normal deviates one in 30,000
-        is greater. Slopes of lines are added, which joints have at once."""
+        """Four times the greater root mean square slope [1], the same for all seeds: one normal deviate in 30,000 is
+        greater. The steepest slope of the lines is added, because joints have all their lines at once."""
         slope = self._random_rms(1)
         steepest = 4.0 * jnp.maximum(slope.lateral, slope.vertical)
         return steepest if self.lines is None else steepest + self.roughness * self.lines.steepest_slope
@@ -369,18 +372,18 @@ class RandomTrack(AbstractRail):
     @property
     @at_once
     def shortest_wavelength(self):
-        """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
+        """Wavelength of a sine with the same root mean squares of slope and curvature [m], see `SampledTrack`."""
         size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
         return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)
 
 
 class _Beside(AbstractRail):
-    """A rail beside a random rail of the same seed, whose displacements are correlated with it."""
+    """The second of two random rails of one seed, whose displacements are correlated with those of the first."""
 
     rail: RandomTrack
-    """Its spectra and the seed."""
+    """Spectra of this rail, with the seed of the pair."""
     correlation: Float[Array, ""]
-    """Correlation of each wave with that of the other rail [1]."""
+    """Correlation of each wave with the same wave of the first rail [1]."""
 
     @property
     def ends(self):
@@ -414,27 +417,26 @@ class RandomRails(AbstractTwoRails):
     ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred pairs of rails
     ```
 
-    The left rail is the `RandomTrack` of the same seed. Within each rail lateral and vertical are correlated as
-    `RandomTrack.coherence` says. Left and right are in phase; lateral, vertical and roll have one coherence.
+    The left rail is the `RandomTrack` of the same seed. Within each rail `RandomTrack.coherence` correlates lateral
+    and vertical. Left and right are in phase, with the same coherence for lateral, vertical and roll.
     """
 
     chosen_by: ClassVar = "seed"
     rail: RandomTrack
-    """Spectra, length and ends of both rails, or of the left one; its own seed is 0."""
+    """Spectra, length and ends of both rails, or of the left rail; the seed of this track must be 0."""
     coherence: Float[Array, ""] = field("", share)
     """Magnitude squared coherence of left and right at all wavelengths of the band, |S_LR|^2 / (S_L S_R) [1]: the
-    square of the correlation of their waves. 0 for independent rails, 1 for equal ones."""
+    square of the correlation of their waves. 0 for independent rails, 1 for equal rails."""
     gauge: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_GAUGES, default=None)
-    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+    """Distance between the axes of the undisturbed rails [m]; None: each rail is where its mounts are."""
     seed: Float[Array, ""] = field("", whole_number, default=0)
-    """Number of the pair, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
+    """Number of the pair, a whole number of 0 or more [1]; another number that is traced gives NaN."""
     right_rail: RandomTrack | None = None
-    """The same of the right rail where its spectra are others; None for those of the left."""
+    """Spectra, length and ends of the right rail where its spectra differ; None: the right rail is like the left."""
 
     @classmethod
     def like(cls, survey: AbstractTwoRails, *, seed: int = 0, **options: object) -> "RandomRails":
-        """Return rails of the spectra and lines of both rails of a survey, see `RandomTrack.like`, and their
-        coherence.
+        """Return rails with the spectra, lines and coherence of both rails of a survey, see `RandomTrack.like`.
 
         ```python
         survey = sj.load_rail("both.csv")
@@ -442,13 +444,13 @@ class RandomRails(AbstractTwoRails):
         ds = sj.sweep(scene, {"track.seed": range(200)})
         ```
 
-        The coherence is one number: the square of the mean real coherence of lateral and of vertical over the waves
-        of the spectra, without their lines; zero where left and right are rather in opposite phase.
+        The coherence is one number: the square of the mean real coherence of lateral and of vertical, over the waves
+        of the spectra without lines; zero where this mean is negative, as for left and right in opposite phase.
 
         **Arguments:** `survey`: two rails of samples at the same distances; `seed`: number of the pair; `options`:
         fields of `RandomTrack` for both rails.
 
-        **Raises:** `ValueError` as `RandomTrack.like`, and for rails with samples at other distances.
+        **Raises:** `ValueError` as `RandomTrack.like`, and for rails whose samples are at different distances.
         """
         instance("survey", survey, AbstractTwoRails, "two rails such as slipperjax.load_rail returns")
         left, right = (RandomTrack.like(rail, **options) for rail in survey.rails.values())
@@ -483,12 +485,12 @@ class RandomRails(AbstractTwoRails):
         return _Beside(rail, jnp.sqrt(self.coherence))  # pyright: ignore[reportCallIssue] - `ends` is a property
 
     def _of_pair(self, rail: RandomTrack) -> RandomTrack:
-        """Return a rail with the seed of the pair, which is NaN where the rail has another one of its own."""
+        """Return a rail with the seed of the pair; the seed is NaN where the rail's own seed is not 0."""
         return eqx.tree_at(lambda track: track.seed, rail, jnp.where(rail.seed == 0, self.seed, jnp.nan))
 
 
 def _lines(found: RailStatistics, channels: tuple[str, ...], length: float) -> FourierTrack:
-    """Return the lines of a survey as sines, which recur after a length [m] if it is finite."""
+    """Return the lines of a survey as sines that recur after a length [m], unless the length is infinite."""
     least = found.fundamental
     if length < np.inf:
         least = np.round(least * length) / length

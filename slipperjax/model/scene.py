@@ -48,7 +48,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "wear": (AbstractWear, "a law of wear such as slipperjax.model.Wear(...)"),
     "friction": (AbstractFriction, "a friction law such as slipperjax.model.Coulomb(...)"),
 }
-"""Parts of a scene, a table each in its file: their classes, and what must be given."""
+"""Parts of a scene, each a table in its file: their classes, and the values that must be given."""
 INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
 """Bases of classes within parts of a scene."""
 NUMBERS = ("speed", "gravity", "window")
@@ -64,20 +64,20 @@ class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
     speed: Float[Array, ""] | SpeedProgramme = eqx.field(converter=_speed, metadata={"unit": "m/s"})
-    """Travelling speed V [m/s], or a programme of it."""
+    """Travelling speed V [m/s], or a programme of speeds."""
     slipper: AbstractBody
-    """The slipper, or a sled on several."""
+    """The slipper, or a sled on several slippers."""
     section: Section
     track: AbstractTrack
     contact: AbstractContactLaw
     memory: AbstractMemory | None = None
-    """Model of the contact memory, for laws that have one; None for that of `contact_memory`."""
+    """Model of the contact memory, for laws with memory; None: see `contact_memory`."""
     gravity: Float[Array, ""] | None = eqx.field(
         converter=dataclasses.replace(PARAMETERS["gravity"].check, optional=True), default=None
     )
     """Gravitational acceleration along -z [m/s^2]."""
     load: AbstractLoad | None = None
-    """Force and moment besides contacts and gravity."""
+    """Force and moment in addition to contacts and gravity."""
     friction: AbstractFriction | None = None
     """Friction in the contacts."""
     sled: SledMass | None = None
@@ -130,24 +130,24 @@ class Scene(ShapeChecked):
 
     @property
     def period(self) -> Float[Array, ""]:
-        """The forcing period [s]: the time to travel its wavelength, at the start's speed."""
+        """The forcing period [s]: the time to travel its wavelength at the start's speed."""
         return self.travel(0.0).period
 
     def travel(self, phase: Real) -> Travel:
-        """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
+        """Return speed and pace after `phase` forcing periods; both are constant at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
             return Travel(self.speed, self.wavelength, None, phase)
-        # a programme goes by distance
+        # a programme depends on the distance
         distance = jnp.asarray(phase, float) * self.wavelength
         of = self.speed
         return Travel(of.at(distance), self.wavelength, of.acceleration(distance), phase, of)
 
     @property
     def slowest_travel(self) -> Travel:
-        """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
+        """Travel at the least speed of all, where an impact takes the shortest way; see also `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
-        # speeds between two places lie between those at the places
+        # a speed between two places is between the speeds at the places
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.wavelength)
 
     def slowest_between(self, phase: Real, later: Real) -> Travel:
@@ -158,10 +158,10 @@ class Scene(ShapeChecked):
         return Travel(self.speed.least(begin, end), self.wavelength)
 
     def epoch_at(self, distance: Real) -> Real:
-        """Return forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
+        """Return forcing periods from distance zero to a distance [m]; on the host where nothing is traced."""
         if is_traced((distance, self.track)):
             return distance / self.wavelength
-        # distance zero needs no wavelength, which may be traced
+        # distance zero needs no wavelength, because the wavelength may be traced
         return float(distance) / float(np.asarray(self.wavelength)) if distance else 0.0
 
     def seconds(self, phase: Real) -> Array:
@@ -177,15 +177,15 @@ class Scene(ShapeChecked):
 
     @property
     def contact_memory(self) -> AbstractMemory:
-        """The model of the contact memory: `memory`, or where that is None `PeakRateLatch` on surveyed and random
-        rails and over joints, and `EventLatch`, as in the paper, on others."""
+        """The model of the contact memory: `memory`, or by default `PeakRateLatch` on surveyed and random rails and
+        over joints, and on other tracks `EventLatch`, as in the paper."""
         if self.memory is not None:
             return self.memory
         return PeakRateLatch() if self.track.is_rough else EventLatch()
 
     @property
     def latches_memory(self) -> bool:
-        """Whether contacts have a memory that changes between steps only."""
+        """Whether contacts have a memory that changes only between steps."""
         return self.contact.has_memory and not self.contact_memory.integrated
 
     @property
@@ -200,31 +200,31 @@ class Scene(ShapeChecked):
 
     @property
     def ahead(self) -> Array | np.ndarray | float:
-        """How far the foremost end of a slipper is ahead of the distance that is counted [m]."""
+        """How far the foremost end of a slipper is ahead of the counted distance [m]."""
         ahead = [jnp.asarray(slipper.ahead) for slipper in self.mounted if slipper.ahead is not None]
-        # a slipper in the middle is at that distance
+        # the front end of a slipper in the middle is at the counted distance
         most = jnp.maximum if is_traced(ahead) else np.maximum
         return functools.reduce(most, ahead, 0.0)
 
     @property
     def play(self) -> Float[AnyArray, "*slippers faces"]:
-        """Play of each face [m], of a sled that of each slipper."""
+        """Play of each face [m], for a sled of each slipper."""
         plays = [slipper.section.play for slipper in self.mounted]
         return jnp.stack(plays, axis=-2) if self.slipper.names else plays[0]
 
     def with_play(self, play: Float[AnyArray, "... faces"] | None) -> "Scene":
-        """Return a copy with another `play`, which is not checked; None takes it out."""
+        """Return a copy with another `play`, which is not checked; None removes the play."""
         where = lambda scene: scene.section.play
         value = play
         if isinstance(self.slipper, Sled):
-            # of the mounts' own, because the scene's section may be that of several
+            # from the mounts' own sections, because several mounts may share the scene's section
             where = lambda scene: [mount.play for mount in scene.slipper.mounts]
             value = [None if play is None else play[..., k, :] for k in range(len(self.slipper.mounts))]
         return eqx.tree_at(where, self, value, is_leaf=lambda leaf: leaf is None)
 
     @property
     def point_labels(self) -> dict[str, list[str]]:
-        """The dimensions of values of contact points, with their labels: slipper, of a sled alone, end and point."""
+        """The dimensions of values of contact points, with their labels: end and point, for a sled first slipper."""
         names = self.slipper.names
         ends = {"end": ["front", "rear"], "point": list(self.section.names)}
         return {"slipper": list(names), **ends} if names else ends
@@ -252,15 +252,15 @@ class Scene(ShapeChecked):
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
         that is None, such as gravity, is added.
 
-        Values may have leading axes of cases. Traced ones that are out of range become NaN.
+        Values may have leading axes of cases. Traced values that are out of range become NaN.
 
-        **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
-        undo, or if the scene has no such part.
+        **Raises:** `ValueError` for an unknown name, a value out of range, a value that a later one would undo, or if
+        the scene has no such part.
         """
         scene = self
         parameters = [parameter(name, self) for name in values]
         check_no_overlap(parameters, self)
-        # one after the other, so that a part may follow the whole
+        # one after the other, so that a part may follow the whole array
         for p, value in zip(parameters, values.values(), strict=True):
             checked = p.check(value)
             require(np.size(checked) != 0, p.name, "be one or more values", value)
@@ -270,27 +270,27 @@ class Scene(ShapeChecked):
     def to_toml(self, file: str | Path | None = None, *, start: eqx.Module | None = None) -> str:
         """Return the scene as TOML text, exact to the last bit, which `slipperjax.load` reads.
 
-        **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add, of the slipper or
-        a rigid sled.
+        **Arguments:** `file`: path to which the text is also written; default none. `start`: a motion to add, of the
+        slipper or a rigid sled.
 
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
         known("scene", self)
         for name, own in {"speed": self.speed, **self.parts}.items():
-            if any(classes_of(own)):  # parts of this package are read back
+            if any(classes_of(own)):  # parts of this package can be read back
                 _check_readable(name, own)
         numbers = describe(self)
         lines = []
-        # before the tables: in TOML a line belongs to the table above it
+        # before the tables, because in TOML a line belongs to the table above it
         for name in NUMBERS:
             if not isinstance(numbers[name], dict):
                 lines += _line(name, numbers[name], unit_of(Scene, name))
         if isinstance(self.speed, SpeedProgramme):
-            # without the type, as there is one kind of programme
+            # without the type, because there is only one kind of programme
             lines += ["", "[speed]", *_entries(self.speed)[1:]]
         for name, own in self.parts.items():
             part = _entries(own)
-            usual = type(own) in (PARTS[name][0], Slipper)  # the kind where none is given
+            usual = type(own) in (PARTS[name][0], Slipper)  # the kind where the file gives none
             lines += ["", f"[{name}]", *(part[1:] if usual else part)]
         if isinstance(self.slipper, Sled):
             for mount in self.slipper.mounts:
@@ -298,7 +298,7 @@ class Scene(ShapeChecked):
             if self.slipper.modes is not None:
                 lines += ["", "[modes]", *_entries(self.slipper.modes)[1:]]
         if start is not None:
-            # by its name, because its module needs this one
+            # by its name, because its module imports this module
             need = "be a slipperjax.Motion in TOML, such as run.end.motion"
             kind = type(start).__name__
             require(kind in ("Motion", "AtRest"), "start", need, start)
@@ -344,7 +344,7 @@ def _check_mounts(scene: Scene) -> None:
 
 
 def _check_on_rail(scene: Scene, name: str, slipper: Mounted) -> None:
-    """Raise `ValueError` for a slipper that lies outside its rail."""
+    """Raise `ValueError` for a slipper that is outside its rail."""
     y = slipper.place[1]
     gauge = scene.track.gauge
     if is_traced((y, gauge, slipper.section.play)):
@@ -363,20 +363,20 @@ def _check_on_rail(scene: Scene, name: str, slipper: Mounted) -> None:
 
 
 def travel_unit(scene: Scene) -> str:
-    """Return what a forcing period is in words: "period", or its length where the rail has no waves, as in "8 m"."""
+    """Return the name of a forcing period: "period", or its length where the rail has no waves, as in "8 m"."""
     return "period" if hasattr(scene.track, "wavelengths") else f"{float(scene.wavelength):g} m"
 
 
 def check_scene(scene: object) -> Scene:
-    """Return `scene`; raise `ValueError` where it is none, or if JAX runs with 32-bit numbers."""
+    """Return `scene`; raise `ValueError` where it is no scene, or if JAX runs with 32-bit numbers."""
     need_64_bits()
-    # what `equinox.tree_at` put in passed no constructor
+    # values from `equinox.tree_at` were not checked by a constructor
     return with_static_functions(instance("scene", scene, Scene, "a slipperjax.Scene"))
 
 
 def check_steady(scene: object) -> Scene:
-    """Return a scene whose motion may go on for ever; raises `ValueError` for wear, a programme of speeds, and loads
-    by time or distance."""
+    """Return a scene whose motion may continue for ever; raises `ValueError` for wear, a programme of speeds, and
+    loads that depend on time or distance."""
     scene = check_scene(scene)
     by_speed = scene.load is None or scene.load.by_speed
     require(by_speed, "scene", "have a load by the speed alone here", scene.load)
@@ -387,17 +387,17 @@ def check_steady(scene: object) -> Scene:
 
 
 def at_speed(scene: object, speed: Real | SpeedProgramme | None) -> Scene:
-    """Return a scene, checked, at another speed or programme; with None at its own."""
+    """Return a checked scene at another speed or programme; with None at its own speed."""
     scene = check_scene(scene)
     return scene if speed is None else dataclasses.replace(scene, speed=speed)
 
 
 START = COORDINATES | MOTION_NUMBERS
-"""The numbers of a start in a file: its attitude stands there as Euler angles or as a quaternion."""
+"""The numbers of a start in a file, which gives the attitude as Euler angles or as a quaternion."""
 
 
 def _check_readable(name: str, part: eqx.Module) -> None:
-    """Raise `ValueError` for a part of a scene, such as a law with a network, that a file does not bring back."""
+    """Raise `ValueError` for a part of a scene that a file cannot restore, such as a law with a network."""
     why = "It would be read back with other numbers."
     try:
         own, again = map(jax.tree.leaves, (part, build(describe(part), (type(part), *INNER), name)))
@@ -409,8 +409,8 @@ def _check_readable(name: str, part: eqx.Module) -> None:
 
 
 def _entries(part: eqx.Module) -> list[str]:
-    """Return the lines of TOML of a module: its type, and each value that is neither None nor an empty text; those of
-    a sled without its mounts and modes, which have tables of their own."""
+    """Return the lines of TOML of a module: its type, and each value that is neither None nor an empty text; without
+    the mounts and modes of a sled, which have their own tables."""
     lines = []
     for name, value in describe(part).items():
         inner = getattr(part, name, None)
@@ -433,10 +433,10 @@ def _table(module: eqx.Module) -> str:
 
 
 def _line(name: str, value: object, unit: str) -> list[str]:
-    """Return a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
+    """Return a value as a line of TOML: a number with a unit as a text, an array with a unit as an inline table."""
     if value is None or value == "":
         return []
-    # numbers are written so that they come back to the last bit
+    # numbers are written so that they are restored to the last bit
     if unit in ("", "1"):
         return [f"{name} = {json.dumps(value)}"]
     if isinstance(value, list):

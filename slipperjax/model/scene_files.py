@@ -7,7 +7,7 @@
     inertia = { values = [0.051, 0.060, 0.086], unit = "kg m^2" }
     length = "200 mm"
 
-With `base = "paper"` everything that a file leaves out is that of `slipperjax.paper_scene()`.
+With `base = "paper"` everything that a file leaves out is as in `slipperjax.paper_scene()`.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ from .thrust import RocketSled, WaterBrake, read_thrust
 from .travel import SpeedProgramme, Stage
 
 BODY = ("slipper", "mounts", "modes")
-"""Tables of the body: a sled has its mounts and its modes in tables of their own."""
+"""Tables of the body: a sled has its own tables for mounts and modes."""
 BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping": "", "places": "m"}
 """Arguments of `Modes.beam` with their units."""
 SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
@@ -75,7 +75,7 @@ class RunTable(ShapeChecked):
 
 
 class EnvironmentTable(ShapeChecked):
-    """The table `environment` of a scene's file: arguments of `slipperjax.environment` besides its runs."""
+    """The table `environment` of a scene's file: arguments of `slipperjax.environment` other than its runs."""
 
     places: Float[Array, "places 3"] = field("m", finite)
     window: Float[Array, ""] | None = field("s", positive, default=None)
@@ -97,11 +97,11 @@ class SceneFile(NamedTuple):
     run: dict[str, Any] | None
     """Arguments of `slipperjax.run` [SI unit]; None where the file has none."""
     units: tuple[str, ...]
-    """Units in which its results are shown, such as "ft" and "lbf"."""
+    """Units in which results are shown, such as "ft" and "lbf"."""
     environment: dict[str, Any] | None
-    """Arguments of `slipperjax.environment` besides its runs [SI unit]; None where the file has none."""
+    """Arguments of `slipperjax.environment` other than its runs [SI unit]; None where the file has none."""
     sensors: list[Sensor]
-    """Those of its tables `sensors`."""
+    """The sensors of the file's tables `sensors`."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -113,7 +113,7 @@ def scene_to_json(scene: Scene) -> str:
 def scene_from_json(text: str) -> Scene:
     """Return the scene of `scene_to_json`.
 
-    **Raises:** `ValueError` for a text that describes none, or a class that is not defined in this process.
+    **Raises:** `ValueError` for a text that describes no scene, or a class that is not defined in this process.
     """
     try:
         description = json.loads(instance("text", text, str, "JSON of a scene"))
@@ -127,17 +127,17 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """Return the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
-    `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` that of a
+    `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` the `file` of a
     history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
     `run` takes length, begin, window, steps_per_period, solver and units.
-    A sled's slippers are tables `[[mounts]]`, each of which may have a `clearance` and a `section`, which is that of
-    the scene but for what it gives; `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
+    A sled's slippers are tables `[[mounts]]`. Each may have a `clearance` and a `section`; values that this section
+    leaves out are those of the scene's section. `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
     `environment` takes places, window, low, high and quality; tables `[sensors.NAME]` have the fields of `Sensor`.
 
     **Arguments:** `file`: its name, for errors.
 
-    **Raises:** `ValueError` with file and line for a syntax error, an unknown name, a value without a unit or with
-    one of another kind, or a value out of range.
+    **Raises:** `ValueError` with file and line for a syntax error, an unknown name, a value without a unit or with a
+    unit of another kind, or a value out of range.
     """
     instance("text", text, str, "TOML text of a scene")
     instance("file", file, str, "a file's name")
@@ -165,7 +165,7 @@ class _Reader:
         """Return the scene, its start, its run and its environment."""
         with self.placed(""):
             self.check_names()
-        # what the file leaves out is that of its base
+        # the base gives what the file leaves out
         values = dict(vars(paper_scene())) if "base" in self.tables else {}
         for name in ("speed", "slipper", "section", "track", "contact"):
             if name not in values and name not in self.tables:
@@ -193,7 +193,7 @@ class _Reader:
                     values[name] = self.programme(dict(value))
                 elif name in NUMBERS:
                     values[name] = quantity(name, value, unit_of(Scene, name))
-        # after the section, which is that of its slippers
+        # after the section, because slippers use it
         if not self.tables.keys().isdisjoint(BODY):
             values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
@@ -201,7 +201,7 @@ class _Reader:
             return SceneFile(Scene(**values), start, run, units, environment, sensors)
 
     def check_names(self) -> None:
-        """Raise `ValueError` for names that a file does not have, and for values in place of tables."""
+        """Raise `ValueError` for unknown names, and for values in place of tables."""
         tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "sensors")
         check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
@@ -234,7 +234,7 @@ class _Reader:
             return dataclasses.replace(body, modes=self.modes(dict(self.tables["modes"]), body))
 
     def mount(self, table: Table, number: int, section: Section) -> Mount:
-        """Return a slipper's place on the sled; what its section leaves out is that of the scene's."""
+        """Return a slipper's place on the sled; the scene's section gives what the slipper's section leaves out."""
         with self.placed("mounts", number):
             check_known(table, ("clearance", *arguments_of(Mount)))
             own = table.get("section", {})
@@ -245,7 +245,7 @@ class _Reader:
             return self.made(Mount, self.with_play(rest, len(section.faces)), "mounts", **values)
 
     def modes(self, table: Table, body: eqx.Module) -> Modes:
-        """Return the elastic modes of a sled: those in a file, of a beam, or as given."""
+        """Return the elastic modes of a sled: from a file, of a beam, or from the table's numbers."""
         sled = instance("slipper", body, Sled, "a sled with tables [[mounts]] to have modes")
         source = next((name for name in ("file", "beam") if name in table), None)
         if source is None:
@@ -262,7 +262,7 @@ class _Reader:
         return Modes.beam([0.0 if mount.x is None else mount.x for mount in sled.mounts], **values)
 
     def sensor(self, name: str, table: Table) -> Sensor:
-        """Return the sensor of a table, whose bias and noise have the unit of what it measures."""
+        """Return the sensor of a table; bias and noise have the unit of the sensor's signal."""
         with self.placed(f"sensors.{name}"):
             instance("sensors", table, dict, f"a table, [sensors.{name}], for each sensor")
             check_known(table, [field for field in arguments_of(Sensor) if field != "name"])
@@ -272,7 +272,7 @@ class _Reader:
             return Sensor(name, **values)
 
     def with_play(self, table: Table, faces: int) -> Table:
-        """Return a table whose `clearance` is the play of each face, of which each has half."""
+        """Return a table in which `clearance` is replaced by the play of each face, which is half of it."""
         if "clearance" not in table:
             return table
         if "play" in table:
@@ -284,10 +284,10 @@ class _Reader:
 
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
-        # what the table leaves out is that of the base
+        # the base gives what the table leaves out
         described = {} if inherited is None else describe(inherited)
         kind, _ = PARTS[name]
-        # a track with a file is a survey, of one rail or of two
+        # a track with a file is a survey, of one rail or of two rails
         if name == "track" and "file" in table and TYPE not in table:
             check_known(table, arguments_of(SurveyedRails))
             survey = self.described(SurveyedRails, table)
@@ -302,7 +302,7 @@ class _Reader:
             raise ValueError(f"`{TYPE}` is missing.")
         kind = known_type(str(named), (kind,), name)
         values = {field: v for field, v in described.items() if field in kind.__dataclass_fields__}
-        # `clearance` is the only name in a file that is no field of its part
+        # `clearance` is the only name in a file that is not a field of its part
         if kind is Section:
             check_known(table, ("clearance", *arguments_of(kind)))
             table = self.with_play(table, len(table.get("faces", values.get("faces", Section.faces))))
@@ -332,13 +332,13 @@ class _Reader:
             programme = SpeedProgramme.over_distance(places, speeds)
         else:
             return self.made(SpeedProgramme, table, "speed", **begin)
-        # names that none of these uses
+        # names that none of these kinds uses
         if table:
             raise ValueError(f"`{next(iter(table))}` must not be given here.")
         return programme
 
     def thrust(self, table: Table, **values: object) -> RocketSled:
-        """Return the sled in a table `speed` with a thrust, which may be a file."""
+        """Return the sled in a table `speed` with a thrust; the thrust may be a file."""
         brakes = table.pop("brakes", [])
         check_tables("brakes", brakes)
         values["brakes"] = [self.made(WaterBrake, brake, "brakes") for brake in brakes]
@@ -347,11 +347,11 @@ class _Reader:
         return self.made(RocketSled, table, "speed", **values)
 
     def made(self, kind: type[Part], table: Table, name: str, **values: object) -> Part:
-        """Return the module of a class from a table of that name, and `values` of what it leaves out."""
+        """Return the module of a class from a table with this name; `values` replace what the table leaves out."""
         return build(values | self.described(kind, table), (kind, *INNER), name)
 
     def described(self, kind: type, table: Table) -> Table:
-        """Return the description of a table for a class, in SI units, with those of tables within it."""
+        """Return the description of a table for a class, in SI units, including the tables within it."""
         values = {}
         for name, value in table.items():
             # modules within this one: one table with a type, or a list of them
@@ -368,18 +368,18 @@ class _Reader:
         return values | {TYPE: type_name(kind)}
 
     def beside(self, file: object) -> str:
-        """Return the path of a file that is named from the folder of the scene's file."""
+        """Return the path of a file, relative to the folder of the scene's file."""
         return str(Path(self.file).parent / user_path(str(file)))
 
     def start(self, table: Table) -> Motion:
-        """Return the motion at time zero, whose attitude is given as Euler angles or as a quaternion; of the type
-        `AtRest` what is added to the equilibrium."""
+        """Return the motion at time zero, with its attitude as Euler angles or as a quaternion; for the type `AtRest`
+        the motion that is added to the equilibrium."""
         kind = known_type(str(table.pop(TYPE, Motion.__name__)), (Motion, AtRest), "start")
         values = {}
         check_known(table, START)
         for name, value in table.items():
             values[name] = quantity(name, value, START[name].unit)
-        # Euler angles and the quaternion are two ways to give one attitude
+        # Euler angles and the quaternion are two forms of one attitude
         angles = [name for name in table if START[name].unit == "rad"]
         quaternion = [name for name in table if START[name].unit == "1"]
         if angles and quaternion:
@@ -388,27 +388,27 @@ class _Reader:
         return check_motion("start", kind(**vars(motion)))
 
     def arguments(self, kind: type, table: Table, name: str) -> dict[str, Any]:
-        """Return the arguments that a table of that name gives, in SI units."""
+        """Return the arguments that a table with this name gives, in SI units."""
         # checked as fields, which make numbers arrays
         given = {name: value for name, value in vars(self.made(kind, table, name)).items() if value is not None}
         return {name: value.tolist() if isinstance(value, Array) else value for name, value in given.items()}
 
     @contextmanager
     def placed(self, table: str, number: int = 0) -> Iterator[None]:
-        """Add file and line to errors: the line of the name that an error mentions, or of the table.
+        """Add file and line to errors: the line of the name in the error, or of the table.
 
-        **Arguments:** `number`: which of several tables of one name.
+        **Arguments:** `number`: number of the table among tables of one name.
         """
         try:
             yield
-        except TableError:  # which names its own file
+        except TableError:  # this error names its own file
             raise
         except ValueError as error:
             names = self.tables.get(table, {}) if table else self.tables
             if isinstance(names, list):
                 names = names[number]
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
-            # the first name of the error that stands in the table
+            # the first name in the error that is in the table
             line = self.line_of(table, next((name for name in mentioned if name in names), ""), number)
             words = " ".join(str(error).split())  # keys may have line breaks
             raise ValueError(f"{self.file}{'' if line is None else f', line {line}'}: {words}") from None
@@ -418,7 +418,7 @@ class _Reader:
         path = ".".join(filter(None, (table, name)))
         now = ""
         header = None
-        left = number  # of the tables of this name that come first
+        left = number  # number of tables of this name that come first
         # a key belongs to the last header before it
         for at, line in enumerate(self.lines, 1):
             match = re.match(r"""\s*(\[*)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value
@@ -427,7 +427,7 @@ class _Reader:
                 now = key if match[1] else now
                 here = key if match[1] else ".".join(filter(None, (now, key)))
                 left -= bool(match[1]) and key == table
-                wanted = left < 0 or left == number  # or none of them has begun
+                wanted = left < 0 or left == number  # or no table has begun
                 if wanted and here == path:
                     return at
                 if wanted and here == table:
@@ -443,13 +443,13 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
 
 
 def check_tables(name: str, value: object) -> None:
-    """Raise `ValueError` for what is no list of tables."""
+    """Raise `ValueError` for a value that is no list of tables."""
     if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
         raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
 
 
 def quantity(name: str, value: object, unit: str) -> Any:
-    """Return a number, or nested lists of numbers, in the SI unit `unit`; a value without unit as it is."""
+    """Return a number, or nested lists of numbers, in the SI unit `unit`; a value without a unit unchanged."""
     if unit in ("", "1"):
         return value
     if not isinstance(value, dict):
@@ -460,7 +460,7 @@ def quantity(name: str, value: object, unit: str) -> Any:
 
 
 def _parsed(name: str, value: object, written: str, unit: str) -> Any:
-    """Return texts with units, or numbers that have the unit `written`, in nested lists, as numbers in `unit`."""
+    """Return texts with units, or numbers with the unit `written`, in nested lists, as numbers in `unit`."""
     if isinstance(value, list):
         return [_parsed(name, part, written, unit) for part in value]
     return parsed(name, f"{value!r} {written}" if written else value, unit)

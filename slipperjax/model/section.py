@@ -17,13 +17,13 @@ _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 class Section(ShapeChecked):
     """A rail-head section: points, and the faces between pairs of them.
 
-    Both corners of a face use that face's normal, which points out of the rail head. The two corners of a face are
+    Both corners of a face have the face's normal, which points out of the rail head. The two corners of a face are
     named clockwise in the view with y to the right and z up, so that the normal points to the left of the direction
-    from the first to the second.
+    from the first corner to the second.
     """
 
     points: Float[Array, "points 2"] = field("m", finite)
-    """y and z of the slipper's contact points [m] in its own frame, whose origin is the slipper's centre of mass."""
+    """y and z of the slipper's contact points [m] in the slipper's frame, whose origin is its centre of mass."""
     play: Float[Array, " faces"] = field("m", not_negative)
     """Gap at each face when slipper and rail are centred [m]."""
     names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
@@ -46,7 +46,7 @@ class Section(ShapeChecked):
         require(plain, "names", "be a tuple of names of letters, digits, _ and -", self.names)
         require(len(set(self.names)) == len(self.names), "names", "be a tuple of different names", self.names)
         pairs = isinstance(self.faces, tuple) and all(isinstance(f, tuple) and len(f) == 2 for f in self.faces)
-        # each point may be the corner of one face
+        # each point may be the corner of only one face
         corners = [corner for face in self.faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)
         require(different, "faces", "be a tuple of pairs of different points", self.faces)
@@ -80,7 +80,7 @@ class Section(ShapeChecked):
         along = end - start
         if np.any(np.all(along == 0, axis=1)):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
-        # between faces in order lie gaps, which are the faces of a list that begins late
+        # the gaps between faces in order are the faces of a list that begins one point later
         gaps = points[np.roll(self._corners.T.ravel(), -1).reshape(-1, 2).T]
         widths = lambda first, last: np.sum(np.linalg.norm(last - first, axis=1))
         late = widths(start, end) < widths(*gaps)
@@ -89,7 +89,7 @@ class Section(ShapeChecked):
                 "Argument `points` has no face over its middle that can carry the weight, but a gap between faces "
                 "could. Does the list of corners begin one corner late?"
             )
-        # the area around the centre that the faces span, positive where their normals point away from it
+        # area around the centre between the faces, positive where their normals point away from the centre
         out = (start + end) / 2 - points.mean(axis=0)
         area = float(np.sum(along[:, 0] * out[:, 1] - along[:, 1] * out[:, 0]))
         if area < -1e-6 * float(np.ptp(points)) ** 2:
@@ -117,7 +117,7 @@ class Section(ShapeChecked):
     @property
     def normals(self) -> Float[Array, "points 2"]:
         """Unit normal (y, z) at each point, out of the rail head [1]."""
-        # both corners of a face have its normal, to the left of the way from the first to the second
+        # the normal is to the left of the way from the first to the second corner
         start, end = self._corners
         along = self.points[end] - self.points[start]
         normal = jnp.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -127,14 +127,14 @@ class Section(ShapeChecked):
     @property
     def track_points(self) -> Float[Array, "points 2"]:
         """The matching points on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
-        # centred, slipper and rail are the play apart along the normal
+        # when centred, slipper and rail are apart by the play along the normal
         return self.points - self.play[self.face_of_point][:, None] * self.normals
 
 
 def _carries(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
-    """Tell whether one of some faces, given by their corners, faces up over the middle of the section."""
+    """Return whether one of some faces, given by their corners, faces up over the middle of the section."""
     middle = (points[:, 0].min() + points[:, 0].max()) / 2
     along = end - start
     over = (np.minimum(start, end)[:, 0] <= middle) & (middle <= np.maximum(start, end)[:, 0])
-    # clockwise, a face that faces up leads to the right: within 60 degrees
+    # clockwise, a face that faces up leads to the right, within 60 degrees
     return bool(np.any(over & (along[:, 0] > 0.5 * np.hypot(*along.T))))

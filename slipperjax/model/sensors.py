@@ -1,4 +1,4 @@
-"""Sensors on a slipper or a sled: what they read of its motion, with gain, bias, delay and filter."""
+"""Sensors on a slipper or a sled: their readings of its motion, with gain, bias, delay and filter."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -35,14 +35,14 @@ def _noise(value: object) -> float | None:
 
 
 class Channels(NamedTuple):
-    """Motion, acceleration and load of the body at some instants, of which the signals of all sensors are made."""
+    """Motion, acceleration and load of the body at some instants, from which the signals of all sensors are made."""
 
     motion: Float[AnyArray, "*instants 10"]
     """The numbers of `Motion`, in SI units."""
     acceleration: Float[AnyArray, "*instants 5"]
-    """Of the centre along y and z [m/s^2], and about the body's x, y and z [rad/s^2]."""
+    """Accelerations of the centre along y and z [m/s^2], and about the body's x, y and z [rad/s^2]."""
     force: Float[AnyArray, "*instants 2"]
-    """Of all contacts together along y and z [N]."""
+    """Force of all contacts together along y and z [N]."""
     modal: Float[AnyArray, "*instants 2 modes"]
     """Coordinates [m kg^0.5] and accelerations [m kg^0.5/s^2] of the modes."""
 
@@ -69,27 +69,27 @@ def channels(args: Args, t: Real, state: State, frame: RailFrame | None = None) 
 class Sensor(ShapeChecked):
     """A sensor on the body: an accelerometer, a displacement gauge, a gyroscope, or load cells under all slippers.
 
-    It reads gain (signal + bias), late by `delay`, behind a low-pass filter where it has a `cutoff`. All of its
-    numbers may be found by `slipperjax.fit`, by paths such as "sensors.front.gain".
+    Its reading is gain (signal + bias), delayed by `delay`, after a low-pass filter where it has a `cutoff`.
+    `slipperjax.fit` may find all of its numbers, by paths such as "sensors.front.gain".
     """
 
     name: str = eqx.field(static=True)
-    """Of its signal among the measured ones."""
+    """Name of the sensor's signal among the measured signals."""
     measures: str = eqx.field(static=True, default="acceleration")
-    """ "acceleration" of the place, without gravity [m/s^2]; its "displacement" from where it is in the middle of the
-    play on an undisturbed rail [m]; "angular_velocity" [rad/s]; "force" of all contacts together [N]."""
+    """ "acceleration" of the place, without gravity [m/s^2]; "displacement" of the place from the middle of the play
+    on an undisturbed rail [m]; "angular_velocity" [rad/s]; "force" of all contacts together [N]."""
     place: Float[Array, "3"] = field("m", finite, default=(0.0, 0.0, 0.0))
-    """From the centre of mass [m]; of an elastic body one of its modes' places."""
+    """Place from the centre of mass [m]; on an elastic body one of its modes' places."""
     direction: Float[Array, "3"] = eqx.field(converter=_direction, default="z")
     """Axis of the body, or a vector of any length."""
     gain: Float[Array, ""] = field("1", finite, default=1.0)
     bias: Float[Array, ""] = field("", finite, default=0.0)
-    """In the unit of the signal."""
+    """Bias, in the unit of the signal."""
     delay: Float[Array, ""] = field("s", finite, default=0.0)
     cutoff: Float[Array, ""] | None = field("Hz", positive, default=None)
     """Frequency above which a Butterworth filter of second order suppresses the signal [Hz]."""
     noise: float | None = eqx.field(static=True, converter=_noise, default=None)
-    """Standard deviation of its noise, in the unit of the signal; None: what the model does not explain."""
+    """Standard deviation of the noise, in the unit of the signal; None: the part that the model does not explain."""
 
     def __check_init__(self):
         require(isinstance(self.name, str) and self.name.isidentifier(), "name", "be a word", self.name)
@@ -108,7 +108,7 @@ class Sensor(ShapeChecked):
         return UNITS[self.measures]
 
     def signal(self, seen: Channels, modes: Modes | None = None) -> Float[Array, ""]:
-        """Return what it would read at an instant without gain, bias, delay and filter [`unit`]."""
+        """Return the signal at an instant, without gain, bias, delay and filter [`unit`]."""
         axis = self.direction / jnp.linalg.norm(self.direction)
         motion = Motion(*seen.motion)
         spin = jnp.stack([motion.w_x, motion.w_y, motion.w_z])
@@ -133,17 +133,17 @@ class Sensor(ShapeChecked):
         at: Float[Array, " samples"],
         modes: Modes | None = None,
     ) -> Float[Array, " samples"]:
-        """Return what it reads at some times.
+        """Return the readings at some times.
 
-        **Arguments:** `seen`: channels at instants of equal distances; `time` of them, and times `at` which it is
-        read, both from the same zero [s].
+        **Arguments:** `seen`: channels at equally spaced instants; `time`: of these instants [s]; `at`: times of the
+        readings, from the same zero [s].
         """
         signal = jax.vmap(lambda now: self.signal(now, modes))(seen)
         if self.cutoff is not None:
             last = time.shape[0] - 1
             signal = low_pass(signal, self.cutoff * (time[last] - time[0]) / last)
         at = at - self.delay
-        # the place of each sample, counted in instants
+        # the place of each sample, in instants
         before = jnp.clip(
             jnp.searchsorted(jax.lax.stop_gradient(time), jax.lax.stop_gradient(at)) - 1, 0, len(time) - 2
         )
@@ -152,7 +152,7 @@ class Sensor(ShapeChecked):
 
 
 def interpolated(values: Float[Array, " instants"], place: Float[Array, " samples"]) -> Float[Array, " samples"]:
-    """Return values at places counted in instants, by the cubic through the four around each."""
+    """Return values at places given in instants, by the cubic through the four instants around each place."""
     last = values.shape[0] - 1
     first = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(int) - 1, 0, last - 3)
     x = place - first
@@ -164,9 +164,10 @@ def interpolated(values: Float[Array, " instants"], place: Float[Array, " sample
 
 
 def low_pass(signal: Float[Array, " instants"], cutoff: Real) -> Float[Array, " instants"]:
-    """Return a signal behind a Butterworth filter of second order, made by the bilinear transformation.
+    """Return a signal after a Butterworth filter of second order, made by the bilinear transformation.
 
-    It begins as if the first value had lasted. **Arguments:** `cutoff`: frequency times the step [1], below 1/2.
+    The filter begins as if the first value had lasted. **Arguments:** `cutoff`: frequency times the step [1], below
+    1/2.
     """
     warped = jnp.tan(jnp.pi * cutoff)
     scale = 1 / (1 + np.sqrt(2.0) * warped + warped**2)
@@ -194,7 +195,7 @@ class Rig(eqx.Module):
 
     @classmethod
     def of(cls, sensors: object) -> "Rig":
-        """Return sensors as one; raises `ValueError` where they are no list of sensors of different names."""
+        """Return sensors as one module; raises `ValueError` unless they are a list with different names."""
         listed = instance("sensors", sensors, Sequence, "a list of slipperjax.model.Sensor")
         require(len(listed), "sensors", "have one or more", shown="none")
         for sensor in listed:

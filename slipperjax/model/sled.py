@@ -20,21 +20,21 @@ class Mount(ShapeChecked):
     """A slipper's place on a sled, from the sled's centre of mass to the slipper's middle."""
 
     x: Float[Array, ""] | None = field("m", finite, plausible=(-50.0, 50.0), default=None)
-    """Place along the track, positive forwards [m]; None for zero."""
+    """Place along the track, positive forwards [m]; None: zero."""
     y: Float[Array, ""] | None = field("m", finite, plausible=(-5.0, 5.0), default=None)
-    """Place across, positive to the left [m]; None for zero."""
+    """Place across the track, positive to the left [m]; None: zero."""
     z: Float[Array, ""] | None = field("m", finite, plausible=(-5.0, 5.0), default=None)
-    """Place upwards [m]; None for zero."""
+    """Place upwards [m]; None: zero."""
     rail: str = eqx.field(static=True, default="")
-    """Name of its rail: "left" or "right" of `TwoRails`; any other track is that of all rails."""
+    """Name of the mount's rail: "left" or "right" of `TwoRails`; any other track serves as every rail."""
     section: Section | None = None
-    """Its section, with the slipper's middle as its origin; None for that of the scene."""
+    """Section of the slipper, with the slipper's middle as its origin; None: the section of the scene."""
     length: Float[Array, ""] | None = field("m", positive, plausible=(0.005, 20.0), default=None)
-    """Distance between its front and its rear section [m]; None for that of the sled."""
+    """Distance between the slipper's front and rear section [m]; None: the length of the sled's slippers."""
     play: Float[Array, " faces"] | None = field("m", not_negative, default=None)
-    """Play of each face in place of that of the section [m]."""
+    """Play of each face, in place of the section's play [m]."""
     name: str = eqx.field(static=True, default="")
-    """Name in results; empty for the rail's, with a number: "left1", or "slipper1" without one."""
+    """Name in results; empty: the rail's name with a number, as "left1", or "slipper1" without a rail."""
 
     def __repr__(self) -> str:
         return super().__repr__().replace(", name=''", "").replace(", rail=''", "").replace("(rail=''", "(")
@@ -42,7 +42,7 @@ class Mount(ShapeChecked):
     def __check_init__(self):
         for name in ("rail", "name"):
             text = getattr(self, name)
-            # a number is a mount's place in paths of parameters
+            # in paths of parameters a number is a mount's place
             need = "be a word of letters, digits and _, the first no digit"
             require(isinstance(text, str) and (not text or text.isidentifier()), name, need, text)
         if self.section is not None:
@@ -50,7 +50,7 @@ class Mount(ShapeChecked):
 
 
 def _mounts(given: object) -> tuple[Mount, ...]:
-    """Return mounts as a tuple; raise `ValueError` for others."""
+    """Return mounts as a tuple; raise `ValueError` for other values."""
     mounts = tuple(instance("mounts", given, Sequence, "a list of slipperjax.Mount(...)"))
     require(mounts, "mounts", "be one slipperjax.Mount(...) or more", given)
     for mount in mounts:
@@ -67,8 +67,8 @@ class Sled(AbstractBody):
     sled = sj.Sled(mass=400.0, inertia=(150.0, 300.0, 350.0), mounts=mounts)
     ```
 
-    Where the scene has travelled a distance, the sled's centre of mass is half a slipper's `length` behind it, so
-    that one slipper in its middle begins there, as a `Slipper` does.
+    When the scene has travelled a distance, the sled's centre of mass is half a slipper's `length` behind this
+    distance. Therefore a slipper in the sled's middle begins at this distance, like a `Slipper`.
     """
 
     mass: Float[Array, ""] = field("kg", positive, plausible=(0.1, 1e6), symbol="m")
@@ -94,7 +94,7 @@ class Sled(AbstractBody):
             return
         if self.modes is not None:
             self.modes.warn_of_scale(float(self.mass))
-        # the distance between the outermost ends of its slippers
+        # the distance between the outermost ends of the slippers
         ends = np.array([(x - length / 2, x + length / 2) for x, length in map(self._along, self.mounts)])
         check_inertia(self, max(float(np.ptp(ends)), self._width()), "sled lengths")
         for (one, a), (other, b) in itertools.combinations(zip(self.mounts, ends, strict=True), 2):
@@ -129,15 +129,15 @@ class Sled(AbstractBody):
     def static_shares(self):
         """Shares of the slippers in the sled's weight [1], on level rails whose contacts are alike.
 
-        Of the forces in balance, those of the least squares, which equal springs have; of two in line or three they
-        are the only ones.
+        Of all forces in balance, the least squares, as with equal springs; for two slippers in line, or three, only
+        one solution is in balance.
         """
         places = jnp.array([[0.0 if place is None else place for place in (m.x, m.y)] for m in self.mounts])
         middle = jnp.mean(places, axis=0)
         x, y = (places - middle[None]).T
         xx, xy, yy = x @ x, x @ y, y @ y
-        # shares lie in a plane over the places, which gives the force no moment about the centre of mass; those of
-        # slippers in line on a line. Without LAPACK, which must not be called from two threads.
+        # shares are a plane over the places, or a line for slippers in line, so that the force has no moment about
+        # the centre of mass. Without LAPACK, which two threads must not call at the same time.
         trace = xx + yy
         plane = xx * yy - xy * xy
         in_line = plane <= 1e-12 * trace * trace

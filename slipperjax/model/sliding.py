@@ -22,7 +22,7 @@ def tractions(
     by_spin = cross(spin, frame.arm)  # in the slipper's frame
     x, y, z = (sum(row[j] * by_spin[j] for j in range(3)) for row in (flat[:3], flat[3:6], flat[6:9]))
     velocity = speed + x, v_y + y, v_z + z
-    # the rail stands still, and what a point has along its normal is no sliding
+    # the rail does not move, and motion along a point's normal is no sliding
     along = sum(n * v for n, v in zip(frame.normal, velocity, strict=True))
     sliding = [v - along * n for v, n in zip(velocity, frame.normal, strict=True)]
     size = jnp.sqrt(sum(v * v for v in sliding))

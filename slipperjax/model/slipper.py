@@ -1,4 +1,4 @@
-"""The slipper: a rigid body; and what a scene asks of bodies with slippers."""
+"""The slipper, a rigid body; and the methods that a scene needs of bodies with slippers."""
 
 import abc
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .section import Section
 
 
 class Mounted(NamedTuple):
-    """One slipper where it is on its body."""
+    """One slipper at its place on the body."""
 
     place: tuple[Real | None, Real | None, Real | None]
     """x, y and z of its middle from the body's centre of mass [m]; None for zero, which adds no operations."""
@@ -26,9 +26,9 @@ class Mounted(NamedTuple):
     section: Section
     """Its section, whose origin is its middle."""
     rail: str
-    """Name of the rail that it is on; empty for the only one."""
+    """Name of the slipper's rail; empty for the only rail."""
     ahead: Real | None
-    """How far its front end is ahead of where distances count [m]; None for zero."""
+    """How far the slipper's front end is ahead of the counted distance [m]; None for zero."""
 
 
 class AbstractBody(ShapeChecked):
@@ -40,7 +40,7 @@ class AbstractBody(ShapeChecked):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the slippers; empty for a body that is one."""
+        """Names of the slippers; empty for a body that is a slipper."""
         return ()
 
     @property
@@ -50,19 +50,19 @@ class AbstractBody(ShapeChecked):
 
     @property
     def static_shares(self) -> Float[AnyArray, " slippers"]:
-        """Shares of the slippers in the weight [1]."""
+        """Shares of the weight that the slippers carry [1]."""
         return np.ones(1)
 
     @abc.abstractmethod
     def mounted(self, section: Section) -> tuple[Mounted, ...]:
-        """Return the slippers; `section`: that of those without one of their own."""
+        """Return the slippers; `section`: for slippers without their own section."""
 
     def reach(self, section: Section) -> Array:
-        """Return how far contact points are from the x axis, along y or z [m]."""
+        """Return the greatest distance of contact points from the x axis, along y or z [m]."""
         return _greatest([_farthest(slipper) for slipper in self.mounted(section)])
 
     def half_length(self, section: Section) -> Array:
-        """Return how far contact points are from the centre of mass along x [m]."""
+        """Return the greatest distance of contact points from the centre of mass along x [m]."""
         ends = []
         for slipper in self.mounted(section):
             x = slipper.place[0]
@@ -101,15 +101,15 @@ class Slipper(AbstractBody):
 
 
 def check_inertia(body: AbstractBody, length: Real, unit: str) -> None:
-    """Warn of moments of inertia that no body of a length [m] has; `unit`: what that length is, in the plural."""
+    """Warn of moments of inertia that no body of a length [m] can have; `unit`: name of the length, plural."""
     if is_traced((body.mass, body.inertia, length)) or body.inertia.shape != (3,):
         return
     inertia = np.asarray(body.inertia)
-    # radii of gyration over the length, which wrong units make implausible
+    # radii of gyration over the length; wrong units make these implausible
     radii = np.sqrt(inertia / np.asarray(body.mass)) / np.asarray(length)
     if np.min(radii) < 0.01 or np.max(radii) > 2:
         worst = radii[np.argmax(np.abs(np.log(radii)))]
         warn(f"Argument `inertia` has a radius of gyration of {worst:.3g} {unit}. Are the units right?")
-    # in a plate both sides are equal, up to rounding
+    # for a plate both sides are equal, up to rounding
     if 2 * np.max(inertia) > np.sum(inertia) * (1 + 1e-9):
         warn("Argument `inertia` has a moment greater than the sum of the others, which no body has.")

@@ -34,30 +34,31 @@ from .scene import Scene, check_scene
 from .step_size import contact_depth
 
 CENTRING = 1e-6
-"""Force that leads a slipper to the middle of its play where nothing else holds it, at one play over its load [1]."""
+"""Force towards the middle of the play, for a slipper that nothing else holds, in multiples of its load, at a
+displacement of one play [1]."""
 HOLD = 1e-3
-"""As `CENTRING`, but of its velocity; the least of what carries a slipper is 100 times as stiff."""
+"""Like `CENTRING`, but for the velocity; the softest support of a slipper is 100 times as stiff [1]."""
 MOST_ITERATIONS = 300
-"""Of 2000 places of sleds on four slippers and twisted rails, with four decades of stiffness, all found their rest,
-the slowest after 170, the mean after 25."""
+"""Most iterations of the search for rest. In 2000 tests (sleds on four slippers, twisted rails, stiffnesses over four
+decades) each search succeeded, after 170 iterations at most and 25 on average."""
 LEAST_APPROACH = 1e-9
-"""Rate beyond that of the rail from which on a contact of a slipper at rest approaches [m/s]."""
+"""Least rate [m/s], relative to the rate of rest, at which a contact of a slipper at rest counts as approaching."""
 
 
 class AtRest(Motion):
-    """A start at rest on the rail: the static equilibrium under gravity and loads, and what is added to it.
+    """A start at rest on the rail: the static equilibrium under gravity and loads, plus this motion.
 
-    The slipper follows the rail as it travels, and its contacts begin without damping. Where nothing decides, as
-    sideways on a flat face, it stands in the middle of its play. A sled stands on its springs.
+    The slipper follows the rail as it travels, and its contacts begin without damping. In directions in which nothing
+    holds the slipper, such as sideways on a flat face, it is in the middle of its play. A sled rests on its springs.
     """
 
 
 def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real | None = None) -> State:
     """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
-    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, by default at rest in mid play;
-    or a `State`, such as a run ended with, which keeps its memory; `epoch`: forcing periods travelled before, by
-    default those to the beginning of the rail.
+    **Arguments:** `motion`: a `Motion`, whose closed contacts begin here, by default at rest in the middle of the
+    play; or a `State`, such as the end of a run, which keeps its memory; `epoch`: forcing periods travelled before,
+    by default the number of periods to the beginning of the rail.
 
     Gives an `ImplausibleWarning` where the slipper begins far outside its play.
 
@@ -74,14 +75,14 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
         )
     epoch = scene.epoch_at(scene.track.origin) if epoch is None else finite("epoch")(epoch)
     require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
-    # numbers become arrays, so that new ones need no compilation
+    # numbers become arrays, so that other numbers need no new compilation
     state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
     warn_of_start(motion, outside, lambda k: scene, epoch)
     return state
 
 
 def check_start(name: str, start: Motion | State) -> Motion | State:
-    """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
+    """Return `start`, a motion or a state; raises `ValueError` unless its numbers are finite or traced."""
     motion = start.motion if isinstance(start, State) else start
     kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.orbits.Trajectory"
     require(isinstance(motion, Motion), name, f"be {kinds}", start)
@@ -93,9 +94,9 @@ def check_start(name: str, start: Motion | State) -> Motion | State:
     return start
 
 
-@jit  # compiled once for all calls from Python; inside programs it is a part of them
+@jit  # compiled once for all calls from Python; inside a program, a part of the program
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) -> tuple[State, Float[Array, ""]]:
-    """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
+    """Return the state of a start, and its greatest penetration in multiples of a typical impact's [1]."""
     if not isinstance(start, State):
         start = State(start, None)
     motion = start.motion
@@ -114,7 +115,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     elif memory is None:  # closed contacts of a motion begin here
         rate = now.rate
         if rest is not None:
-            # contacts that carry a slipper at rest approach by rounding errors alone
+            # contacts that carry a slipper at rest approach only by rounding errors
             approach = rate - contacts(frame, rest).rate
             rate = jnp.where(jnp.abs(approach) > LEAST_APPROACH, approach, 0.0)
         memory = scene.contact_memory.initial(now.gap, rate)
@@ -122,19 +123,19 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
 
 
 def warn_of_start(start: Motion | State, penetration: Array, scene_of: Callable[[int], Scene], epoch: Real) -> None:
-    """Give an `ImplausibleWarning` for motions outside the play, more than three times as deep as typical impacts,
-    and for slippers that find no rest.
+    """Give an `ImplausibleWarning` for motions that penetrate more than three times as deep as typical impacts, and
+    for slippers without an equilibrium.
 
     **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,); `scene_of`: returns the scene of a
     case by its number; `epoch`: of all cases.
     """
-    # a state may be of a run that ended deep inside a contact
+    # a run may have ended deep inside a contact, so that states are not checked
     if is_traced(penetration) or isinstance(start, State):
         return
     depths = np.asarray(penetration)
     if isinstance(start, AtRest) and np.any(np.isnan(depths)):
         warn(_without_rest(scene_of(int(np.argmax(np.isnan(depths)))), epoch))
-    # not how many: a batch is a part of the cases, filled up with copies of one
+    # the number of cases is not known here: a batch is a part of the cases, filled up with copies of one case
     if np.any(depths > 3):
         warn(
             f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
@@ -143,7 +144,7 @@ def warn_of_start(start: Motion | State, penetration: Array, scene_of: Callable[
 
 
 def _without_rest(scene: Scene, epoch: Real) -> str:
-    """Return in words that a scene has no rest, and which slippers of a sled do not touch where the search ended."""
+    """Return a text that says that a scene finds no rest, and which slippers touch nothing where the search ended."""
     names = scene.slipper.names
     if not names:
         return "A slipper finds no rest on the rail: start it with a motion."
@@ -163,10 +164,10 @@ def _floating(scene: Scene, epoch: Real) -> Bool[Array, " slippers"]:
 
 
 def at_rest(scene: Scene, epoch: Real) -> Motion:
-    """Return the motion of a slipper at rest on its rail after `epoch` forcing periods; NaN where it finds no
-    equilibrium.
+    """Return the motion of a slipper at rest on its rail after `epoch` forcing periods; NaN where no equilibrium is
+    found.
 
-    By Newton's iterations with a bounded step. The derivative is that of the equilibrium.
+    Found by Newton's iterations with a bounded step. Derivatives are the derivatives of the equilibrium.
     """
     instance("scene", scene, Scene, "a slipperjax.Scene")
     here = jnp.asarray(epoch, float)
@@ -180,11 +181,11 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
         return _pose(scene, place, scales, search.unknown - step)
 
     motion = pose(here, search.slope)
-    # a slipper that hardly anything holds goes with the middle of its play, not after each change of a small force
+    # a slipper that is hardly held moves with the middle of its play, and does not follow changes of small forces
     held = search.slope - HOLD * jnp.eye(search.unknown.size)
     _, change = jax.jvp(lambda place: pose(place, held), (here,), (jnp.ones(()),))
     period = scene.travel(here).period
-    # from the quaternion's derivative, the inverse of `attitude_rates`
+    # the angular velocity from the quaternion's derivative: the inverse of `attitude_rates`
     q = jnp.stack([motion.q_x, motion.q_y, motion.q_z])
     q_0, q_rate = scalar_part(motion), jnp.stack([change.q_x, change.q_y, change.q_z]) / period
     spin = 2 * (q_0 * q_rate + q * jnp.dot(q, q_rate) / q_0 - jnp.cross(q, q_rate))
@@ -198,11 +199,11 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
 
 
 class _Scales(NamedTuple):
-    """Scales of a slipper at rest, by which its unknowns and residuals are about one."""
+    """Scales of a slipper at rest, which make unknowns and residuals about one."""
 
     pose: Float[Array, " unknowns"]
-    """Of y and z [m], q_x, q_y, q_z [1] and elastic modes: they move points by the play, or as deep as the load
-    presses."""
+    """Scales of y and z [m], q_x, q_y, q_z [1] and elastic modes: each moves points by the play plus the depth to
+    which the load presses."""
     load: Array
     """Force that the contacts carry [N]."""
 
@@ -214,11 +215,11 @@ class _Scales(NamedTuple):
         if scene.load is not None:
             (_, *force), moment = scene.load.wrench(scene.travel(epoch))
             load = load + sum(map(jnp.abs, force)) + sum(map(jnp.abs, moment)) / half_length
-        # without both, forces are scaled by the weight on earth
+        # without gravity and load, the weight on earth scales forces
         load = jnp.where(load > 0, load, body.mass * STANDARD_GRAVITY)
         depth = (load / scene.contact.stiffness) ** (2 / 3)
         size = jnp.max(scene.section.play) + depth
-        # a quaternion is half an angle
+        # a quaternion's component is half an angle
         pose = size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length])
         if body.modes is not None:
             farthest = jnp.max(jnp.abs(body.modes.shapes), axis=(1, 2))
@@ -227,7 +228,7 @@ class _Scales(NamedTuple):
 
 
 def _middle(scene: Scene, epoch: Array) -> Sequence[Real]:
-    """Return y, z, q_x, q_y and q_z of a body whose slippers are in the middle of their play, as nearly as can be."""
+    """Return y, z, q_x, q_y and q_z of a body whose slippers are as near as possible to the middle of their play."""
     distance = epoch * scene.wavelength
     if len(scene.mounted) > 1:
         return _level(scene, epoch)
@@ -259,7 +260,7 @@ def _level(scene: Scene, epoch: Array) -> list[Array]:
 
 
 def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, " unknowns"]) -> Motion:
-    """Return the motion without velocities at the place of `unknown`, which counts from the middle of the play."""
+    """Return the motion, without velocities, at the pose `unknown`, which counts from the middle of the play."""
     scaled = [size * u for size, u in zip(scales.pose, unknown, strict=True)]
     modes = None
     if scene.slipper.modes is not None:
@@ -270,7 +271,7 @@ def _pose(scene: Scene, epoch: Array, scales: _Scales, unknown: Float[Array, " u
 
 def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
     """Return force along y and z [N], moment about x, y and z [N m] and forces on modes [N kg^-0.5] of a slipper
-    that stands there.
+    without motion.
 
     The forces of contacts are elastic, because nothing approaches.
     """
@@ -287,15 +288,15 @@ def _wrench(scene: Scene, epoch: Array, motion: Motion) -> list[Array]:
 
 
 def _residual(scene: Scene, epoch: Array, scales: _Scales, unknown: Array) -> Float[Array, " unknowns"]:
-    """Return the work of forces and moments over the scales of a slipper's pose, over that of its load [1]."""
+    """Return the work of forces and moments over the scales of a slipper's pose, divided by the load's work [1]."""
     wrench = jnp.stack(_wrench(scene, epoch, _pose(scene, epoch, scales, unknown)))
-    # twice the quaternion is the angle
+    # an angle is twice the quaternion's component
     ways = scales.pose * np.append([1.0, 1.0, 2.0, 2.0, 2.0], np.ones(unknown.size - 5))
     return wrench * ways / (scales.pose[0] * scales.load) - CENTRING * unknown
 
 
 def _newton_step(slope: Array, residual: Array) -> Array:
-    """Return what an iteration of Newton's method takes off, without LAPACK, which threads must not share."""
+    """Return what an iteration of Newton's method subtracts, without LAPACK, which threads must not share."""
     if residual.size == 5:
         return jnp.stack(solved(factored(list(map(list, slope))), list(residual)))
     return eliminated(slope, residual)
@@ -306,9 +307,9 @@ class _Search(NamedTuple):
 
     unknown: Float[Array, " unknowns"]
     step: Float[Array, " unknowns"]
-    """The last one, which is taken back where it went too far."""
+    """The last step, which is undone where it was too long."""
     held: Float[Array, " unknowns"]
-    """Before the last step, as the residual and the slope."""
+    """Unknowns before the last step, to which the residual and the slope belong."""
     residual: Float[Array, " unknowns"]
     slope: Float[Array, "unknowns unknowns"]
     damping: Array
@@ -320,12 +321,12 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
     """Return the end of the search for the equilibrium."""
 
     def improve(at: _Search) -> _Search:
-        # the residual beside its derivatives, by one program
+        # one program for the residual and its derivatives
         along = lambda unknown, way: jax.jvp(lambda u: _residual(scene, epoch, scales, u), (unknown,), (way,))
         each = jnp.eye(at.unknown.size)
         residual, slope = jax.vmap(along, (None, 0), (None, 1))(at.unknown, each)
-        # Forces are those of an energy, whose minimum a step must not pass so far that it climbs as steeply as it
-        # fell: steps become shorter where contacts open and close by turns.
+        # Forces are slopes of an energy. A step must not pass the energy's minimum so far that the slope at its end
+        # is as steep as at its beginning. Steps become shorter where contacts open and close in turn.
         fell = jnp.abs(jnp.dot(at.residual, at.step))
         back = -jnp.dot(residual, at.step)
         good = (back <= 0.9 * fell) | (at.count == 0)
@@ -335,7 +336,7 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
         now, before = (at.unknown, residual, slope), (at.held, at.residual, at.slope)
         held, residual, slope = jax.tree.map(lambda new, old: jnp.where(good, new, old), now, before)
         full = -_newton_step(slope - damping * each, residual)
-        # an open slipper falls by its play at most
+        # a slipper without contact falls by its play at most
         step = full / jnp.maximum(jnp.max(jnp.abs(full)), 1.0)
         return _Search(held + step, step, held, residual, slope, damping, at.count + 1)
 
@@ -346,8 +347,8 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
 
 
 def _with_parts(scene: Scene, motion: Motion) -> Motion:
-    """Return a motion with those of the parts that the scene has: a mass at rest on its springs, modes at rest."""
-    # a motion with more parts may start a scene without them
+    """Return a motion with a part for each part of the scene: a mass at rest on its springs, modes at rest."""
+    # a motion may have parts that the scene does not have
     sled = modes = None
     if scene.sled is not None:
         sag = scene.sled.sag(scene.gravity)

@@ -1,4 +1,4 @@
-"""What was measured on a track: surveys of rails, as tracks that know their files, and histories of speeds."""
+"""Measurements on a track: surveys of rails, as tracks that know their files, and histories of speeds."""
 
 import contextlib
 import functools
@@ -40,13 +40,13 @@ ALIASES_OF_TWO = ALIASES | {
 """Other names of columns of two rails."""
 
 DAMPING = 0.03
-"""Of waves that follow from versines, over what a chord shows of them, at most 2 [1]."""
+"""Damping of the waves that follow from versines, over the height that a chord shows of them, at most 2 [1]."""
 
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
 
 
 class _TwoRailsFound(ValueError):
-    """A file of two rails in place of one."""
+    """A file has two rails in place of one."""
 
 
 class SurveyedTrack(SampledTrack):
@@ -60,9 +60,9 @@ class SurveyedTrack(SampledTrack):
     sha256: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
     """Digest of the file's content, its first 16 digits."""
     chord: float | None = eqx.field(static=True, metadata={"unit": "m"})  # pyright: ignore[reportGeneralTypeIssues]
-    """Length of the chord by whose middle the rail was measured [m]; None for displacements from a line."""
+    """Length of the chord at whose middle the rail was measured [m]; None for displacements from a line."""
     distance_unit: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
-    """Unit in which the file has its distances, such as ft."""
+    """Unit of the file's distances, such as ft."""
 
     def __init__(
         self,
@@ -75,7 +75,8 @@ class SurveyedTrack(SampledTrack):
     ):
         """**Arguments:** as for `load_rail` and `SampledTrack`; `sha256`: digest that the file must have.
 
-        **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
+        **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` where there is no
+        file.
         """
         path, content, self.sha256 = _content(file, sha256)
         self.file = str(file)
@@ -102,16 +103,16 @@ class SurveyedRails(AbstractTwoRails):
     sha256: str = eqx.field(static=True)
     """Digest of the file's content, its first 16 digits."""
     chord: float | None = eqx.field(static=True, metadata={"unit": "m"})
-    """Length of the chord by whose middle the rails were measured [m]; None for displacements from a line."""
+    """Length of the chord at whose middle the rails were measured [m]; None for displacements from a line."""
     ends: str = eqx.field(static=True)
-    """How both rails go on beyond their ends, see `SampledTrack`."""
+    """How both rails continue beyond their ends, see `SampledTrack`."""
     ramp: float = eqx.field(static=True, metadata={"unit": "m"})
     """Length of the ramps of both rails [m], see `SampledTrack`."""
     distance_unit: str = eqx.field(static=True)
-    """Unit in which the file has its distances, such as ft."""
-    # the default stands in place of the property that all tracks have
+    """Unit of the file's distances, such as ft."""
+    # the default replaces the property that all tracks have
     gauge: float | None = eqx.field(static=True, metadata={"unit": "m"}, default=None)
-    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+    """Distance between the axes of the undisturbed rails [m]; None: each rail is where its mounts are."""
 
     def __init__(
         self,
@@ -125,7 +126,8 @@ class SurveyedRails(AbstractTwoRails):
     ):
         """**Arguments:** as for `load_rail` and `SampledTrack`; `sha256`: digest that the file must have.
 
-        **Raises:** `ValueError` for a file that is no survey of two rails, or has another digest; `OSError` for none.
+        **Raises:** `ValueError` for a file that is no survey of two rails, or has another digest; `OSError` where
+        there is no file.
         """
         path, content, self.sha256 = _content(file, sha256)
         self.file = str(file)
@@ -134,7 +136,7 @@ class SurveyedRails(AbstractTwoRails):
         rails, of_gauge, self.distance_unit = _read_two(path, content, self.gauge)
         if self.chord is not None:
             rails = {side: _from_chords(columns, self.chord) for side, columns in rails.items()}
-        # the gauge is left less right
+        # the gauge is left minus right
         if of_gauge is not None and self.gauge is not None:
             wider = of_gauge - self.gauge
             if "lateral" in rails["left"]:
@@ -154,36 +156,35 @@ class SurveyedRails(AbstractTwoRails):
 def load_rail(
     file: str | Path, *, chord: float | None = None, gauge: float | None = None, **options: object
 ) -> SurveyedTrack | SurveyedRails:
-    """Read a survey of a rail, or of two.
+    """Read a survey of one rail, or of two rails.
 
-    A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, or
-    with units in the line below, and a line for each sample; `roll` is optional. Lines above the names are left out,
-    what follows #, and columns of remarks. Columns stand between commas, or between semicolons or tabs, where
-    decimals may have commas; distances may be stations such as 129+773 [m]. A netCDF file has variables of these
-    names with an attribute `units`, packed or not. Lateral counts positive to the left, vertical upwards, roll about
-    x.
+    A CSV file has a line of names and a line for each sample. Units are in brackets after the names, such as
+    `chainage [ft], lateral [mm], vertical [mm]`, or in the line below the names; `roll` is optional. Lines above the
+    names, text after # and columns of remarks are ignored. Commas separate columns; so do semicolons or tabs, and
+    then decimals may have commas. Distances may be stations such as 129+773 [m]. A netCDF file has variables of these
+    names with an attribute `units`, packed or not. Lateral is positive to the left, vertical upwards, roll about x.
 
     A file of two rails has columns `left lateral`, `left vertical`, `right lateral`, `right vertical`, optionally
-    `left roll` and `right roll`, each rail's displacements from its own line; in netCDF files `left_lateral`. In
-    place of one rail's lateral it may have `gauge`, the distance between both rails: right lateral is left lateral
-    less what the gauge is more than its nominal value.
+    `left roll` and `right roll`, with each rail's displacements from its own line; in netCDF files `left_lateral`. In
+    place of one rail's lateral the file may have `gauge`, the distance between both rails: right lateral is left
+    lateral minus the excess of the gauge over its nominal value.
 
     **Arguments:**
 
-    - `file`: its path. Scenes and results hold the path and a digest, by which they find the samples again.
-    - `chord`: length of a chord [m] where lateral and vertical are the distances of the rail from the middle of that
+    - `file`: its path. Scenes and results hold the path and a digest, and read the samples again from there.
+    - `chord`: length of a chord [m] where lateral and vertical are distances of the rail from the middle of this
         chord (versines), and not displacements from a line. Waves that the chord shows by less than a tenth, such as
-        those of half its length, are left out, and so is a line of the versines. A column of the gauge is none.
+        waves of half its length, are left out, and so is a line of the versines. A column of the gauge is no versine.
     - `gauge`: nominal distance between the axes of two rails [m], which a column of the gauge needs; None: each rail
         is where its mounts are.
     - `options`: `ends` and `ramp` of `SampledTrack`, of both rails.
 
-    **Returns:** a `SurveyedTrack`, which is a `SampledTrack`; of a file with columns of both a left and a right rail
-    a `SurveyedRails`, whose `left` and `right` are.
+    **Returns:** a `SurveyedTrack`, which is a `SampledTrack`; for a file with columns of both a left and a right rail
+    a `SurveyedRails`, whose `left` and `right` are such tracks.
 
-    **Raises:** `ValueError` with all faults of the file by their lines: names, units or numbers that are wrong, two
-    columns of one meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError`
-    for a file that cannot be read. A warning tells displacements that are implausible, such as a level above the sea.
+    **Raises:** `ValueError` with all faults of the file by their lines: wrong names, units or numbers, two columns of
+    one meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError` for a file
+    that cannot be read. A warning names implausible displacements, such as a level above the sea.
     """
     with contextlib.suppress(_TwoRailsFound):
         track = SurveyedTrack(file, chord=chord, **options)
@@ -193,7 +194,7 @@ def load_rail(
 
 
 def _content(file: str | Path, sha256: str | None) -> tuple[Path, bytes, str]:
-    """Return the path of a file, its content, and the first digits of the digest, which must be a given one."""
+    """Return a file's path, its content, and the first digits of its digest, which must be `sha256` if given."""
     path = user_path(file, "file")
     content = content_of(path)
     found = hashlib.sha256(content).hexdigest()[:16]
@@ -203,7 +204,7 @@ def _content(file: str | Path, sha256: str | None) -> tuple[Path, bytes, str]:
 
 
 def _warn_if_coarse(file: str, *rails: SampledTrack) -> None:
-    """Warn where waves of rails are hardly longer than the distance between their samples."""
+    """Warn where a rail has waves that are hardly longer than the distance between its samples."""
     spacing = float(rails[0].spacing)
     wave = min(float(rail.shortest_wavelength) for rail in rails)
     if wave < 4 * spacing:
@@ -223,7 +224,7 @@ def _columns_of_one(names: Set[str]) -> Mapping[str, str]:
 
 
 def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
-    """Return the columns of a survey by name, in SI units, and the unit in which its distances are written."""
+    """Return the columns of a survey by name, in SI units, and the unit of the file's distances."""
     table = Table(path, content, _columns_of_one, ALIASES_OF_TWO)
     found = table.columns
     if "distance" not in found or not {"lateral", "vertical"} & set(found):
@@ -240,10 +241,10 @@ def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
 def _read_two(
     path: Path, content: bytes, gauge: float | None
 ) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None, str]:
-    """Return the columns of two rails by side and name, and of the gauge if any, in SI units; and the unit in which
-    distances are written.
+    """Return the columns of two rails by side and name, and of the gauge if any, in SI units; and the unit of the
+    file's distances.
 
-    **Arguments:** `gauge`: the nominal one [m]; None where it is not known.
+    **Arguments:** `gauge`: the nominal gauge [m]; None where it is not known.
     """
     table = Table(path, content, COLUMNS_OF_TWO, ALIASES_OF_TWO)
     found = table.columns
@@ -275,14 +276,14 @@ def _read_two(
 
 
 def _warn_of_offsets(table: Table) -> None:
-    """Warn of columns that are called offsets, which road surveys count positive to the right."""
+    """Warn of columns with the name offset, which road surveys count positive to the right."""
     offsets = [column.name for column in table.columns.values() if "offset" in column.name.lower()]
     if offsets:
         warn(f"File {table.path}: {listed(offsets)} counts as lateral, positive to the left along the distance.")
 
 
 def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.ndarray]:
-    """Return the columns of one of two rails; what it lacks is zero, and it rolls if either does."""
+    """Return the columns of one of two rails; a missing column is zero, and both rails roll if one does."""
     columns = rails[side]
     names = ["lateral", "vertical", *(["roll"] if any("roll" in of for of in rails.values()) else [])]
     return {name: np.zeros_like(columns["distance"]) for name in names} | columns
@@ -292,9 +293,9 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
     """Read a measured history of speeds.
 
     A CSV or netCDF file as for `load_rail` has columns `speed` (or velocity) and `distance` (chainage, station) or
-    `time`, such as `time [s], velocity [ft/s]`; one with both is read by distance.
+    `time`, such as `time [s], velocity [ft/s]`; a file with both is read by distance.
 
-    **Arguments:** `begin`: where along the rail the sled is at the first time, or at distance zero of the file [m].
+    **Arguments:** `begin`: place of the sled along the rail at the first time, or at distance zero of the file [m].
 
     **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
     """
@@ -310,8 +311,8 @@ def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
-    """Return displacements from distances to the middle of a chord, see `load_rail`: the least waves that have these,
-    by least squares, and none that the chord hardly shows."""
+    """Return displacements from distances to the middle of a chord, see `load_rail`: the smallest waves with these
+    distances, by least squares, without waves that the chord hardly shows."""
     from scipy.sparse.linalg import LinearOperator, lsqr  # here, because importing it takes time
 
     distance = columns["distance"]
@@ -322,15 +323,15 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
         "be None where samples are not equally spaced",
         chord,
     )
-    # beyond both ends, where the outer chords end, waves are free
+    # displacements beyond both ends, where the outer chords end, are free
     samples = len(distance)
     room = math.ceil(2 * chord / steps.mean())
     size = 1 << (samples + 2 * room).bit_length()
-    # a sine of amplitude one has middles of chords as high as this
+    # height of the chord's middle for a sine of amplitude one
     gain = 1 - np.cos(np.pi * np.fft.rfftfreq(size, steps.mean()) * chord)
     gain[gain < 0.1] = 0.0  # waves that the chord hardly shows would be noise
     middles = lambda waves: np.fft.irfft(np.fft.rfft(waves) * gain, size)
-    # a line of the versines is a curve that no such wave makes
+    # a line of the versines would be a curve that no such wave makes
     lines, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, samples), 2))
     about_line = lambda versines: versines - lines @ (lines.T @ versines)
     within = slice(room, room + samples)

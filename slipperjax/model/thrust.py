@@ -20,28 +20,28 @@ PLACES = 500
 """Number of places of a programme at equal times, and at equal distances, in each of its phases: thrust, coasting,
 and every brake."""
 NOISE = 0.02
-"""Share of the greatest thrust by which a measured one may be below zero [1]."""
+"""Greatest value below zero of a measured thrust, over the greatest thrust [1]."""
 ACCURACY = 1e-9
-"""Relative tolerance of the integration, and absolute one [m], [m/s]."""
+"""Relative tolerance of the integration, and absolute tolerance [m], [m/s]."""
 
 
 class WaterBrake(ShapeChecked):
     """A scoop that dips into a trough of water between two distances, and turns the water that it takes up.
 
-    The force is that of the water's change of momentum along the rail, rho A V^2 (1 - cos(turn)), as of the rocket
-    sled with a scoop in F. M. White, Fluid Mechanics, chapter 3.
+    The force is the water's change of momentum along the rail, rho A V^2 (1 - cos(turn)), as for the rocket sled with
+    a scoop in F. M. White, Fluid Mechanics, chapter 3.
     """
 
     begin: Float[Array, ""] = field("m", finite)
     """Distance along the rail where the scoop dips in [m]."""
     end: Float[Array, ""] = field("m", finite)
-    """Distance along the rail where it leaves the water [m]."""
+    """Distance along the rail where the scoop leaves the water [m]."""
     area: Float[Array, ""] = field("m^2", positive)
     """Area of the scoop in the water [m^2]."""
     turn: Float[Array, ""] = field("rad", positive, default=math.pi / 2)
-    """Angle by which the scoop turns the water [rad]: a right angle sends it sideways, a straight one forwards."""
+    """Angle by which the scoop turns the water [rad]: 90 degrees sends the water sideways, 180 degrees forwards."""
     density: Float[Array, ""] = field("kg/m^3", positive, default=1000.0)
-    """Of the water [kg/m^3]."""
+    """Density of the water [kg/m^3]."""
 
     def __check_init__(self):
         require(self.begin < self.end, "end", f"lie beyond `begin`, {float(self.begin):g} m", float(self.end))
@@ -67,25 +67,25 @@ class RocketSled(ShapeChecked):
     """
 
     time: Float[Array, " rows"] = field("s", finite)
-    """Times of the thrust, increasing [s]. At the first one the sled stands still."""
+    """Times of the thrust, increasing [s]. At the first time the sled is at rest."""
     thrust: Float[Array, " rows"] = field("N", not_negative)
-    """Thrust at these times, linear between them [N]; zero after the last."""
+    """Thrust at these times, linear between them [N]; zero after the last time."""
     mass: Float[Array, ""] = field("kg", positive)
-    """Mass at the beginning, with propellant [kg]."""
+    """Mass at the beginning, including propellant [kg]."""
     propellant: Float[Array, ""] = field("kg", not_negative, default=0.0)
     """Mass that burns, in proportion to the impulse of the thrust [kg]."""
     drag_area: Float[Array, ""] = field("m^2", not_negative, default=0.0)
     """Drag coefficient times area [m^2]."""
     density: Float[Array, ""] = field("kg/m^3", positive, default=1.225)
-    """Of the air [kg/m^3]."""
+    """Density of the air [kg/m^3]."""
     friction: Float[Array, ""] = field("", not_negative, default=0.0)
     """Friction on the rail over the weight [1]."""
     brakes: tuple[WaterBrake, ...] = eqx.field(converter=_brakes, default=())
     """Water brakes along the rail."""
     begin: Float[Array, ""] = field("m", finite, default=0.0)
-    """Distance along the rail where the sled stands at the beginning [m]."""
+    """Distance along the rail of the sled at the beginning [m]."""
     length: Float[Array, ""] = field("m", positive, default=1e5)
-    """Length of travel after which the programme ends where the sled has not stopped [m]."""
+    """Length of travel after which the programme ends if the sled has not stopped [m]."""
 
     @classmethod
     def from_file(cls, file: str | Path, **more: object) -> "RocketSled":
@@ -101,8 +101,8 @@ class RocketSled(ShapeChecked):
         require(self.propellant < self.mass, "propellant", "be less than the mass", float(self.propellant))
 
     def programme(self) -> SpeedProgramme:
-        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` and no thrust is left, or
-        has travelled `length`.
+        """Return the programme of speeds, until the sled is slower than `LEAST_SPEED` without thrust, or has
+        travelled `length`.
 
         **Raises:** `ValueError` where the thrust does not move the sled.
         """
@@ -112,10 +112,10 @@ class RocketSled(ShapeChecked):
         far = begin + float(self.length)
         start = float(self.time[0])
         burnout = float(self.time[-1])
-        # behind the last time with thrust, also after a pause, a sled that is slow stays so
+        # after the last time with thrust, or after a pause, a slow sled stays slow
         pushed = np.asarray(self.time)[1:][np.asarray(self.thrust[1:] + self.thrust[:-1]) > 0]
         last_push = float(pushed[-1]) if len(pushed) else start
-        # between these the forces have no jumps
+        # forces have no jumps between these distances
         edges = sorted(x for b in self.brakes for x in (float(b.begin), float(b.end)) if begin < x < far)
         edges.append(far)
         # so that no step passes over a row of the thrust
@@ -141,7 +141,7 @@ class RocketSled(ShapeChecked):
                 max_step=row if burns else np.inf,
             )
             times, places, speeds = _sampled(found)
-            # a phase begins where the one before ended
+            # a phase begins where the phase before ended
             rows.append(np.stack([places, speeds, times])[:, 1 if rows else 0 :])
             slow, reached = (len(hits) > 0 for hits in found.t_events)
             t, v = float(found.t[-1]), float(speeds[-1])
@@ -154,7 +154,7 @@ class RocketSled(ShapeChecked):
         return SpeedProgramme.passing(places[rises], speeds[rises], times[rises], timed=True)
 
     def _rates(self, brake: float, burns: bool) -> Callable[[float, np.ndarray], tuple[float, float]]:
-        """Return the derivatives of distance and speed as a function of time and these two.
+        """Return the derivatives of distance and speed, as a function of time and of both.
 
         **Arguments:** `brake`: force of water brakes over the square of the speed [N s^2/m^2]; `burns`: whether there
         is thrust.
@@ -172,13 +172,13 @@ class RocketSled(ShapeChecked):
             push = 0.0
             burnt = impulses[-1]
             if burns:
-                # the thrust is linear between its rows, and what has burnt its integral
+                # the thrust is linear between its rows, and the burnt mass is its integral
                 k = min(max(int(np.searchsorted(time, t, side="right")) - 1, 0), len(time) - 2)
                 since = t - time[k]
                 push = thrust[k] + since * (thrust[k + 1] - thrust[k]) / (time[k + 1] - time[k])
                 burnt = impulses[k] + since * (thrust[k] + push) / 2
             a = (push - drag * v * abs(v)) / (mass - per_impulse * burnt) - friction
-            # what stands still is not pushed backwards
+            # a sled at rest is not pushed backwards
             return v, a if v > 0 else max(a, 0.0)
 
         return rates
@@ -199,15 +199,15 @@ def _sampled(found: Any) -> np.ndarray:
 
 
 def _falls(value: Any) -> Any:
-    """Return an event of `solve_ivp` that ends it where a value falls through zero."""
+    """Return an event that ends `solve_ivp` where a value changes from positive to negative."""
     value.terminal = True
     value.direction = -1
     return value
 
 
 def _of_motor(path: Path) -> dict[str, np.ndarray]:
-    """Return the thrust of a motor in RASP's format: remarks behind ;, a line of seven words, and rows of time [s]
-    and thrust [N] up to one of zero, without that at the beginning."""
+    """Return the thrust of a motor in RASP's format: remarks after ;, a line of seven words, and rows of time [s] and
+    thrust [N] up to a row with zero thrust; the file has no row for the beginning."""
     with readable(path, "RASP file"):
         lines = [line.split(";")[0].split() for line in content_of(path).decode("cp1252").splitlines()]
         head, *rows = [words for words in lines if words]
@@ -227,6 +227,6 @@ def read_thrust(file: str | Path) -> dict[str, np.ndarray]:
         return _of_motor(path)
     _, columns = read_rows(file, {"time": "s"}, {"thrust": "N"}, {"t": "time"})
     thrust = columns["thrust"]
-    # what a load cell shows below zero is noise
+    # values of a load cell below zero are noise
     noise = (thrust < 0) & (thrust > -NOISE * thrust.max())
     return columns | {"thrust": np.where(noise, 0.0, thrust)}

@@ -29,7 +29,7 @@ class Irregularity(NamedTuple):
     vertical: Array
     """Along z, positive upwards [m]; slope [m/m]."""
     roll: Array | None
-    """About x [rad]; slope [rad/m]. None where the track does not roll, which omits its operations."""
+    """About x [rad]; slope [rad/m]. None where the track does not roll, which saves operations."""
 
 
 class AbstractTrack(ShapeChecked):
@@ -38,7 +38,7 @@ class AbstractTrack(ShapeChecked):
     @property
     def wavelength(self) -> Float[Array, ""]:
         """The length that defines the forcing period [m], period = wavelength / speed: the first wavelength. By
-        default 8 m, for tracks that have none; see `Scene.window`."""
+        default 8 m, for tracks without waves; see `Scene.window`."""
         with jax.ensure_compile_time_eval():  # known inside jit, too
             return jnp.asarray(DEFAULT_WAVELENGTH)
 
@@ -54,13 +54,13 @@ class AbstractTrack(ShapeChecked):
         return instance("irregularity", here, Irregularity, "a slipperjax.model.Irregularity"), slope
 
     def prepared(self) -> "AbstractTrack":
-        """Return the track as runs evaluate it, with all work done that is the same at all distances."""
+        """Return the track in the form that runs evaluate, with all work done that is the same at all distances."""
         return self
 
     @property
     def is_rough(self) -> bool:
-        """Whether contacts last on it and are pressed in anew, as on surveyed and random rails and over joints; here
-        False. It decides which memory contacts have by default, see `Scene.contact_memory`."""
+        """Whether contacts on this track last and are pressed in again, as on surveyed and random rails and over
+        joints; by default False. This decides the default memory of contacts, see `Scene.contact_memory`."""
         return False
 
     chosen_by: ClassVar[str] = ""
@@ -68,28 +68,28 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def rails(self) -> dict[str, "AbstractTrack"]:
-        """The rails by their names; empty for a track that is that of every rail."""
+        """The rails by name; empty for a track that serves as every rail."""
         return {}
 
     @property
     def gauge(self) -> Float[Array, ""] | None:
-        """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+        """Distance between the axes of the undisturbed rails [m]; None: each rail is where its mounts are."""
         return None
 
     @property
     def begin(self) -> Real:
-        """Distance from which on the rail is described [m]; -inf where it is everywhere."""
+        """Distance from which the rail is described [m]; -inf without a limit."""
         return -np.inf
 
     @property
     def origin(self) -> Real:
-        """Distance at which runs begin unless told otherwise [m]: where the rail does, or else zero."""
+        """Distance at which runs begin by default [m]: the beginning of the rail, or else zero."""
         begin = self.begin
         return begin if is_traced(begin) or np.isfinite(begin) else 0.0
 
     @property
     def extent(self) -> Real:
-        """Distance up to which the rail is described [m]; inf where it is everywhere."""
+        """Distance up to which the rail is described [m]; inf without a limit."""
         return np.inf
 
     @property
@@ -99,10 +99,10 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        """Length of travel after which the irregularity recurs [m]; 0 where it is the same everywhere, infinite where
-        it never does.
+        """Length of travel after which the irregularity recurs [m]; 0 where it is constant, infinite where it never
+        recurs.
 
-        By default one wavelength or infinite, from samples one and a thousand wavelengths apart.
+        By default one wavelength or infinite, from samples that are one and a thousand wavelengths apart.
         """
         # places within one wavelength
         shares = jnp.arange(64) / 64
@@ -126,7 +126,7 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def shortest_wavelength(self) -> Float[Array, ""]:
-        """Shortest wavelength of the irregularity [m], by default the first."""
+        """Shortest wavelength of the irregularity [m], by default the first wavelength."""
         return self.wavelength
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
@@ -135,8 +135,10 @@ class AbstractTrack(ShapeChecked):
 
 
 def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """Return the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
-    is none. Traced numbers may be any, and the rail of such a one is NaN."""
+    """Return the number that chooses one of many rails, as an index, and whether a rail has this number.
+
+    The index is 0 where no rail has the number. A traced number is not checked; a wrong one gives a rail of NaN.
+    """
     number = getattr(track, track.chosen_by)
     check = track.check_of(track.chosen_by)
     assert check is not None  # of each such track
@@ -146,7 +148,7 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
 
 def greatest(values: Sequence[Real]) -> Real:
     """Return the greatest of some numbers, which may be traced."""
-    # Python's own, where it can be, compiles nothing
+    # Python's `max` compiles nothing
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
 
@@ -157,13 +159,15 @@ PLAUSIBLE_GAUGES = 0.1, 10.0
 
 
 def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
-    """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
-    is none up to 100. A length of zero goes with all."""
-    # on the host where nothing is traced, which compiles nothing
+    """Return the least count, up to 100, for which count * `unit` is a whole multiple of each of `lengths`.
+
+    Infinite where there is no such count. A length of zero fits to each count.
+    """
+    # on the host where nothing is traced, so that nothing is compiled
     traced = is_traced((unit, lengths))
     xp = jnp if traced else np
     counts = xp.arange(1.0, 101.0)
-    # a count fits where it makes whole numbers of all lengths
+    # a count fits where count * unit is a whole multiple of all lengths
     each = xp.ravel(xp.asarray(lengths))
     times = xp.outer(counts, xp.asarray(unit) / xp.where(each > 0, each, 1.0))
     nearest = xp.round(times)
@@ -172,12 +176,12 @@ def least_common_count(unit: Array, lengths: Array) -> Float[Array, ""]:
 
 
 def on_host(values: Array | np.ndarray) -> Array | np.ndarray:
-    """Return an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
+    """Return an array as one of NumPy, so that nothing is compiled; a traced array as it is."""
     return values if is_traced(values) else np.asarray(values)
 
 
 class _Waves(AbstractTrack):
-    """A sum of sines, of which the first defines the forcing period."""
+    """A sum of sines; the first sine defines the forcing period."""
 
     wavelengths: eqx.AbstractVar[Float[Array, " waves"]]
 
@@ -197,7 +201,7 @@ class _Waves(AbstractTrack):
 class HarmonicTrack(_Waves):
     """A sum of sines of one or more wavelengths with equal amplitudes, in phase laterally, vertically and in roll.
 
-    `FourierTrack` has amplitudes and phases of their own.
+    `FourierTrack` has different amplitudes and phases.
 
     Dang et al. 2024, Eq. (10) for one wavelength and Eq. (25) for two.
     """
@@ -236,7 +240,7 @@ class HarmonicTrack(_Waves):
 
     @property
     def steepest_slope(self):
-        """An upper bound, attained where the slopes of all waves are greatest at one place, as at the start [1]."""
+        """An upper bound [1], reached where the slopes of all waves are greatest at one place, as at the start."""
         return jnp.sum(2 * jnp.pi * jnp.abs(self.amplitude) / self.wavelengths)
 
 
@@ -257,13 +261,13 @@ class StraightTrack(AbstractTrack):
 
 
 def _row(values: Array, distance: Array) -> Array:
-    """Return values with as many axes before them as distances have."""
-    # JAX may be told to refuse axes that are added silently
+    """Return values with leading axes, as many as distances have."""
+    # a user may make JAX refuse axes that are added silently
     return values.reshape((1,) * distance.ndim + (-1,))
 
 
 class FourierTrack(_Waves):
-    """A sum of sines with an amplitude and a phase of its own for each wavelength and direction."""
+    """A sum of sines, with an amplitude and a phase for each wavelength and direction."""
 
     wavelengths: Float[Array, " waves"] = field("m", positive)
     """Wavelengths [m]. The first defines the forcing period."""
@@ -274,11 +278,11 @@ class FourierTrack(_Waves):
     roll: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Amplitudes of the roll angle [rad]. None: the track does not roll."""
     lateral_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
-    """Phases of the lateral sines at distance zero [rad]; None for zero."""
+    """Phases of the lateral sines at distance zero [rad]; None: zero."""
     vertical_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
-    """Phases of the vertical sines at distance zero [rad]; None for zero."""
+    """Phases of the vertical sines at distance zero [rad]; None: zero."""
     roll_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
-    """Phases of the roll sines at distance zero [rad]; None for zero."""
+    """Phases of the roll sines at distance zero [rad]; None: zero."""
 
     def __check_init__(self):
         for name, array in vars(self).items():
@@ -320,7 +324,7 @@ def _joint(u: Array) -> Array:
 
 
 SHAPES = {
-    # third powers end with continuous second derivatives
+    # third powers give continuous second derivatives at the ends
     "dip": lambda u: jnp.maximum(1 - u**2, 0.0) ** 3,
     "step": lambda u: smooth_step((u + 1) / 2),
     "joint": _joint,
@@ -330,12 +334,12 @@ bend down."""
 
 
 class LocalTrack(AbstractTrack):
-    """Dips, steps or joints at some places of a rail that is straight otherwise, all of one length."""
+    """Dips, steps or joints of one length, at some places of an otherwise straight rail."""
 
     place: Float[Array, " places"] = field("m", finite)
     """Distances of their middles [m]."""
     height: Float[Array, " places"] = field("m", finite)
-    """Displacement in the middle, of a step its height [m]; negative for dips."""
+    """Displacement in the middle, for a step its height [m]; negative for dips."""
     length: Float[Array, ""] = field("m", positive)
     """Length of a shape from end to end [m]."""
     shape: str = eqx.field(static=True, default="dip")
@@ -343,7 +347,7 @@ class LocalTrack(AbstractTrack):
     direction: str = eqx.field(static=True, default="vertical")
     """"lateral" or "vertical"."""
     every: Float[Array, ""] | None = field("m", positive, default=None)
-    """Distance after which the shapes repeat [m], such as 1.32 for supports; None: they do not. Not for steps."""
+    """Distance after which the shapes repeat [m], such as 1.32 for supports; None: no repetition. Not for steps."""
 
     def __check_init__(self):
         one_of("shape", self.shape, tuple(SHAPES))
@@ -360,7 +364,7 @@ class LocalTrack(AbstractTrack):
     @at_once
     def irregularity(self, distance):
         x = distance[..., None] - _row(self.place, distance)
-        # the distance from the nearest of those that come again
+        # the distance from the nearest repetition of a shape
         if self.every is not None:
             x = x - self.every * jnp.round(x / self.every)
         form = SHAPES[self.shape](2 * x / self.length)
@@ -375,7 +379,7 @@ class LocalTrack(AbstractTrack):
     @property
     def steepest_slope(self):
         """Slope of the highest shape [1], from samples."""
-        # one shape alone, as high as the highest
+        # only one shape, with the greatest height
         u = jnp.linspace(-0.5, 0.5, 401) * self.length
         own = LocalTrack(jnp.zeros(1), jnp.max(jnp.abs(self.height))[None], self.length, self.shape, "vertical")
         return jnp.max(jnp.abs(own.motion(u)[1].vertical))
@@ -387,7 +391,7 @@ class LocalTrack(AbstractTrack):
 
 
 class _OfTwo(AbstractTrack):
-    """A track of two, the first of which defines the forcing period; it recurs, begins and ends where both do."""
+    """A track of two tracks; the first defines the forcing period; it recurs, begins and ends where both do."""
 
     @property
     @abc.abstractmethod
@@ -400,7 +404,7 @@ class _OfTwo(AbstractTrack):
 
     @property
     def recurrence(self):
-        """The least multiple of the first wavelength after which both recur [m]."""
+        """The least multiple of the first wavelength after which both tracks recur [m]."""
         lengths = jnp.stack([track.recurrence for track in self._both])
         return self.wavelength * least_common_count(self.wavelength, lengths)
 
@@ -414,7 +418,7 @@ class _OfTwo(AbstractTrack):
 
     @property
     def extent(self):
-        # the least of both
+        # the lesser one of both
         return -greatest([-track.extent for track in self._both])
 
     @property
@@ -430,7 +434,7 @@ class SumTrack(_OfTwo):
     """The sum of two tracks, such as joints on a surveyed rail; sums can be summed again."""
 
     one: AbstractTrack
-    """The first, which defines the forcing period."""
+    """The first track, which defines the forcing period."""
     other: AbstractTrack
 
     def __check_init__(self):
@@ -447,7 +451,7 @@ class SumTrack(_OfTwo):
     @property
     def rails(self):
         one, other = self.one.rails, self.other.rails
-        # a single track is added to both rails of the other one
+        # a single track is added to both rails of the other track
         return {name: SumTrack(one.get(name, self.one), other.get(name, self.other)) for name in one or other}
 
     @property
@@ -466,15 +470,15 @@ class SumTrack(_OfTwo):
 
     @property
     def steepest_slope(self):
-        """An upper bound: the sum of both [1]."""
+        """An upper bound: the sum of both tracks' slopes [1]."""
         return self.one.steepest_slope + self.other.steepest_slope
 
 
 class AbstractTwoRails(_OfTwo):
     """A track of a left and a right rail, for a `slipperjax.Sled` whose mounts are on them.
 
-    The left rail is on the side of positive y. Distances along both are the same. Taken as one, the track is the line
-    in the middle between its rails.
+    The left rail is on the side of positive y. Distances along both rails are the same. As a single track, it is the
+    line in the middle between its rails.
     """
 
     left: eqx.AbstractVar[AbstractTrack]
@@ -516,7 +520,7 @@ class TwoRails(AbstractTwoRails):
     right: AbstractTrack
     """The rail on the side of negative y."""
     gauge: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_GAUGES, default=None)
-    """Distance between the axes of the undisturbed rails [m]; None: each is where its mounts are."""
+    """Distance between the axes of the undisturbed rails [m]; None: each rail is where its mounts are."""
 
     def __check_init__(self):
         for name, rail in self.rails.items():
@@ -529,7 +533,7 @@ class TwoRails(AbstractTwoRails):
 
     @property
     def distance_unit(self) -> str:
-        """Unit in which the survey of the left rail has its distances, if it is one; otherwise m."""
+        """Unit of distances in the survey of the left rail, if it is a survey; otherwise m."""
         return getattr(self.left, "distance_unit", "m")
 
 

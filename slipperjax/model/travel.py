@@ -1,4 +1,4 @@
-"""Travel: how fast the slipper moves along the rail, the same all the way or by a programme."""
+"""Travel: the slipper's speed along the rail, constant or by a programme."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,8 +16,8 @@ from ..tools.types import Numbers, Real
 from ..tools.units import in_unit
 
 LEAST_SPEED = 1.0
-"""Least speed of histories and stages [m/s], at which runs pass where the sled is slower or stands: over a distance
-at no speed there are infinitely many steps."""
+"""Least speed of histories and stages [m/s]. Where the sled is slower or at rest, runs pass at this speed, because a
+distance at speed zero would take infinitely many steps."""
 
 
 class Travel(NamedTuple):
@@ -26,13 +26,13 @@ class Travel(NamedTuple):
     speed: Array
     """Travelling speed [m/s]."""
     wavelength: Array
-    """Distance that counts as a forcing period [m]."""
+    """Distance of a forcing period [m]."""
     acceleration: Array | None = None
     """Travelling acceleration [m/s^2]; None where the speed is constant."""
     phase: Real | None = None
-    """Forcing periods since distance zero [1]; None for no place in particular."""
+    """Forcing periods since distance zero [1]; None where there is no particular place."""
     programme: "SpeedProgramme | None" = None
-    """Programme of the speed; None where it is constant."""
+    """Programme of the speed; None where the speed is constant."""
 
     @property
     def distance(self) -> Array:
@@ -42,21 +42,21 @@ class Travel(NamedTuple):
 
     @property
     def seconds(self) -> Array:
-        """Time as the programme counts it, or at constant speed since distance zero [s]."""
+        """Time [s] by the programme, or at constant speed since distance zero."""
         if self.programme is None:
             return self.distance / self.speed
         return self.programme.seconds(self.distance)
 
     @property
     def period(self) -> Array:
-        """Time that a forcing period takes at this speed [s]."""
+        """Duration of a forcing period at this speed [s]."""
         return self.wavelength / self.speed
 
 
 class Stage(ShapeChecked):
-    """A part of a run at constant acceleration, which ends after a length, or a duration, or at a speed.
+    """A part of a run at constant acceleration, which ends after a length, after a duration, or at a speed.
 
-    Where several are given, the first of these counts.
+    Where several of these are given, the first in this order counts.
     """
 
     acceleration: Float[Array, ""] = field("m/s^2", finite)
@@ -64,9 +64,9 @@ class Stage(ShapeChecked):
     length: Float[Array, ""] | None = field("m", positive, default=None)
     """Length of travel [m]."""
     duration: Float[Array, ""] | None = field("s", positive, default=None)
-    """Time that it takes [s]."""
+    """Duration [s]."""
     speed: Float[Array, ""] | None = field("m/s", not_negative, default=None)
-    """Speed at its end [m/s]."""
+    """Speed at the end [m/s]."""
 
     def after(self, speed: float) -> tuple[float, float, float]:
         """Return the length of the stage [m], the speed at its end [m/s] and its duration [s], from the speed at its
@@ -79,7 +79,7 @@ class Stage(ShapeChecked):
             require(square >= 0 and speed + square > 0, "stages", need, self)
             end = float(np.sqrt(square))
             return length, end, 2 * length / (speed + end)
-        # the way is that of the mean speed
+        # the length follows from the mean speed
         if self.duration is not None:
             duration = float(self.duration)
             end = speed + acceleration * duration
@@ -98,56 +98,57 @@ class SpeedProgramme(ShapeChecked):
     fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(0.0, length=500.0)], start=50.0)
     ```
 
-    Before the first place and after the last the speed is constant. Where a history or a stage is slower than
-    `LEAST_SPEED`, also at rest, the programme passes at that speed, and `time` keeps how long it takes.
+    Before the first place and after the last place the speed is constant. Where a history or a stage is slower than
+    `LEAST_SPEED`, or at rest, the programme passes at that speed, and `time` keeps the true duration.
     """
 
     distance: Float[Array, " places"] = field("m", finite)
     """Distances along the rail, increasing [m]."""
     speed: Float[Array, " places"] = field("m/s", positive)
-    """Speeds there [m/s]."""
+    """Speeds at these distances [m/s]."""
     scale: Float[Array, ""] = field("", positive, default=1.0)
     """Factor of all speeds [1], for sweeps and derivatives."""
     time: Float[Array, " places"] | None = field("s", finite, default=None)
-    """Times there [s]; None where they follow from the speeds, from zero at the first place."""
+    """Times at these distances [s]; None where they follow from the speeds, from zero at the first place."""
 
     @classmethod
     def over_distance(cls, distance: Numbers, speed: Numbers) -> "SpeedProgramme":
-        """Return a programme from speeds [m/s], not negative, at some distances [m]."""
+        """Return a programme from speeds [m/s] of zero or more at some distances [m]."""
         if is_traced((distance, speed)):
             return cls(distance, speed)
         distance, speed = _history("distance", "m", distance, speed)
-        # the time between two places is that of the mean speed
+        # the time between two places follows from the mean speed
         means = (speed[1:] + speed[:-1]) / 2
         require(np.all(means > 0), "speed", "not be zero at two places one after the other", speed)
         return cls.passing(distance, speed, np.append(0.0, np.cumsum(np.diff(distance) / means)))
 
     @classmethod
     def over_time(cls, time: Numbers, speed: Numbers, *, begin: float = 0.0) -> "SpeedProgramme":
-        """Return a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
-        time. At the first one the sled is at `begin` [m] along the rail.
+        """Return a programme from speeds [m/s] at some increasing times [s]; between two times the speed is linear in
+        time. At the first time the sled is at `begin` [m] along the rail.
 
-        Where it stands, a measured speed may be below zero by less than `LEAST_SPEED`, which counts as zero.
+        For a sled at rest, a measured speed may be below zero by less than `LEAST_SPEED`; it counts as zero.
         """
         time, speed = _history("time", "s", time, speed)
-        # between two times the mean speed is that of both ends
+        # the mean speed between two times is the mean of both speeds
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
         distance = number(finite, "begin", begin, "m") + np.append(0.0, way)
         return cls.passing(distance, speed, time, timed=True)
 
     @classmethod
     def stages(cls, stages: Sequence[Stage], *, start: float, begin: float = 0.0) -> "SpeedProgramme":
-        """Return a programme of stages with one acceleration each.
+        """Return a programme of stages, each with one acceleration.
 
-        **Arguments:** `start`: speed at the beginning [m/s]; `begin`: where that is along the rail [m].
+        **Arguments:** `start`: speed at the beginning [m/s]; `begin`: place of the beginning along the rail [m].
 
-        **Raises:** `ValueError` that shows the stage which is wrong: one without an end, or that misses its speed.
+        **Raises:** `ValueError` that shows the wrong stage: a stage without an end, or one that does not reach its
+        speed.
         """
         instance("stages", stages, Sequence, "a list of slipperjax.Stage")
         distance = [number(finite, "begin", begin, "m")]
         speed = [number(not_negative, "start", start, "m/s")]
         time = [0.0]
-        # each stage begins where the one before ended
+        # each stage begins where the stage before ended
         for stage in stages:
             length, end, duration = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
             distance.append(distance[-1] + length)
@@ -159,21 +160,21 @@ class SpeedProgramme(ShapeChecked):
     def passing(
         cls, distance: np.ndarray, speed: np.ndarray, time: np.ndarray, *, timed: bool = False
     ) -> "SpeedProgramme":
-        """Return the programme of a history [m], [m/s], [s], which passes at `LEAST_SPEED` where that is slower.
+        """Return the programme of a history [m], [m/s], [s]; it passes at `LEAST_SPEED` where the history is slower.
 
-        **Arguments:** `timed`: whether times are kept where they follow from the speeds, too.
+        **Arguments:** `timed`: whether times are kept although they follow from the speeds.
         """
-        # an end at that speed may be slower by rounding
+        # an end at the least speed may be slower by rounding
         slow = speed < LEAST_SPEED * (1 - 1e-6)
         if not np.any(slow):
             return cls(distance, speed, time=time if timed else None)
         require(not np.all(slow), "speed", f"reach {LEAST_SPEED:g} m/s", speed)
-        # where the sled gets faster or slower than that, at constant acceleration
+        # places where the sled crosses the least speed, at constant acceleration
         k = np.flatnonzero(slow[1:] != slow[:-1])
         before, after = speed[k], speed[k + 1]
         share_of_time = (LEAST_SPEED - before) / (after - before)
         share_of_way = (LEAST_SPEED**2 - before**2) / (after**2 - before**2)
-        # of the slow places both ends of the history remain
+        # the ends of the history remain, even where they are slow
         kept = ~slow
         kept[[0, -1]] = True
         time = np.append(time[kept], time[k] + share_of_time * np.diff(time)[k])
@@ -196,7 +197,7 @@ class SpeedProgramme(ShapeChecked):
     @at_once
     def least(self, begin: Real, end: Real) -> Float[Array, ""]:
         """Return the least speed [m/s] between two distances from the start [m]."""
-        # the least is at one of both ends or at a place between them
+        # the least speed is at one of both ends or at a place between them
         between = (self.distance > begin) & (self.distance < end)
         inside = self.scale * jnp.min(jnp.where(between, self.speed, jnp.inf))
         return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
@@ -208,18 +209,18 @@ class SpeedProgramme(ShapeChecked):
         k, _, _ = self._place(distance)
         square = self.speed**2
         inside = (distance >= self.distance[0]) & (distance < self.distance[-1])
-        # half the slope of the speed's square is the acceleration
+        # acceleration is half the slope of the squared speed
         slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
     @at_once
     def seconds(self, distance: ArrayLike) -> Float[Array, "*places"]:
-        """Return the time [s] at which some distances are reached: as `time` says, or since the first place."""
+        """Return the time [s] at which some distances are reached: by `time`, or since the first place."""
         distance = jnp.asarray(distance, float)
         k, share, here = self._place(distance)
         passing, durations = self._durations
         before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(durations)])
-        # lengths over the mean of the speeds at their ends
+        # lengths divided by the mean of the speeds at both ends
         within = 2 * share * jnp.diff(self.distance)[k] / (self.speed[k] + here)
         if self.time is not None:
             within = within * (durations / passing)[k]
@@ -230,40 +231,40 @@ class SpeedProgramme(ShapeChecked):
 
     @at_once
     def stands(self, begin: ArrayLike, end: ArrayLike) -> Bool[Array, "*places"]:
-        """Return whether the sled is slower than `LEAST_SPEED`, or stands, somewhere between two distances [m]."""
+        """Return whether the sled is at rest or slower than `LEAST_SPEED` somewhere between two distances [m]."""
         before = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(self._slow)])
-        # of the stretches between places from that of `begin` to that which ends at `end` or behind
+        # over the stretches between places, from the stretch of `begin` to the one which ends at or after `end`
         first = self._place(jnp.asarray(begin, float))[0]
         last = jnp.searchsorted(self.distance, jnp.asarray(end, float), side="left")
         return before[jnp.clip(last, 1, len(self.distance) - 1)] > before[first]
 
     @property
     def stops(self) -> list[tuple[float, float, float]]:
-        """Lengths of rail where the sled is slower than `LEAST_SPEED`: both ends [m], and for how long [s]."""
+        """Lengths of rail where the sled is slower than `LEAST_SPEED`: both ends [m], and the duration [s]."""
         times = np.asarray(self.seconds(self.distance))
         places = np.asarray(self.distance)
         return [(*places[[k, k + 1]].tolist(), float(times[k + 1] - times[k])) for k in np.flatnonzero(self._slow)]
 
     @property
     def _slow(self) -> Bool[Array, " stretches"]:
-        """Whether it takes longer between two places than at the least speed, at which the programme passes."""
+        """Whether the way between two places takes longer than at the least speed; then runs pass at that speed."""
         passing, durations = self._durations
         fast = jnp.maximum(self.speed[1:], self.speed[:-1]) > LEAST_SPEED * (1 + 1e-9)
         return ~fast & (durations > passing * (1 + 1e-6))
 
     @property
     def _durations(self) -> tuple[Array, Array]:
-        """Times between places over the scale [s]: at the speeds of the programme, and as they are."""
+        """Times between places over the scale [s]: at the speeds of the programme, and the true times."""
         passing = 2 * jnp.diff(self.distance) / (self.speed[1:] + self.speed[:-1])
         return passing, passing if self.time is None else jnp.diff(self.time)
 
     def _place(self, distance: Array) -> tuple[Array, Array, Array]:
-        """Return the number of the stretch between places, the share of it that is behind [1], and the speed there
-        over the scale [m/s]."""
+        """Return the number of the stretch between places, the travelled share of the stretch [1], and the speed
+        there over the scale [m/s]."""
         last = len(self.distance) - 2
         k = jnp.clip(jnp.searchsorted(self.distance, distance, side="right") - 1, 0, last)
         share = (distance - self.distance[k]) / (self.distance[k + 1] - self.distance[k])
-        # at the very ends the derivative is that of the inside
+        # exactly at the ends the derivative is that of the inside
         inside = (distance >= self.distance[0]) & (distance <= self.distance[-1])
         share = jnp.where(inside, share, jnp.clip(share, 0.0, 1.0))
         # at constant acceleration the square of the speed is linear in distance
@@ -273,9 +274,9 @@ class SpeedProgramme(ShapeChecked):
 
 
 def _history(name: str, unit: str, values: Numbers, speed: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """Return times or distances, checked, and the speeds there [m/s], of which noise below zero becomes zero.
+    """Return times or distances, checked, and the speeds there [m/s]; noise below zero becomes zero.
 
-    **Raises:** `ValueError` for lists of different lengths, values that do not increase, or a sled that goes back.
+    **Raises:** `ValueError` for lists of different lengths, values that do not increase, or a sled that moves back.
     """
     finite(name, unit)(values)
     finite("speed", "m/s")(speed)

@@ -1,4 +1,4 @@
-"""Clearance that opens along a run: by a law of wear, or by a table."""
+"""Clearance that opens along a run, by a law of wear or by a table."""
 
 import abc
 from typing import ClassVar
@@ -13,10 +13,10 @@ from .section import Section
 
 
 class AbstractWear(ShapeChecked):
-    """A law by which the play of a slipper's faces opens along a run; `slipperjax.run` alone follows it."""
+    """A law by which the play of a slipper's faces opens along a run; only `slipperjax.run` uses it."""
 
     by_friction: ClassVar[bool] = False
-    """Whether it needs the scene to have friction."""
+    """Whether the law needs a scene with friction."""
 
     @abc.abstractmethod
     def added(
@@ -30,10 +30,10 @@ class AbstractWear(ShapeChecked):
 
 
 class Wear(AbstractWear):
-    """Wear in proportion to the work of friction, worn off evenly along a face.
+    """Wear in proportion to the work of friction, spread evenly over a face.
 
-    Archard's law (1953, doi:10.1063/1.1721448), in which the worn volume is proportional to normal force times
-    sliding distance, with a coefficient of friction.
+    Archard's law (1953, doi:10.1063/1.1721448): the worn volume is proportional to normal force times sliding
+    distance, here with a coefficient of friction.
     """
 
     by_friction: ClassVar = True
@@ -46,16 +46,16 @@ class Wear(AbstractWear):
 
 
 class WearTable(AbstractWear):
-    """Play that is added to all faces by the distance, linear between the rows of a table."""
+    """Play that is added to all faces as a function of distance, linear between the rows of a table."""
 
     distance: Float[Array, " rows"] = field("m", not_negative)
     """Distances, increasing [m]."""
     play: Float[Array, " rows"] = field("m", not_negative)
-    """Play added to each face there [m]; half of the clearance that is added."""
+    """Play added to each face at these distances [m]: half of the added clearance."""
 
     def __check_init__(self):
         check_table(self, "distance", "play")
 
     def added(self, section, length, distance, work):
-        # all faces alike
+        # the same for all faces
         return jnp.broadcast_to(jnp.interp(distance, self.distance, self.play), work.shape)

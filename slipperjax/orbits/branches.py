@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FINER = 4
-"""Ratio of the default steps per period to those of a simulation. Multipliers jump a little where a touchdown passes
-from one step to the next: with 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
+"""Factor on the default steps per period of a simulation. Multipliers jump slightly where a touchdown passes from one
+step to the next: with 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
 
 
 class BranchEvent(NamedTuple):
@@ -66,7 +66,7 @@ class BranchEvent(NamedTuple):
     multiplier: complex
     """Critical multiplier [1]; NaN where there is none."""
     converged: bool
-    """True where the event is located."""
+    """Whether the event is located."""
     note: str
     point: int
     """Index of the event among the points of the branch."""
@@ -147,7 +147,7 @@ class OrbitBranch(Result):
         bounds: tuple[float, float] | None = None,
         **options: object,
     ) -> "OrbitBranch":
-        """Follow the branch further, from ends by interrupt, an event of `until`, the number of points, or a bound.
+        """Follow the branch further, from ends by interrupt, event of `until`, number of points, or bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
         `continue_orbit`.
@@ -161,26 +161,25 @@ class OrbitBranch(Result):
         bounds: tuple[float, float] | None = None,
         **options: object,
     ) -> "OrbitBranch":
-        """Follow another branch from an event: that of twice the period at a flip, the crossing one at a branch
-        point.
+        """Follow another branch from an event: twice the period at a flip, the crossing branch at a branch point.
 
         **Arguments:** as for `extended`.
 
-        **Raises:** `ValueError` for other events, or where no orbit off this branch is found.
+        **Raises:** `ValueError` for other events, or where no orbit outside this branch is found.
         """
-        # after a flip the equations are of twice the period
+        # after a flip the equations have twice the period
         equations, first = switch(self.branch, _analysed(event, self.branch.nodes))
         settings = dataclasses.replace(_Settings.of(self, bounds), equations=equations)
         return settings.follow(functools.partial(continue_motion, ways=(1,)), equations, first, **options)
 
     @functools.cached_property
     def branch(self) -> Branch:
-        """The branch as a `slipperjax.analysis.Branch`; for one from a file its points are evaluated anew."""
+        """The branch as a `slipperjax.analysis.Branch`; the points of a branch from a file are evaluated again."""
         settings = _Settings.of(self)
         ds = self.ds
         z = np.column_stack([ds["state"].values, ds[settings.varied.name].values])
         nodes = []
-        # all points meet a tolerance of 1 at once, so that Newton's method leaves them in place
+        # all points meet a tolerance of 1 at once, so that Newton's method does not move them
         for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
             weights = np.asarray(settings.equations.weights(jnp.asarray(unknowns))[1])
             node = correct(settings.equations, unknowns, weights**2 * tangent, tolerance=1.0)
@@ -211,14 +210,14 @@ class _Settings:
     @classmethod
     def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Settings":
         """Return the settings of a new branch, with its equations."""
-        # dynamic: one program serves all numbers of steps
+        # dynamic, so that one program serves all numbers of steps
         options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
         equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
         return cls(scene, varied, bounds, steps, solver, tolerance, equations)
 
     @classmethod
     def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Settings":
-        """Return the settings of a branch, or with other bounds. The scale of lengths stays that of the first
+        """Return the settings of a branch, or with other bounds. The scale of lengths still follows from the first
         bounds."""
         call = load_call(branch.ds)
         scene, start = load_base(branch.ds)
@@ -229,13 +228,13 @@ class _Settings:
 
     def observe(self, node: Node) -> Observation:
         """Return the touchdowns and margins of an orbit for the search of grazings, with an `OrbitView` as data."""
-        # the equations once more, as a program that keeps samples inside the periods
+        # a second program of the equations, which keeps samples inside the periods
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
         equations = dataclasses.replace(self.equations, family=family)
         sections = PoincareSections()
         records = RecordSet((GapSamples(), sections))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
-        # records finish a batch of cases, here of one
+        # records finish a batch of cases, here one case
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
         span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
         crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
@@ -252,8 +251,7 @@ class _Settings:
         until: Sequence[str] = (),
         progress: bool | None = None,
     ) -> OrbitBranch:
-        """Return the branch that `walk` makes from a start, with a progress bar; raise `Interrupted` with it after
-        Ctrl-C."""
+        """Return the branch that `walk` makes from a start, with a progress bar, or after Ctrl-C in `Interrupted`."""
         with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
             branch = walk(
                 *start,
@@ -267,7 +265,7 @@ class _Settings:
                 until=labels(until),
             )
         found = OrbitBranch(self.dataset(branch))
-        found.branch = branch  # fills the cached property, so that points are not evaluated anew
+        found.branch = branch  # fills the cached property, so that points are not evaluated again
         return finished(found)
 
     def dataset(self, branch: Branch):
@@ -287,7 +285,7 @@ class _Settings:
             "tolerance": self.tolerance,
         }
         ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
-        # a branch has points of its own
+        # contact points are called `contact`, because `point` means the points of the branch
         labels = {name.replace("point", "contact"): of for name, of in scene.point_labels.items()}
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), *scene.point_shape)
         signatures = [view.signature for view in views]
@@ -314,7 +312,7 @@ class _Settings:
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= labels
         ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
-        # the steps from which `extended` goes on
+        # the steps with which `extended` continues
         next_steps = [end.step for end in branch.ends]
         return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
 
@@ -358,7 +356,7 @@ def orbits_dataset(
         "residual": column("point", [float(node.residual) for node in nodes], "1", "scaled residual"),
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
-    # the first orbit stands for the start of a run
+    # the first orbit represents the start of a run
     start = jax.tree.map(lambda a: np.asarray(a)[0], states)
     attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
     return result_dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
@@ -366,7 +364,7 @@ def orbits_dataset(
 
 def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple]:
     """Return the dataset's variables along `event`."""
-    # by identity, because two points may share a value, such as a bound and a grazing
+    # by identity, because two points may have the same value, such as a bound and a grazing
     index = {id(node.z): k for k, node in enumerate(branch.nodes)}
     names = scene.point_names
     rows = []
@@ -395,7 +393,7 @@ Followed = TypeVar("Followed", bound=Result)
 
 
 def finished(result: Followed) -> Followed:
-    """Return a branch or curve as it is; raise `Interrupted` with it if it ended by Ctrl-C."""
+    """Return a branch or curve unchanged; raise `Interrupted` with it if it ended by Ctrl-C."""
     if "interrupted" in result.ds.attrs["ended"]:
         raise Interrupted(result, result.ds.sizes["point"], unit="points")
     return result
@@ -408,7 +406,7 @@ def counted(
     varied: Parameter,
     programs: int = 3,
 ) -> Iterator[Callable[[Real], None]]:
-    """Yield a function that counts a point in a progress bar, given its value of a parameter [SI unit].
+    """Yield a function that counts a point in a progress bar, from its value of a parameter [SI unit].
 
     The function raises `KeyboardInterrupt` where this run is asked to end.
 
@@ -435,7 +433,7 @@ def bounds_of(varied: Parameter, bounds: object) -> tuple[float, float]:
 
 def labels(until: Sequence[str]) -> tuple[str, ...]:
     """Return `until` as a tuple; raise `ValueError` unless all are labels of events."""
-    # at two others a way ends anyway, and slippers have no impacts at once
+    # the walk ends in any case at two other events, and slippers have no impacts that act at once
     choices = [label for label in MEANINGS if label not in ("EP", "MX", "ST")]
     need = f"a tuple of labels of {', '.join(choices)}"
     given = tuple_of("until", until, str, need)
@@ -449,7 +447,7 @@ def steps_of_branch(
     bounds: tuple[float, float],
     steps: int | None,
 ) -> int:
-    """Return the steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+    """Return the steps per forcing period of a branch, given or by default, see `continue_orbit`."""
     if steps is not None:
         return given_steps(steps)
     # enough for the most demanding scene along the branch
@@ -473,24 +471,24 @@ def continue_orbit(
 ) -> OrbitBranch:
     """Follow an orbit in both directions of a parameter, stable or not, past folds; locate and label the events.
 
-    Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers; grazings (GR)
-    by the touchdowns of each contact point and by extremes of its gap within steps, so that none is missed.
+    The multipliers show folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP). Touchdowns of each
+    contact point, and extremes of its gap within steps, show grazings (GR), so that none is missed.
 
     **Arguments:**
 
-    - `scene`: the branch begins at its value of the parameter. `name`: of the parameter, or its path; `bounds`: of
-        the parameter's values [SI unit].
-    - `start`, `period`: as for `periodic_orbit`; `start` may also be an orbit that it found.
-    - `steps_per_period`: default `FINER` times those of the more demanding bound; `solver`: as for `simulate`, with
-        constant steps.
-    - `tolerance`: scaled residual of the orbits [1]. `points`: most in each direction. `progress`: whether a bar is
-        shown, by default on terminals and in notebooks.
+    - `scene`: the branch begins at the scene's value of the parameter. `name`: of the parameter, or its path;
+        `bounds`: of the parameter's values [SI unit].
+    - `start`, `period`: as for `periodic_orbit`; `start` may also be an orbit of `periodic_orbit`.
+    - `steps_per_period`: default `FINER` times the default steps of the bound that needs more; `solver`: as for
+        `simulate`, with constant steps.
+    - `tolerance`: scaled residual of the orbits [1]. `points`: most points in each direction. `progress`: whether a
+        bar is shown, by default on terminals and in notebooks.
     - `until`: labels of events at which a direction ends, such as ("LP", "PD"); default none.
 
     **Returns:** an `OrbitBranch`.
 
-    **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit near the start;
-    `Interrupted` after Ctrl-C, with the branch until then as its `result`, whose method `extended` goes on.
+    **Raises:** `ValueError` that names the wrong argument, also where there is no orbit near the start; `Interrupted`
+    after Ctrl-C, with the branch so far as its `result`, whose method `extended` continues.
     """
     scene = known("scene", check_scene(scene))
     check_forcing(scene)

@@ -63,20 +63,20 @@ def critical_orbit(
 ) -> CriticalMotion:
     """Find the fold, flip or Neimark-Sacker of orbits over a parameter by Newton's method, from an orbit near it.
 
-    `value` and `state` have the derivatives of the exact ones with respect to all numbers of `scene`, in forward and
-    reverse mode: how the speed of a flip changes with the clearance, for example. The scene's own value of the
+    `value` and `state` have the derivatives of the exact solution with respect to all numbers of `scene`, in forward
+    and reverse mode; for example, how the speed of a flip changes with the clearance. The scene's own value of the
     parameter has no effect.
 
     **Arguments:**
 
     - `name`: of the parameter, or its path; `label`: "LP", "PD" or "NS".
-    - `start`: an orbit near it, such as `OrbitBranch.orbit(event)`. Its scene has the first guess of the parameter;
-        its complex multiplier nearest to the unit circle has the first guess of the angle, for "NS".
+    - `start`: an orbit near the event, such as `OrbitBranch.orbit(event)`. Its scene has the first guess of the
+        parameter; its complex multiplier nearest to the unit circle has the first guess of the angle, for "NS".
     - `tolerance`: scaled residual [1].
 
-    **Returns:** the orbit with the parameter's `value` [its SI unit]; look at its `residual`.
+    **Returns:** the orbit with the parameter's `value` [its SI unit]; check its `residual`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     scene = check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
@@ -96,7 +96,7 @@ def _critical_orbit(
     label: str,
 ) -> CriticalMotion:
     """Return the orbit of `critical_orbit`, without checks."""
-    # the result does not depend on the first guess, so neither do its derivatives
+    # neither the result nor its derivatives depend on the first guess
     value = jax.lax.stop_gradient(parameter(name, scene).of(start.scene))
     options = dict(stepping=stepping, solver=start.solver, period=start.period)
     motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **options)
@@ -116,17 +116,17 @@ def event_sensitivities(
     event: BranchEvent,
     names: Sequence[str],
 ) -> "xr.Dataset":
-    """Differentiate the parameter's value at a fold, flip or Neimark-Sacker by other parameters of the scene.
+    """Differentiate the parameter's value at a fold, flip or Neimark-Sacker with respect to other parameters.
 
     **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
 
     **Returns:** an `xarray.Dataset` with `value`, the event's value of the branch's parameter [its SI unit], and
     along `parameter` `gradient` and `gradient_stderr` [unit of the branch's parameter per the parameter's unit], and
     `relative`, the relative change of the value per relative change of the parameter [1]. They are computed with
-    three, six and twelve times the steps of the branch, whose differences give the errors, see
+    three, six and twelve times the steps of the branch; the differences give the errors, see
     `slipperjax.analysis.with_step_error`.
 
-    **Raises:** `ValueError` that names the argument which is wrong, also where the event is not found with more
+    **Raises:** `ValueError` that names the wrong argument, also where the event is not found with more
     steps.
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
@@ -154,7 +154,7 @@ def event_sensitivities(
 
     (value, gradient), (stderr, gradient_stderr) = with_step_error(located, call["steps_per_period"])
     units = [f"{own.unit} per {one.unit}" for one in parameters]
-    # of the value, per relative change of each parameter
+    # change of the value per relative change of each parameter
     relative = gradient * np.asarray(values) / value
     error = "its error by the steps"
     data = {
@@ -189,7 +189,7 @@ def _place(
     """Return the parameter's value at an event, its derivatives by the parameters `names` at `values`, and the
     residual."""
 
-    # jacfwd drops the value that it differentiates, so that it comes a second time, beside the residual
+    # jacfwd does not return the value that it differentiates, so that the value is returned again with the residual
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
         at = at_values(scene, names, values)
         orbit = _critical_orbit(at, start, stepping, angle, tolerance, name, label)
@@ -204,11 +204,11 @@ class GapExtreme(eqx.Module):
 
     family: ScenePath
     point: Array
-    """Index of the contact point, the front ones first."""
+    """Index of the contact point, front points first."""
     time: Array
     """Instant near which the extreme is sought [forcing periods]."""
     greatest: Array
-    """True for a maximum of the gap, False for a minimum."""
+    """Whether it is a maximum of the gap, not a minimum."""
     period: int = eqx.field(static=True)
     """Forcing periods after which the orbit recurs [1]."""
 
@@ -217,7 +217,7 @@ class GapExtreme(eqx.Module):
         return self._extreme(state, *values)[0]
 
     def update(self, state: State, *values: Real) -> "GapExtreme":
-        """Return the function for orbits near this one, whose extreme has another time."""
+        """Return the function for orbits near this orbit, where the extreme has another time."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
     def _extreme(self, state: State, *values) -> tuple[Array, Array]:
@@ -229,12 +229,12 @@ class GapExtreme(eqx.Module):
         of_point = lambda a: jax.lax.dynamic_index_in_dim(a, self.point, 2, False)
         gap = of_point(samples[0])
         slope = of_point(samples[1]) * step.scene.period / steps
-        # of the steps in which the slope changes its sign, the one nearest to the time; the last ones may be unused
+        # of the steps in which the slope changes its sign, the step nearest to the time; the last steps may be unused
         sign = jnp.where(self.greatest, 1.0, -1.0)
         index = jnp.arange(gap.shape[1] - 1)
         turns = (sign * slope[:, :-1] > 0) & (sign * slope[:, 1:] <= 0) & (index < steps)[None]
         middle = jnp.arange(self.period)[:, None] + ((index + 0.5) / steps)[None]
-        # distance in time around the orbit, in which the end is the start
+        # distance in time around the orbit, whose end is its start
         away = jnp.abs((middle - self.time + self.period / 2) % self.period - self.period / 2)
         k, n = jnp.unravel_index(jnp.argmin(jnp.where(turns, away, jnp.inf)), turns.shape)
         cubic = Cubic.through(gap[k, n], slope[k, n], gap[k, n + 1], slope[k, n + 1])
@@ -245,8 +245,8 @@ class GapExtreme(eqx.Module):
 
 class OrbitCurve(Result):
     """Orbits with one event, along a curve in the plane of two parameters: a dataset along `point` with both
-    parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and `outside`, the multipliers outside the unit
-    circle without the critical ones."""
+    parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and `outside`, the number of multipliers outside
+    the unit circle without the critical ones."""
 
     @property
     def label(self) -> str:
@@ -270,20 +270,22 @@ def continue_event(
     points: int = 200,
     progress: bool | None = None,
 ) -> OrbitCurve:
-    """Follow an event of a branch in the plane of the branch's parameter and another one.
+    """Follow an event of a branch in the plane of the branch's parameter and another parameter.
 
     **Arguments:**
 
     - `event`: one of `branch.events`: a fold, flip, Neimark-Sacker or grazing.
     - `name`: of the other parameter, or its path; `bounds`: of its values [SI unit]; `first_bounds`: of the branch's
-        own parameter, default those of the branch.
-    - `points`: most points of each way. `progress`: whether a bar is shown, by default on terminals and in notebooks.
+        own parameter, default the bounds of the branch.
+    - `points`: most points in each direction. `progress`: whether a bar is shown, by default on terminals and in
+        notebooks.
 
     **Returns:** an `OrbitCurve`. It ends at a bound, where the complex pair of a Neimark-Sacker becomes real ("strong
-    resonance 1:1" or 1:2), or where no step converges, such as at a grazing, where derivatives of multipliers jump.
+    resonance 1:1" or 1:2), or where no step converges, for example at a grazing, where derivatives of multipliers
+    jump.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
-    with the curve until then as its `result`.
+    **Raises:** `ValueError` that names the wrong argument; `Interrupted` after Ctrl-C, with the curve so far as its
+    `result`.
     """
     one_of("event", event.label, (*CRITICAL_MULTIPLIERS, "GR"))
     scene = branch.scene
@@ -291,7 +293,7 @@ def continue_event(
     own = branch.parameter
     other = parameter(name, scene)
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
-    # the curve may leave the range of the branch on which it begins, if the caller says so
+    # the curve may leave the range of its branch if the caller allows this
     own_bounds = bounds_of(own, call["bounds"] if first_bounds is None else first_bounds)
     limits = (own_bounds, bounds_of(other, bounds))
     value = float(scene.value(name))
@@ -320,7 +322,7 @@ def continue_event(
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
-    # all points are at the event: the label makes their critical multipliers count as such
+    # all points are at the event: the label marks their critical multipliers
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
     ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
@@ -335,7 +337,7 @@ def _extreme_at(
 ) -> GapExtreme:
     """Return the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
-    # the contact point with the extreme nearest to zero is the one that grazes
+    # the contact point with the extreme nearest to zero grazes
     point = int(np.argmin(touches.margin))
     steps = call["steps_per_period"]
     # the most steps are fixed, for arrays of samples inside the periods

@@ -1,7 +1,8 @@
 """Lyapunov spectra of one slipper.
 
-The latch of touchdowns is interpolated and differentiable. So the tangent knows how the place and the instant of each
-touchdown depend on the state (saltation), and periodic motions get the exponents of their Floquet multipliers.
+The latch of touchdowns is interpolated and differentiable. Therefore tangents include how the place and the instant
+of each touchdown depend on the state (saltation), and the exponents of periodic motions agree with their Floquet
+multipliers.
 """
 
 import dataclasses
@@ -33,9 +34,9 @@ from .simulate import (
 
 
 def check_count(scene: Scene, count: int) -> int:
-    """Return a number of exponents that the motion's dimension allows.
+    """Return a number of exponents, which the motion's dimension must allow.
 
-    The dimension is ten, and one more per contact point where its memory is integrated. A latched memory adds none:
+    The dimension is ten, plus one for each contact point whose memory is integrated. A latched memory adds none:
     it follows from the motion at the touchdown.
 
     **Raises:** `ValueError` for more exponents, and for a scene without steady motions.
@@ -63,17 +64,17 @@ def lyapunov_spectrum(
     **Arguments:**
 
     - `count`: number of exponents, the largest first; one costs one tangent.
-    - `transient`: forcing periods before the tangents start; `align`: periods after these in which the tangents align
+    - `transient`: forcing periods before the tangents start; `align`: further periods in which the tangents align
         with their directions; `periods`: periods that count.
     - `steps_per_period`, `solver`, `start`, `begin`: as for `simulate`.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.resolved`, `.history`,
     `.kaplan_yorke`, and `.status`, a `slipperjax.Status` code of the state at the end and of the tangents' growth.
-    The chaos of one motion is not `resolved`, however long: at 2100 m/s many motions begin in a band that they leave
-    after some 2000 periods, with an exponent of 0.31 instead of 0.26, and elsewhere chaos ends in a periodic motion.
-    `slipperjax.lyapunov_sweep` runs several motions.
+    The chaos of one motion is never `resolved`, even after a long time. At 2100 m/s many motions begin in a band that
+    they leave after some 2000 periods, with an exponent of 0.31 instead of 0.26; elsewhere chaos ends in a periodic
+    motion. `slipperjax.lyapunov_sweep` runs several motions.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     scene = check_scene(scene)
     steps = default_steps(scene, steps_per_period)

@@ -1,4 +1,4 @@
-"""Equations of a slipper's orbits: the period map over parameters, and states whose memory fits their gaps."""
+"""Equations of a slipper's orbits: the period map over parameters, and states with a memory that fits their gaps."""
 
 import diffrax
 import equinox as eqx
@@ -48,12 +48,12 @@ def slipper_motions(
     """Return the equations of orbits over some parameters.
 
     **Arguments:** `reach`: change of each parameter that counts as a length of one; `share`: weight of the motion in
-    lengths. For curves of events it should be small: where the derivatives of the period map jump, the motion at a
-    fold jumps in proportion, by up to 1e-2 of its scale, but the parameters only by the square of that. It should not
-    be zero: at a cusp the parameters alone give the curve no direction.
+    lengths. For curves of events the share should be small. Where the derivatives of the period map jump, the motion
+    at a fold jumps in proportion, by up to 1e-2 of its scale, but the parameters jump only by the square of this. The
+    share should not be zero: at a cusp the parameters alone give the curve no direction.
     """
     path = ScenePath(scene, stepping, names, solver)
-    # the memory, which comes after the motion in a state, does not count in lengths
+    # the memory, which follows the motion in a state, does not count in lengths
     size = sum(map(np.size, jax.tree.leaves(like)))
     motion = len(MOTION_NUMBERS)
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
@@ -73,7 +73,7 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
     assert mapped.memory is not None
     now = contacts(rail_frame(scene, 0.0), proposed.motion)
     fresh = scene.contact_memory.initial(now.gap, now.rate)
-    # For a contact that was open, the rate latched during the period is a better guess than that of a fresh start.
+    # For a contact that was open, the rate latched during the period is a better guess than a fresh start's rate.
     latched = jnp.where(mapped.memory < 0, mapped.memory, fresh)
     memory = jnp.where(proposed.memory < 0, proposed.memory, latched)
     return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
@@ -85,8 +85,8 @@ def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raise `ValueError` unless the forcing is periodic: a rail that recurs with the forcing period (not checked
-    where traced) at a constant speed."""
+    """Raise `ValueError` unless the forcing is periodic: constant speed, and a rail that recurs with the forcing
+    period (not checked where traced)."""
     check_steady(scene)
     if not is_traced(scene.track):
         need = "have a track that recurs with the forcing period"

@@ -1,4 +1,4 @@
-"""Branches of systems of one's own as results: they say, list, draw and write themselves as those of slippers do."""
+"""Branches of a user's own systems as results: they list, draw and write themselves like branches of slippers."""
 
 import json
 from collections.abc import Mapping
@@ -25,11 +25,12 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     **Arguments:** `branch`: of `slipperjax.analysis.continue_motion`; `units`: of the parameter and of the numbers of
     the state, `state_0` and so on, by name; by default pure numbers.
 
-    **Returns:** a `Result` along `point` with the parameter, by the name that the family has for it, the numbers of
-    the state at the start of the motion, `multiplier_real` and `multiplier_imag` [1], `outside`, `stable`, `label`,
-    and along `event` the table of events.
+    **Returns:** a `Result` along `point` with the parameter, by its name in the family, the numbers of the state at
+    the start of the motion, `multiplier_real` and `multiplier_imag` [1], `outside`, `stable`, `label`, and along
+    `event` the table of events.
 
-    **Raises:** `ValueError` for a curve over several parameters, and for units of names that it does not have.
+    **Raises:** `ValueError` for a curve over several parameters, and for units of names that the branch does not
+    have.
     """
     names = list(branch.parameters)
     require(len(names) == 1, "branch", "be over one parameter", names)
@@ -71,7 +72,7 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
 
 def _events(branch: Branch, nodes: tuple[Node, ...], unit: str) -> dict[str, tuple]:
     """Return the variables along `event`."""
-    # by identity, because two points may share a value
+    # by identity, because two points may have the same value
     index = {id(node.z): k for k, node in enumerate(nodes)}
     events = branch.events
     columns = {

@@ -43,7 +43,7 @@ from .simulate import (
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
 MOST_PERIOD = 10_000
-"""Longest period of an orbit that is allowed [forcing periods]."""
+"""Longest allowed period of an orbit [forcing periods]."""
 DIVISOR = 1e-6
 """Scaled residual below which a motion counts as recurring after a divisor of its period [1]."""
 
@@ -61,7 +61,7 @@ class PeriodicOrbit(eqx.Module, AbstractResult):
     iterations: Int[Array, ""]
     """Iterations of Newton's method."""
     status: Whole
-    """0 for an orbit, otherwise see `slipperjax.Status`."""
+    """0 for an orbit, otherwise a code of `slipperjax.Status`."""
     period: int = eqx.field(static=True)
     """Forcing periods after which the motion recurs [1]: the least number, unless the scene was traced."""
     steps_per_period: Whole
@@ -84,7 +84,7 @@ class PeriodicOrbit(eqx.Module, AbstractResult):
 
     @property
     def stable(self) -> bool | Array:
-        """True if no multiplier lies outside the unit circle by more than its error."""
+        """Whether no multiplier is outside the unit circle by more than its error."""
         inside = abs(self.multipliers[..., 0]) <= 1 + circle_error(self.multipliers)
         return inside if is_traced(inside) else bool(np.all(inside))
 
@@ -96,7 +96,7 @@ class PeriodicOrbit(eqx.Module, AbstractResult):
     def trajectory(self, periods: int | None = None, **options: object) -> Trajectory:
         """Simulate the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
         count = self.period if periods is None else periods
-        # options of the caller take precedence over the orbit's own
+        # the caller's options replace the orbit's own
         options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
         return simulate(self.scene, count, start=self.state, **options)
 
@@ -142,23 +142,23 @@ def periodic_orbit(
 ) -> PeriodicOrbit:
     """Find a periodic motion of one scene, stable or not, by Newton's method with derivatives through touchdowns.
 
-    Which points touch, and when, need not be known: it may change between iterations. The state has the derivatives
-    of the exact motion with respect to all numbers of the scene, in forward and reverse mode.
+    It need not be known which points touch, and when: this may change between iterations. The state has the
+    derivatives of the exact motion with respect to all numbers of the scene, in forward and reverse mode.
 
     **Arguments:**
 
-    - `period`: forcing periods after which the motion recurs. If it already recurs after a divisor of this number,
-        that is the orbit's `period`.
-    - `start`: near the orbit, as for `simulate`; default Table 2's. `transient`: forcing periods simulated from there
-        before Newton's method. By default, for a start that is a motion, 60, and 240 more if no orbit is found; for a
-        state none, so that unstable orbits are found from their neighbours.
+    - `period`: forcing periods after which the motion recurs. If the motion already recurs after a divisor of this
+        number, the divisor is the orbit's `period`.
+    - `start`: near the orbit, as for `simulate`; default Table 2's. `transient`: forcing periods simulated from the
+        start before Newton's method. By default, for a start that is a motion, 60, and 240 more if no orbit is found;
+        for a state none, so that unstable orbits are found from their neighbours.
     - `steps_per_period`, `solver`: as for `simulate`, with constant steps.
     - `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's method.
 
     **Returns:** a `PeriodicOrbit`. Its `status` is `Status.NO_ORBIT` where the iterations did not converge; where the
-    motion is not finite, derailed or never touched the rail, it is the status of the motion.
+    motion is not finite, derailed or never touched the rail, `status` is the status of the motion.
 
-    **Raises:** `ValueError` that names the argument which is wrong, also for a track of several wavelengths that does
+    **Raises:** `ValueError` that names the wrong argument, also for a track of several wavelengths that does
     not recur with the first.
     """
     scene = check_scene(scene)
@@ -182,7 +182,7 @@ def periodic_orbit(
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
     scale = tangent_weights(scene)
     options = dict(scale=scale, consistent=consistent_state, tolerance=tolerance, max_iterations=limit)
-    # a further transient only if Newton's method finds no orbit after the first
+    # a further transient only if Newton's method finds no orbit after the first transient
     for count in tries:
         if count:
             # the transient, without derivatives
@@ -201,18 +201,18 @@ def periodic_orbit(
         if traced or float(shot.residual) <= tolerance:
             break
     if not traced and period > 1 and float(shot.residual) <= tolerance:
-        # the motion may recur after a divisor of the period already
+        # the motion may already recur after a divisor of the period
         residuals = minimal_period(step, shot.state, period, scale=scale)
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
-    # Jacobians of the least period
+    # Jacobians over the least period
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
-    # without the smallest multipliers, which are those of the contacts' memory
+    # without the smallest multipliers, which belong to the contacts' memory
     in_flight = not traced and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
     if in_flight and np.isfinite(state.motion.y):
-        # In free flight all multipliers have modulus one, and Newton's method stays or goes anywhere: did the motion
-        # touch the rail?
+        # In free flight all multipliers have modulus one, and the result of Newton's method is arbitrary. Therefore
+        # check whether the motion touched the rail.
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
         if moved != Status.FINITE:
             code = moved

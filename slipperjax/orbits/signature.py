@@ -1,6 +1,6 @@
 """The contact signature of an orbit: which points touch down, in which order and how fast.
 
-Gaps are cubics in every step, so that touchdowns and extremes inside steps are seen, too. An orbit grazes where an
+Gaps are cubics in every step, so that touchdowns and extremes inside steps are found. An orbit grazes where an
 extreme of a gap is zero: there a touchdown, or an opening during contact, appears or vanishes.
 """
 
@@ -32,7 +32,7 @@ class Signature(NamedTuple):
     touchdowns: tuple[Touchdown, ...]
     """Touchdowns in the order of time."""
     closed: tuple[str, ...]
-    """Names of points in contact throughout."""
+    """Names of points that are always in contact."""
     slowest: float
     """Least magnitude of a touchdown's rate [m/s]; infinite without touchdowns."""
     nearest: float
@@ -52,10 +52,10 @@ class Signature(NamedTuple):
 
 @dataclass(frozen=True)
 class GapSamples(Unlabelled):
-    """Gaps [m] of all points, the front ones first, and their rates [m/s], at both ends of every step."""
+    """Gaps [m] of all points, front points first, and their rates [m/s], at both ends of every step."""
 
     def values(self, scene, periods):
-        return 0  # no sweep takes this record, so that its memory is not estimated
+        return 0  # no sweep uses this record, so that its memory is not estimated
 
     def sample(self, course):
         return tuple(a.reshape(len(a), -1) for a in (course.gap.values, course.gap_rate))
@@ -99,7 +99,7 @@ class Grazing(NamedTuple):
     margin: Float[np.ndarray, " points"]
     """Least magnitude of a local extreme of the gap [m], infinite where there is none."""
     opening: Bool[np.ndarray, " points"]
-    """True where that extreme is a maximum, by which a contact opens, False for a minimum, by which it touches."""
+    """Whether this extreme is a maximum, where a contact opens, and not a minimum, where it touches."""
     time: Float[np.ndarray, " points"]
     """Instant of the extreme [forcing periods]."""
 
@@ -124,11 +124,11 @@ def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, 
     Extremes divide a step into up to three parts, in each of which a gap is monotone.
     """
     inner = gaps.cubic.extremes()
-    # a part after a missing extreme has no length
+    # a part after a missing extreme has length zero
     inner = np.where(np.isnan(inner), 1.0, inner)
     starts = np.concatenate([np.zeros((1, *inner.shape[1:])), inner])
     ends = np.concatenate([inner, np.ones((1, *inner.shape[1:]))])
-    # take the sign at the end of a step from the start of the next one, from which rounding may make the cubic differ
+    # the sign at a step's end is that at the next step's start, because rounding may give the cubic another sign
     following = np.roll(gaps.cubic.start, -1, axis=0)
     at_end = np.where(ends == 1.0, following, gaps.cubic.value(ends))
     return (gaps.cubic.value(starts) >= 0) & (at_end < 0) & (starts < ends), starts, ends
@@ -152,7 +152,7 @@ def signature(scene: Scene, gaps: Gaps) -> Signature:
         place = (part, step, point)
         time = float(step + low[place]) / gaps.per_period
         touchdowns.append(Touchdown(time, names[point], float(rates[place])))
-    # a point whose gap is never open is in contact throughout
+    # a point whose gap is never open is always in contact
     highest = np.fmax(np.fmax.reduce(cubic.value(cubic.extremes()), axis=(0, 1)), cubic.start.max(axis=0))
     return Signature(
         tuple(sorted(touchdowns)),

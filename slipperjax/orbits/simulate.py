@@ -61,7 +61,7 @@ class TrajectoryRecord(Unlabelled):
         return self.loads or self.saves > 1
 
     def values(self, scene, periods):
-        # a saved state, and the accelerations and forces that are computed from it later
+        # a saved state, and the accelerations and forces that are computed from the state later
         states = (40 + 3 * scene.points) * self.saves
         return (states + (5 * scene.points + 2) * self.loads) * periods
 
@@ -72,8 +72,8 @@ class TrajectoryRecord(Unlabelled):
 class Probe(NamedTuple):
     """Errors of some forcing periods of a run: each is repeated with half the step, from the state at its start.
 
-    The error of a whole run is larger: slowly decaying motions keep errors for as long as they decay, chaotic ones
-    multiply them from period to period.
+    The error of a whole run is larger: slowly decaying motions keep errors while they decay, and chaotic motions
+    multiply errors from period to period.
     """
 
     period: Float[Array, " probes"]
@@ -86,7 +86,7 @@ class Probe(NamedTuple):
 
     @property
     def worst(self) -> Float[np.ndarray, ""]:
-        """The greatest of all errors, of motions and of forces; not for use under a transformation."""
+        """The greatest error of all motions and forces; not for use under a transformation."""
         errors = np.asarray(self.error), np.nan_to_num(np.asarray(self.peak_error))
         return np.asarray(max(np.max(error) for error in errors))
 
@@ -94,15 +94,15 @@ class Probe(NamedTuple):
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
     """Return the errors of `count` periods of a run, equally spaced from the first to the last, or of all if fewer.
 
-    **Arguments:** `states`: those saved in the run, `saves` per period, which began at forcing period number `epoch`.
+    **Arguments:** `states`: saved in the run, `saves` per period; the run began at forcing period number `epoch`.
     """
-    # the start is saved besides
+    # the start is also saved
     periods = (len(states.motion.y) - 1) // saves
     finer = PeriodMap(run.scene, run.stepping.finer(), run.solver)
     rows = []
     for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
-        # both begin anew at the saved state, so that nothing but the steps differs
+        # both runs begin at the saved state, so that only the steps differ
         coarse, fine = (run_eagerly(map_, state, 1, records, epoch + k) for map_ in (run, finer))
         error = _difference(run.scene, coarse.state, fine.state)
         peaks = []
@@ -121,7 +121,7 @@ def _difference(scene: Scene, a: State, b: State) -> Array:
 
 
 SECONDS_PER_STEP = 8e-6
-"""Time of a step of one case alone: most of it starts the step's kernels."""
+"""Time of a step of a single case: most of the time is needed to start the step's kernels."""
 
 
 def period_map(
@@ -137,8 +137,8 @@ def period_map(
 ) -> State:
     """Return the state `periods` forcing periods after `state`: the stroboscopic map. Jit, vmap or differentiate it.
 
-    **Arguments:** `state`: from `initial_state` or an earlier call; all others as for `simulate`. On a rail that does
-    not repeat, each call begins where the rail does, unless `begin` says how far the call before has come [m].
+    **Arguments:** `state`: from `initial_state` or an earlier call; others as for `simulate`. On a rail that does
+    not repeat, each call begins at the rail's beginning, unless `begin` gives the end of the previous call [m].
     """
     scene = check_scene(scene)
     origin = beginning_of(scene, begin)
@@ -170,11 +170,11 @@ def refuse_periods(periods: int, steps: int, numbers: int = 0) -> None:
 def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, after: int = 0) -> None:
     """Raise `ValueError` where a run goes beyond the end of its rail, or where slippers wear.
 
-    A rail that goes on straight has no end: there a warning says how far it is known. But what is recorded must begin
-    before that.
+    A rail that continues straight has no end; there a warning says how far the rail is known. But the recorded part
+    must begin before this distance.
 
-    **Arguments:** `periods`: forcing periods of the run; `begin`: where it begins [m]; `transient`: how many of the
-    periods pass before any is recorded; `after`: further periods that records add to the run.
+    **Arguments:** `periods`: forcing periods of the run; `begin`: where it begins [m]; `transient`: number of
+    periods before the recorded periods; `after`: further periods that records add to the run.
     """
     require(
         scene.wear is None,
@@ -184,8 +184,8 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
     )
     track = scene.track
     if is_traced((track, begin)) or not track.extent < np.inf:
-        return  # nothing is known, or the rail goes on
-    # of a batch, the case that comes farthest
+        return  # nothing is known, or the rail continues
+    # of a batch, the case that travels farthest
     wave = float(np.max(np.asarray(scene.wavelength)))
     # the foremost slipper must not leave the rail
     begin = begin + float(np.max(np.asarray(scene.ahead)))
@@ -201,7 +201,7 @@ def check_rail(scene: Scene, periods: int, begin: Real, transient: int = 0, afte
 
 
 def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
-    """Warn where the argument `name` leads to a distance [m] beyond what is known of a rail."""
+    """Warn where the argument `name` leads to a distance [m] beyond the known part of a rail."""
     if travelled > track.extent + 1e-9 * abs(track.extent):
         warn(
             f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only; "
@@ -210,7 +210,7 @@ def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
 
 
 def longer_rails(track: AbstractTrack, travelled: float) -> str:
-    """Return in words which rails reach a distance [m] beyond the end of one."""
+    """Return a text that names the rails which reach a distance [m] beyond the end of one."""
     length = np.ceil(travelled - track.origin)
     alike = "RandomRails" if track.rails else "RandomTrack"
     return (
@@ -230,11 +230,11 @@ def _at_slowest(scene: Scene, begin: Real, periods: int) -> Scene:
 
 
 def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
-    """Return constant steps whose number is an argument of the compiled program, which so serves many numbers.
+    """Return constant steps whose number is an argument of the compiled program, so that it serves many numbers.
 
-    It can be differentiated in forward mode only.
+    The program can be differentiated only in forward mode.
 
-    **Arguments:** `most`: where states inside periods are recorded, the greatest number of steps to make room for.
+    **Arguments:** `most`: where states inside periods are recorded, the greatest number of steps.
     """
     return ConstantSteps(most and capacity_for(most), as_argument(steps))
 
@@ -251,17 +251,17 @@ class Peak(NamedTuple):
     force: Real
     """Normal force [N]."""
     period: Real
-    """Its instant [forcing periods]; NaN without contact."""
+    """Instant of the highest force [forcing periods]; NaN without contact."""
     point: Whole
     """Index of the point in `Scene.point_names`."""
 
     def text(self, scene: Scene) -> str:
-        """Say in words how high, where and when."""
+        """Return a text that says how high, where and when the force is."""
         if not float(self.force) > 0:
             return "no contact"
         where = scene.point_names[int(self.point)]
         when = f"period {float(self.period):.3f}"
-        # rails without waves are known by distance
+        # on rails without waves the distance counts
         if travel_unit(scene) != "period":
             when = f"{float(self.period * scene.wavelength):.2f} m"
         return f"highest single contact point {float(self.force):.0f} N at {where}, {when}"
@@ -280,13 +280,13 @@ class Trajectory(eqx.Module, AbstractResult):
     steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, including those that a step size controller rejected."""
     status: Int[Array, ""]
-    """Code of `slipperjax.Status`: 0 where nothing is wrong."""
+    """Code of `slipperjax.Status`, 0 where nothing is wrong."""
     loads: Loads | None
     """Contact loads of each forcing period, over every step, arrays (periods, ...); None with `loads=False`."""
     call: str = eqx.field(static=True, default="{}")
     """The arguments of `simulate` except scene and start, as JSON, for datasets and files."""
     probe: Probe | None = None
-    """Errors of some forcing periods; None unless `simulate` was asked to `probe`."""
+    """Errors of some forcing periods; None unless `simulate` had a `probe`."""
 
     def __repr__(self) -> str:
         saves = f"Trajectory({jax.typeof(self.period)} of saves"
@@ -334,14 +334,14 @@ def _reactions(scene, periods, states):
 @jit
 def _peak(loads: Loads) -> Peak:
     force, when = over_periods(loads)[:2]
-    # which point it is changes by whole numbers, and has no derivative
+    # the point's number changes by whole numbers, and has no derivative
     at = jnp.argmax(jax.lax.stop_gradient(force))
     return Peak(jnp.max(force), when.ravel()[at], at)
 
 
 @functools.partial(jit, static_argnames=("saves",))
 def _finished(first: State, passage: Passage, scene: Scene, most: Real, epoch: Real, *, saves: int) -> tuple:
-    """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation.
+    """Return states, loads, instants [forcing periods] and status of a run; as one program, not one per operation.
 
     **Arguments:** `most`: see `with_loads`.
     """
@@ -352,7 +352,7 @@ def _finished(first: State, passage: Passage, scene: Scene, most: Real, epoch: R
         saved,
     )
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
-    # states between the ends of periods count, too
+    # states between the ends of periods also count
     code = jnp.where(passage.status == int(Status.FINITE), judge_states(states), passage.status)
     if loads is not None:
         total = over_periods(loads)
@@ -384,31 +384,31 @@ def simulate(
     - `scene`: the case, see `paper_scene`.
     - `periods`: number of forcing periods; each takes the first wavelength over the speed.
     - `steps_per_period`: integration steps per forcing period. By default a typical contact at the least speed of the
-        run takes ten, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. It must be
-        given where the scene's values are traced (jit, vmap).
-    - `solver`: a diffrax solver, or the name of one such as "Rodas4"; see `resolve_solver` for the default. With
-        `EventLatch` memory, solvers of diffrax are put into `Latching`.
-    - `stepsize_controller`: default None, for constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, needs
-        a solver that estimates its error. The first step is then a period over `steps_per_period`, and states inside
-        periods are interpolated at as many instants, to third order.
-    - `start`: the motion or state at `begin`; by default Table 2 of Dang et al. 2024; "rest" for `AtRest()`. A
-        `Trajectory` is continued from its end, a dataset of `slipperjax.run` from its state at `begin`, by default
-        from its end.
-    - `begin`: distance along the rail at which the run begins [m]; by default where the rail begins, zero for rails
-        without a beginning. Time counts from distance zero.
+        run takes ten steps, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. The
+        number must be given where the scene's values are traced (jit, vmap).
+    - `solver`: a diffrax solver, or a solver's name such as "Rodas4"; see `resolve_solver` for the default. With
+        `EventLatch` memory, `Latching` wraps solvers of diffrax.
+    - `stepsize_controller`: default None, for constant steps. `AdaptiveSteps(tolerance)`, or a controller of diffrax,
+        needs a solver that estimates its error. The first step is then a period over `steps_per_period`, and states
+        inside periods are interpolated at this number of instants, to third order.
+    - `start`: the motion or state at `begin`; by default Table 2 of Dang et al. 2024; "rest" for `AtRest()`. From a
+        `Trajectory` the run continues from its end, from a dataset of `slipperjax.run` from its state at `begin`, by
+        default from its end.
+    - `begin`: distance along the rail at which the run begins [m]; by default the beginning of the rail, or zero for
+        rails without a beginning. Time counts from distance zero.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`. Default 40; where
-        `steps_per_period` is given, 50 or 40 if one divides it, else all.
-    - `adjoint`: for a step size controller only, because constant steps can be differentiated in both modes. The
+        `steps_per_period` is given, 50 or 40 if one of them divides it, otherwise all steps.
+    - `adjoint`: only for a step size controller, because constant steps can be differentiated in both modes. The
         default `diffrax.ForwardMode()` serves `jax.jvp` and `jax.jacfwd`, `diffrax.RecursiveCheckpointAdjoint()`
         serves `jax.grad`.
     - `loads`: whether to compute peak forces, impulses, time in contact and penetration over every step.
-    - `probe`: number of forcing periods to repeat with half the step (with a tenth of the tolerance where steps are
-        adaptive) for their error, see `Probe`; 0 for none. Not inside a JAX transformation.
+    - `probe`: number of forcing periods to repeat with half the step (for adaptive steps with a tenth of the
+        tolerance) to measure their error, see `Probe`; 0 for none. Not inside a JAX transformation.
     - `progress`: as for `sweep`.
 
     **Returns:** a `Trajectory`, which includes the start.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
+    **Raises:** `ValueError` that names the wrong argument, or memory and time of an impossible run.
     """
     scene = check_scene(scene)
     periods = whole("periods", periods, 1)
@@ -421,7 +421,7 @@ def simulate(
     epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
     default = lambda: default_steps_per_period(_at_slowest(scene, epoch, periods))
-    # `step_plan` would take an array, too, for the cases of a sweep
+    # `step_plan` would also take an array, for the cases of a sweep
     if steps_per_period is not None:
         steps_per_period = given_steps(steps_per_period)
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
@@ -435,12 +435,12 @@ def simulate(
     elif traced:  # for both modes of derivatives
         stepping = ConstantSteps(steps)
     else:
-        # one program for many numbers of steps: room for twice as many, which probes take
+        # one program for many numbers of steps: capacity for twice as many, because probes need these
         most = (2 if probe else 1) * steps
         stepping = dynamic_steps(steps, most=most if records.inside else None)
     run = PeriodMap(scene, stepping, solver)
     if traced:
-        # the start is made inside, so that what is differentiated are the caller's few numbers, not a whole state
+        # the start is made inside, so that derivatives are by the caller's few numbers, not by a whole state
         first, passage = call_compiled(_from_start, run, (periods, records), start, epoch)
     else:
         first = initial_state(scene, start, epoch)
@@ -452,7 +452,7 @@ def simulate(
     if probe:
         measured = _probed(run, records, states, saves, epoch, probe)
         status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
-    # with adaptive steps, the number of instants at which states were interpolated
+    # with adaptive steps, the number of instants of interpolated states
     shown = steps if controller is None or loads or saves == 1 else saves
     call = dict(
         periods=periods,
@@ -486,7 +486,7 @@ def stand_in(
     steps_per_period: int | None = None,
     saves_per_period: int | None = None,
 ) -> Trajectory:
-    """Return what `simulate` returns, with zeros in place of numbers: what comes after a run can be compiled by it.
+    """Return the result of `simulate` with zeros in place of numbers, to compile programs that follow a run.
 
     **Arguments:** as for `simulate`.
     """
@@ -557,9 +557,9 @@ def _run(run: PeriodMap, records: RecordSet, state: State, epoch: Real, used: Wh
 def step_plan(default: Callable[[], AnyArray | int], steps: Whole, saves: int | None) -> tuple[int | np.ndarray, int]:
     """Return integration steps per period, and a number of saves per period that divides them.
 
-    **Arguments:** `steps`: what the caller gave, one number or an array of them; None for what `default` returns,
-    rounded up to a multiple of the saves; `saves`: by default 40, but of given steps the first of 50, 40 and the
-    greatest common divisor that divides them.
+    **Arguments:** `steps`: the caller's number or array of numbers; None for the result of `default`, rounded up to a
+    multiple of the saves; `saves`: by default 40, for given steps the first of 50, 40 and the greatest common divisor
+    that divides the steps.
     """
     if saves is not None:
         saves = whole("saves_per_period", saves, 1)
@@ -580,7 +580,7 @@ def first_of(start: object) -> Motion | State:
     """Return the motion or state with which a run begins: Table 2's for None, the last state of a `Trajectory`,
     `AtRest()` for "rest".
 
-    **Raises:** `ValueError` for what is no start, or has a number that is not finite.
+    **Raises:** `ValueError` for a value that is no start, or that has a number which is not finite.
     """
     if start is None:
         return table_2_start()
@@ -591,10 +591,10 @@ def first_of(start: object) -> Motion | State:
 
 
 def beginning_of(scene: Scene, begin: Real | None) -> Real:
-    """Return where a run begins [m]: by default where its rail does. A traced place off the rail becomes NaN.
+    """Return where a run begins [m], by default the rail's beginning. A traced place outside the rail becomes NaN.
 
-    **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear or of
-    loads, that has ended before the rail begins.
+    **Raises:** `ValueError` for a place outside the rail; by default also for a programme of speeds, or a table of
+    wear or of loads, that has ended before the rail begins.
     """
     track = scene.track
     if begin is not None:
@@ -602,12 +602,12 @@ def beginning_of(scene: Scene, begin: Real | None) -> Real:
             return Check("begin", "m", is_good=lambda place: (place >= track.begin) & (place < track.extent))(begin)
         begin = number(finite, "begin", begin, "m")
         if not is_traced(track):
-            # distances that were computed may have rounding errors
+            # computed distances may have rounding errors
             slack = 1e-9 * abs(begin)
             need = f"be on the rail, which is known from {track.begin:.10g} to {track.extent:.10g} m"
             require(track.begin - slack <= begin < track.extent, "begin", need, shown=f"{begin:.10g} m")
         return begin
-    # Tables by distance that end before the rail begins were meant to count from there, not from distance zero.
+    # Tables by distance that end before the rail begins were meant to count from its beginning, not from zero.
     loads = getattr(scene.load, "loads", (scene.load,))
     for name, part in (("speed", scene.speed), ("wear", scene.wear), *(("load", load) for load in loads)):
         places = getattr(part, "distance", None)
@@ -619,7 +619,7 @@ def beginning_of(scene: Scene, begin: Real | None) -> Real:
 
 
 def beginning(scene: Scene, begin: Real | None, start: Any) -> tuple[Real, Motion | State]:
-    """Return where a run begins [m], and its start; of a dataset of `slipperjax.run`, the state kept there."""
+    """Return where a run begins [m], and its start, for a dataset of `slipperjax.run` the state kept there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)
     states = start.get("state")

@@ -25,14 +25,14 @@ from .style import (
 )
 
 EVENT_MARKERS = {"LP": "D", "BP": "s", "PD": "^", "NS": "o", "GR": "|", "MX": "x"}
-"""Markers of events; ends on a bound have none."""
+"""Markers of events; ends at a bound have none."""
 EVENT_NAMES = {label: text.partition(":")[0] for label, text in MEANINGS.items()} | {"MX": "no convergence"}
 CROWD = 4
 """Events that are a crowd where they are close to each other."""
 CROWDED = 0.2
 """Share of the axis within which they are."""
 DASHED = (0, (3.0, 1.4))
-"""Line style of unstable motions; stable ones are solid."""
+"""Line style of unstable motions; stable motions are solid."""
 
 
 def branches(
@@ -43,9 +43,9 @@ def branches(
     *,
     others: Sequence[object] = (),
 ) -> Axes:
-    """Draw branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
+    """Draw branches of periodic motions over a parameter: stable parts solid, unstable parts dashed, events marked.
 
-    Colours tell periods apart. An event has a marker at each value that its orbit has.
+    Colours distinguish periods. An event has a marker at each value that its orbit has.
 
     **Arguments:**
 
@@ -54,7 +54,7 @@ def branches(
         start_y, or another coordinate, at the start of the orbit's period; or a variable with one value per point,
         such as slowest_touchdown or grazing_gap.
     - `brute`: from `sweep(..., record="sections")` over the same parameter, drawn beneath as grey dots.
-    - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
+    - `ax`: the Axes to draw into; default the Axes of a new figure, with the fixed parameters as its title.
     - `others`: branches that are drawn before these.
 
     **Returns:** the Axes.
@@ -63,7 +63,7 @@ def branches(
     """
     these = list(ds) if isinstance(ds, list | tuple) else [ds]
     points = _datasets([*others, *these], "continue_orbit", "stable", "event_point")
-    # systems of one's own have other numbers
+    # a user's own systems have other numbers
     if any(quantity not in one or one[quantity].dims != ("point",) for one in points):
         check_quantity(quantity)
     names = {varied_names(one)[0] for one in points}
@@ -85,7 +85,7 @@ def branches(
         for one, threads, period in zip(points, lines, periods, strict=True):
             x = shown(one, name)
             stable = stable_parts(one)
-            # colours are explained where there are several
+            # a legend of colours where there are several
             of = f"period {period}, " if len(colors) > 1 else ""
             style = dict(color=colors[period], zorder=3, solid_capstyle="butt")
             ax.plot(*joined(x, threads, stable), lw=1.3, label=f"{of}stable", **style)
@@ -122,14 +122,14 @@ def _events_of(ds: xr.Dataset, x: np.ndarray, threads: np.ndarray) -> Iterator[t
 
 
 def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], None], places: list[tuple[float, np.ndarray]]) -> None:
-    """Draw the part where most events are once more, larger, where these are `CROWD` or more close to each other.
+    """Draw the part with most events a second time, larger, where `CROWD` or more events are close to each other.
 
     **Arguments:** `draw`: draws everything into Axes; `places`: parameter and values of each event.
     """
     low, high = ax.get_xlim()
     width = CROWDED * (high - low)
     at = np.array([x for x, _ in places])
-    # the events within a width of each
+    # the number of events within a width of each event
     near = np.array([(at >= x) & (at <= x + width) for x in at]).reshape(len(at), len(at))
     if not len(at) or near.sum(axis=1).max() < CROWD or np.ptp(at) <= width:
         return
@@ -137,7 +137,7 @@ def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], None], places: list[tuple[fl
     values = np.concatenate([one for (_, one), inside in zip(places, crowd, strict=True) if inside])
     reach = 0.15 * max(np.ptp(at[crowd]), 0.2 * width)
     tall = 0.25 * max(np.ptp(values), 0.02 * np.ptp(ax.get_ylim()))
-    # above the crowd there is room where values are low, below it where they are high
+    # above the crowd there is space where values are low, below it where they are high
     up = values.mean() < np.mean(ax.get_ylim())
     left = at[crowd].mean() < (low + high) / 2
     inset = ax.inset_axes((0.12 if left else 0.52, 0.5 if up else 0.12, 0.36, 0.4))
@@ -155,14 +155,14 @@ def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], None], places: list[tuple[fl
 
 
 def check_quantity(quantity: str) -> None:
-    """Raise `ValueError` where branches have no such quantity."""
+    """Raise `ValueError` where branches do not have the quantity."""
     of_points = ("slowest_touchdown", "grazing_gap", "outside", "residual")
     one_of("quantity", quantity, (*SECTIONS, *(f"start_{name}" for name in COORDINATES), *of_points))
 
 
 def check_brute(brute: object, name: str, quantity: str) -> None:
     """Raise `ValueError` unless a bifurcation diagram is over the parameter `name` and has the section `quantity`."""
-    # simulations record sections only
+    # only simulations record sections
     if quantity not in SECTIONS:
         raise ValueError(f"Argument `brute` must be None where `quantity` is {quantity}, which simulations lack.")
     of_sweep = check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
@@ -174,10 +174,10 @@ def check_brute(brute: object, name: str, quantity: str) -> None:
 def multiplier_circle(ds: object, ax: Axes | None = None) -> Axes:
     """Draw Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
 
-    Multipliers with a part above 2 lie outside of the picture.
+    Multipliers with a real or imaginary part above 2 are outside of the picture.
 
     **Arguments:** `ds`: a branch, a result of `continue_orbit` or its dataset; `ax`: the Axes to draw into, default
-    those of a new figure, with the fixed parameters as its title.
+    the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 
@@ -201,30 +201,30 @@ def multiplier_circle(ds: object, ax: Axes | None = None) -> Axes:
 def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None = None) -> Axes:
     """Draw curves of folds, flips, Neimark-Sacker points and grazings over two parameters.
 
-    A curve is solid where all other multipliers lie inside the unit circle, so that the motion changes there that is
-    met in simulations, and dashed elsewhere.
+    A curve is solid where all other multipliers are inside the unit circle, so that the motion of simulations changes
+    there, and dashed elsewhere.
 
     **Arguments:**
 
     - `ds`: one curve or several, results of `continue_event` or their datasets: along `point`, with two coordinates
         named by the attribute `varied`, the attribute `label` and the variable `outside`, the number of other
         multipliers outside the unit circle.
-    - `regimes`: over the same parameters, drawn beneath; only its area is shown then. From `lyapunov_sweep`, as
-        `regime_map` draws it, or as for `attractor_map`.
-    - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
+    - `regimes`: over the same parameters, drawn beneath; only its area is shown then. From `lyapunov_sweep`, as for
+        `regime_map`, or as for `attractor_map`.
+    - `ax`: the Axes to draw into; default the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes, with the first parameter upwards, or as in the regime map.
 
     **Raises:** `ValueError` for another kind of dataset, or where the parameters differ.
     """
-    # black and colours that stand out on a regime map
+    # black, and colours that differ clearly from a regime map
     colors = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
     curves = _datasets(ds, "continue_event", "outside")
     over = varied_names(curves[0])
     for one in curves:
         label = one.attrs.get("label")
         names = varied_names(one)
-        # of a known label, and over the same plane as the first
+        # with a known label, and over the same plane as the first
         good = label in colors and len(names) == 2 and set(names) == set(over)
         need = f"be curves of {', '.join(colors)} over the same two parameters"
         require(good, "ds", need, shown=f"of {label} over {' and '.join(names)}")
@@ -251,7 +251,7 @@ def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None 
             period = int(one.attrs.get("orbit_period", 1))
             text = f"{label} {EVENT_NAMES[label]}" + (f" of period {period}" if period > 1 else "")
             places = shown(one, over[1]), shown(one, over[0])[None]
-            # a part is solid where both its ends bound a stable motion
+            # a part is solid where both its ends belong to a stable motion
             single = one["outside"].values == 0
             solid = single[1:] & single[:-1]
             style = dict(color=colors[label], zorder=4)
@@ -289,9 +289,10 @@ def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
 def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.ndarray:
     """Return the velocities of a section's crossings as lines (lines, points), NaN where a line is absent.
 
-    The number of crossings changes from point to point, and their order where one appears or passes the start of the
-    period. Those of neighbouring points are matched by velocity and time; where the velocity changes by more than
-    0.8 of the larger one, or the time by more than a tenth of a forcing period, a line ends and another begins.
+    The number of crossings changes from point to point, and so does their order where a crossing appears or passes
+    the start of the period. Crossings of neighbouring points are matched by velocity and time. Where the velocity
+    changes by more than 0.8 of the larger velocity, or the time by more than a tenth of a forcing period, a line ends
+    and another begins.
 
     **Arguments:** `velocity` (points, crossings), NaN where there are fewer; `time` [forcing periods], likewise;
     `period`: after which the orbits recur [forcing periods].
@@ -300,10 +301,10 @@ def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.
 
     finite = np.isfinite(velocity)
     points = len(velocity)
-    # a twentieth of all velocities' range is no jump, however small the velocities are
+    # a change of a twentieth of the range of all velocities is no jump, also for small velocities
     small = max(0.05 * float(np.ptp(velocity[finite])), 1e-300) if finite.any() else 1.0
     lines = np.full((0, 2, points), np.nan)  # velocities and times
-    # go along the branch, and continue the lines that reach its last point
+    # along the branch, continue the lines that reach its last point
     for k, present in enumerate(finite):
         v = velocity[k, present]
         t = time[k, present]
@@ -313,11 +314,11 @@ def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.
         # the shorter way around the period
         shift = ((t - t_before + period / 2) % period - period / 2) / 0.1
         cost = np.hypot(jump, shift)
-        old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
+        old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # as many matches as possible, at any cost
         matched = cost[old, new] <= 1
         line = np.full(len(v), -1)
         line[new[matched]] = alive[old[matched]]
-        # crossings without a match begin a line
+        # crossings without a match begin a new line
         begun = np.flatnonzero(line < 0)
         line[begun] = len(lines) + np.arange(len(begun))
         lines = np.concatenate([lines, np.full((len(begun), 2, points), np.nan)])
@@ -328,7 +329,7 @@ def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.
 def stable_parts(ds: xr.Dataset) -> np.ndarray:
     """Return whether a branch is stable between its points, of shape (points - 1,).
 
-    At an event itself stability is undecided, so a part that begins or ends there has that of its other end.
+    At an event itself stability is undecided, so that a part next to an event has the stability of its other end.
     """
     stable = ds["stable"].values.astype(bool)
     event = ds["label"].values.astype(str) != ""
@@ -348,7 +349,7 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
     drawn = parts & finite[:, 1:] & finite[:, :-1]
     end = np.pad(drawn, ((0, 0), (1, 0)))
     begin = np.pad(drawn, ((0, 0), (0, 1)))
-    # each point that a part touches, and a NaN after it where no part goes on
+    # each point that belongs to a drawn part, and a NaN after it where no part follows
     keep = np.stack([end | begin, end & ~begin], axis=-1)
     gap = np.full(threads.shape, np.nan)
     xs = np.broadcast_to(x, threads.shape)
@@ -359,7 +360,7 @@ def _marker(label: str, color: str) -> dict[str, object]:
     """Return the style of an event's marker."""
     marker = EVENT_MARKERS[label]
     style: dict[str, object] = dict(ls="", marker=marker, zorder=4)
-    # filled markers have a white edge, which parts them from lines; these two have no area
+    # filled markers have a white edge, which separates them from lines; these two have no area
     if marker in "|x":
         return style | dict(ms=5.5, mew=0.9, mec=color)
     return style | dict(ms=4.4, mew=0.6, mec="white", mfc=color)

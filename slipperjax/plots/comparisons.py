@@ -1,4 +1,4 @@
-"""Designs compared over the same rails and starts: their values in words, and their picture."""
+"""Designs compared over the same rails and starts: their values as texts, and their picture."""
 
 import math
 from collections.abc import Sequence
@@ -11,18 +11,18 @@ from ..model.quantities import Quantity, ShownUnits
 from .style import check_dataset, line_color, name_label, page, quantity_of, shown_units, with_unit
 
 SOURCE = "slipperjax.compare"
-"""What makes such datasets."""
+"""Function that makes such datasets."""
 
 
 class Comparison(NamedTuple):
     """A result of `slipperjax.compare` with its designs in one list, in a user's units."""
 
     ds: xr.Dataset
-    """With the designs along `design`."""
+    """The dataset, with the designs along `design`."""
     labels: list[str]
-    """Of the designs, with units."""
+    """Names of the designs, with units."""
     quantity: Quantity
-    """What is compared."""
+    """The compared quantity."""
 
     @classmethod
     def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
@@ -42,7 +42,7 @@ class Comparison(NamedTuple):
         return cls(flat, labels, chosen.of(quantity_of(ds.attrs["record"], ds.rename(runs=ds.attrs["record"]))))
 
     def said(self, name: str, design: int, quantile: int) -> str:
-        """Return a value of one design and its standard error in words."""
+        """Return a value of one design and its standard error as a text."""
         value, error = (
             self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
             for part in (name, "stderr" if name == "value" else f"{name}_stderr")
@@ -57,7 +57,7 @@ class Comparison(NamedTuple):
 
 
 def _stated(text: str, quantity: Quantity) -> str:
-    """Return numbers of a quantity and its unit, which pure numbers have none of."""
+    """Return numbers of a quantity and its unit; pure numbers have no unit."""
     return text if quantity.display_unit == "1" else f"{text} {quantity.display_unit}"
 
 
@@ -67,10 +67,9 @@ def of_runs(share: float) -> str:
 
 
 def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
-    """Draw the shares of runs below each value, with the quantiles and their 95 % intervals, and what designs
-    differ by.
+    """Draw the shares of runs below each value, the quantiles with 95 % intervals, and the designs' differences.
 
-    **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default those of the
+    **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default the units of the
     scene's file.
 
     **Returns:** an array of two Axes.

@@ -48,16 +48,16 @@ OPTIMUM: dict[str, object] = dict(
 def design_overview(ds: object) -> np.ndarray:
     """Draw a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
-    The title states what is fixed, and the best design. The panels are
+    The title states the fixed parameters and the best design. The panels are
 
-    - the objective in each case, at the best design and at the first one that was tried, marked by kind of motion;
-      bars are standard errors, and a cross at the bottom is a case without a motion;
-    - the trials in the plane of the first two variables, coloured by the objective, with lines through those that
-      each start took; with one variable the objective is drawn over it;
-    - the objective of each trial, and the lowest until then without violations, over the simulated periods;
-    - percent of the objective by one percent of a variable, with standard errors;
-    - where the design has them, the objective in its surroundings, as colours or over one variable as a line, and the
-      distances to events of `design_margins`.
+    - the objective in each case, for the best design and for the first tried design, marked by kind of motion; bars
+      are standard errors, and a cross at the bottom is a case without a motion;
+    - the trials in the plane of the first two variables, coloured by the objective, with a line through the trials
+      from each start; with one variable the objective is drawn over it;
+    - the objective of each trial, and the lowest so far without violations, over the simulated periods;
+    - percent of the objective for one percent of a variable, with standard errors;
+    - where the design has them, the objective around the best design, as colours or over one variable as a line, and
+      the distances to events of `design_margins`.
 
     **Arguments:** `ds`: a result of `optimise_design`, or its dataset.
 
@@ -111,7 +111,7 @@ def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
     unsure = error > 0
     if unsure.any():
         ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
-    # of one case the total is the case
+    # with one case, the total equals the case
     if len(x) > 1:
         total = q.shown(ds.attrs["objective"])
         ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=ds.attrs["robust"])
@@ -127,7 +127,7 @@ def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
     # with one variable the objective is drawn upwards
     x, y = [*places, total][:2]
     taken = ds["trial_taken"].values.astype(bool)
-    # a line through what each start took, and a square where it began, which frames the star of the best design
+    # a line through the trials from each start, and a square at the start, which frames the star of the best design
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
         ax.plot(x[own & taken], y[own & taken], lw=0.7, color=COLORS["grey"], zorder=1)
@@ -148,7 +148,7 @@ def _finish_plane(
     total: np.ndarray,
     drawn: ScalarMappable | None,
 ) -> None:
-    """Mark the best design, and label the axes: two variables, or one and the objective."""
+    """Mark the best design, and label the axes: two variables, or one variable and the objective."""
     place = [one.shown(ds["design"].sel(variable=one.name).item()) for one in variables]
     labels = [name_label(one) for one in variables]
     objective = _smooth_label(ds)
@@ -164,7 +164,7 @@ def _finish_plane(
 
 
 def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> ScalarMappable:
-    """Draw trials coloured by what is minimised, grey without a motion, as triangles where they violate a constraint.
+    """Draw trials coloured by the minimised number, grey without a motion, as triangles if a constraint is violated.
 
     **Returns:** the dots, for a colour bar.
     """
@@ -199,12 +199,12 @@ def _kept(ds: xr.Dataset) -> np.ndarray:
 def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
     total = shown(ds, "trial_smooth")
     x = ds["trial_simulated"].values
-    # trials that break a constraint are no progress
+    # trials that break a constraint do not count as progress
     lowest = np.fmin.accumulate(np.where(_kept(ds), total, np.nan))
     ax.plot(x, lowest, lw=1.2, color=line_color(0), drawstyle="steps-post", label="lowest")
     _scatter_trials(ds, ax, x, total)
     mark_cases(ax, x[np.isnan(total)], "no motion")
-    # from the beginning of the work, of which the first designs take much
+    # from the beginning of the work, because the first designs take much of it
     ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds), xlim=(0, 1.03 * x.max()))
     fit_scale(ax, total)
     legend_above(ax)
@@ -238,15 +238,15 @@ def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
 
 
 def design_margins(ds: object, ax: Axes | None = None) -> Axes:
-    """Draw bars of how far parameters may change, either way, before the orbit of a case meets an event.
+    """Draw bars for how far parameters may change, in both directions, before the orbit of a case meets an event.
 
-    A marker at the end of a bar is the event, with the parameter's value there; a bar without one ends where the
+    A marker at the end of a bar is the event, with the parameter's value there; a bar without a marker ends where the
     search ended.
 
     **Arguments:**
 
     - `ds`: a result of `optimise_design` with its `margins`, or its dataset.
-    - `ax`: the Axes to draw into, default those of a new figure.
+    - `ax`: the Axes to draw into, default the Axes of a new figure.
 
     **Returns:** the Axes.
 
@@ -265,11 +265,11 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
         for case, name, label, value, relative in rows.itertuples(index=False):
             color = line_color(cases.index(case))
             text = ", ".join(_stated(q, values[case]) for q, values in over) or "the case"
-            # a row for each parameter, with the cases' bars beneath each other
+            # a row for each parameter, with the cases' bars below each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
             ax.plot([0, change], [row] * 2, color=color, label=text, lw=3.5, alpha=0.35, solid_capstyle="butt")
-            # the side without an event has a bar alone
+            # the side without an event has only a bar
             if label:
                 text = f"{label} {EVENT_NAMES[label]}"
                 ax.plot(change, row, EVENT_MARKERS[label], ms=5, color=color, zorder=3, label=text)
@@ -279,7 +279,7 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
         ax.axvline(0, lw=0.5, color="black", zorder=1)
         ticks = [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters.values()]
         ax.set_yticks(range(len(names)), ticks)
-        # percent, with space for the values beside the bars
+        # percent, with space for the values next to the bars
         farthest = 135 * max(float(np.nanmax(np.abs(margins["relative"].values), initial=0.0)), 1e-9)
         ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(names) - 0.5, -0.5))
         legend_above(ax)
@@ -290,7 +290,7 @@ def _draw_map(ds: xr.Dataset, ax: Axes) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
     grid = ds["around_total"]
     over = [one for one in _variables(ds) if one.name in grid.dims]
-    # of more than two variables the further ones are as near the best design as the grid has them
+    # with more than two variables, the others have the grid's values nearest to the best design
     nearest = {one.name: float(ds["design"].sel(variable=one.name)) for one in over[2:]}
     variables = over[:2]
     values = grid.sel(nearest, method="nearest").transpose(*(one.name for one in variables))
@@ -312,16 +312,16 @@ def _draw_map(ds: xr.Dataset, ax: Axes) -> None:
 
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
-    """Return the values of the parameter that differs between cases, and its label; else the cases' numbers."""
+    """Return the values of the parameter that differs between cases, and its label; otherwise the cases' numbers."""
     names = varied_names(ds)
     if len(names) == 1:
         return shown(ds, names[0]), axis_label(names[0], ds)
-    # without one parameter cases have numbers
+    # without such a parameter cases have numbers
     return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
 
 
 def _smooth_label(ds: xr.Dataset) -> str:
-    """Return the label of what is minimised."""
+    """Return the label of the minimised number."""
     return name_label(quantity_of("smooth", ds)) + _reduction(ds, "\n")
 
 
@@ -342,7 +342,7 @@ def _name(q: Quantity) -> str:
 
 
 def _stated(q: Quantity, value: float) -> str:
-    """Return a quantity in words, with its value [SI unit] in the display unit."""
+    """Return a quantity as a text, with its value [SI unit] in the display unit."""
     return with_unit(f"{_name(q)} {q.shown(value):.5g}", q.display_unit)
 
 

@@ -1,4 +1,4 @@
-"""The page of a vibration environment, in g as reports of tests show it."""
+"""The page of a vibration environment, in g as in test reports."""
 
 from typing import Any
 
@@ -15,23 +15,24 @@ from .style import COLORS, check_dataset, entitle, legend_above, line_color, pag
 
 SOURCE = "slipperjax.environment"
 RMS = ("rms", "band_rms", "maximax_rms")
-"""Root mean squares that are stated."""
+"""Root mean squares that the page states."""
 DECADES = 6
-"""Most decades of a density that a panel shows."""
+"""Most decades of a density in a panel."""
 
 
 def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
     """Draw a page of the vibration environment of a place.
 
-    Above power spectral densities along x, y and z: of each rail in grey, with their maximum, mean and 95/50 limit.
-    Below the shock response, the greatest of all rails and the limit; the level over time of the rail with the
-    highest one, and shaded where it is within 6 dB of its highest; and a table with the greatest of all rails.
+    Above are power spectral densities along x, y and z: each rail in grey, with their maximum, mean and 95/50 limit.
+    Below are the shock response, with the greatest of all rails and the limit; the level over time of the rail with
+    the highest level, shaded where it is within 6 dB of its highest value; and a table with the greatest of all
+    rails.
 
     **Arguments:** `report`: of `slipperjax.environment`; `place`: the place's number, from 0.
 
     **Returns:** the Axes, in g, g^2/Hz, Hz and s, shape (2, 3).
 
-    **Raises:** `ValueError` for another dataset, or a place that it does not have.
+    **Raises:** `ValueError` for another dataset, or a place that the dataset does not have.
     """
     at = of_place(report, place)
     with page(2, 3, 5.0, report, full=False) as axes:
@@ -64,12 +65,12 @@ def summary_styles() -> dict[str, dict[str, Any]]:
 
 
 def named_place(at: xr.Dataset) -> str:
-    """Return a place of a report in words."""
+    """Return a place of a report as a text."""
     return "({:g}, {:g}, {:g}) m".format(*(float(at[axis]) for axis in "xyz"))
 
 
 def three_digits(value: float) -> str:
-    """Return a number with three digits that count, large ones without a power of ten."""
+    """Return a number with three significant digits, large numbers without a power of ten."""
     return f"{float(f'{value:.3g}'):g}"
 
 
@@ -87,7 +88,7 @@ def of_place(report: xr.Dataset, place: int) -> xr.Dataset:
 
 
 def greatest_of_rails(at: xr.Dataset) -> pd.DataFrame:
-    """Return RMS, RMS in the bands and shock response [g] and the duration [s], greatest of rails, by direction."""
+    """Return RMS, RMS in the bands, shock response [g] and duration [s], the greatest of all rails, by direction."""
     names = [*RMS, "shock_response", "duration"]
     return at[names].max(["rail", "natural_frequency"]).to_dataframe().loc[:, names]
 
@@ -126,7 +127,7 @@ def _finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
         ax.set_yscale("log")
     ax.set_xlim(edges[0], edges[-1])
     set_log_ticks(ax.xaxis)
-    # 1000 and 2000 would touch
+    # the labels 1000 and 2000 would touch each other
     ax.xaxis.set_major_locator(LogLocator(subs=(2, 5)))
     legend_above(ax)
 

@@ -1,4 +1,4 @@
-"""Fits: signals of model and record, what is left, their spectra, and what is known of the parameters."""
+"""Fits: signals of model and record, their differences, their spectra, and what is known about the parameters."""
 
 import textwrap
 
@@ -13,24 +13,24 @@ from .style import COLORS, check_dataset, entitle, legend_above, line_color, pag
 
 SOURCE = "slipperjax.fit"
 SHOWN = 150
-"""Samples of a record that a picture shows."""
+"""Samples of a record in a picture."""
 LAGS = 40
-"""Lags of the residuals' autocorrelation that a picture shows."""
+"""Lags of the residuals' autocorrelation in a picture."""
 
 
 def fit_overview(result: object, sensor: str | None = None) -> np.ndarray:
     """Draw a page of a fit.
 
-    Of trajectories: the beginning of a sensor's record with the model's signal and its 90 % band, the autocorrelation
-    of what is left, with the band in which that of white noise is, power spectral densities of record and model, and
-    the intervals of the parameters within what was expected of them before. Of features: these in place of the signal
-    and of what is left.
+    For trajectories: the beginning of a sensor's record with the model's signal and its 90 % band; the
+    autocorrelation of the residuals, with the band of white noise; power spectral densities of record and model; and
+    the intervals of the parameters within their prior ranges. For features: the features in place of the signal and
+    the residuals.
 
     **Arguments:** `result`: a `Fit`, or its dataset; `sensor`: by default the first.
 
     **Returns:** the Axes, shape (2, 2).
 
-    **Raises:** `ValueError` for another dataset, or a sensor that it does not have.
+    **Raises:** `ValueError` for another dataset, or a sensor that the dataset does not have.
     """
     ds = check_dataset(result, SOURCE, "estimate", "prior_low", argument="result")
     sensors = [str(name) for name in ds["sensor"].values]
@@ -137,14 +137,14 @@ def _draw_parameters(ax: Axes, ds: xr.Dataset) -> None:
 
 
 def _stated(name: str, one: xr.Dataset) -> str:
-    """Return an estimate with its interval in words."""
+    """Return an estimate with its interval as a text."""
     q = fit_quantity(one, name)
     value, low, high = (float(q.shown(float(one[key]))) for key in ("estimate", "low", "high"))
     return with_unit(f"{value:.5g} ({low:.5g} to {high:.5g})", q.display_unit)
 
 
 def fit_quantity(ds: xr.Dataset, name: str) -> Quantity:
-    """Return the quantity of a parameter that was fitted; that of a sensor has the unit of the file."""
+    """Return the quantity of a fitted parameter; the quantity of a sensor has the unit of the file."""
     if name in PARAMETERS:
         return PARAMETERS[name]
     unit = ds["unit"] if ds["unit"].ndim == 0 else ds["unit"].sel(parameter=name)

@@ -38,22 +38,22 @@ from .style import (
 )
 
 DIRECTION_COLORS = {"up": 3, "down": 2}
-"""Numbers of the colours of motions that are followed with the parameter raised and lowered, see `line_color`."""
+"""Numbers of the colours of motions that are followed with a rising and a falling parameter, see `line_color`."""
 EXPONENT_LABEL = "largest exponent [1/period]"
 
 
 class Met(NamedTuple):
-    """Motions that are met over a parameter, and how they are drawn."""
+    """Motions over a parameter, and how they are drawn."""
 
     ds: xr.Dataset
     color: str
     line: str
-    """Style of the line from case to case, where each begins as the one beside it ended; empty for none."""
+    """Style of the line from case to case, where each case begins as its neighbour ended; empty for no line."""
     label: str
 
     @classmethod
     def each(cls, ds: xr.Dataset) -> "list[Met]":
-        """Return the directions of a dataset of `follow`; of another one all, without a label."""
+        """Return the directions of a dataset of `follow`; for another dataset all cases, without a label."""
         if "direction" not in ds.dims:
             return [cls(ds, line_color(0), "", "")]
         ways = {str(way): ds.sel(direction=way) for way in ds["direction"].values}
@@ -61,7 +61,7 @@ class Met(NamedTuple):
 
 
 def parameters_of(ds: xr.Dataset) -> tuple[str, ...]:
-    """Return the parameters over which a dataset has cases; the directions of `follow` are none."""
+    """Return the parameters over which a dataset has cases; the directions of `follow` are no parameter."""
     return tuple(str(dim) for dim in ds["status"].dims if dim != "direction")
 
 
@@ -69,13 +69,13 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: o
     """Draw one bifurcation diagram: a section's velocities over the swept parameter, in display units.
 
     Cases with a status other than 0 have no dots, but a grey cross at the bottom. Directions of `follow` have their
-    own colours, and hysteresis is where these disagree.
+    own colours, and differ where there is hysteresis.
 
     **Arguments:**
 
     - `ds`: from `sweep(..., record="sections")` over one parameter, or from `follow`.
     - `section`: v_y, v_z [m/s], w_x, w_y or w_z [rad/s].
-    - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
+    - `ax`: the Axes to draw into; default the Axes of a new figure, with the fixed parameters as its title.
     - `style`: of the dots, for `Axes.plot`.
 
     **Returns:** the Axes.
@@ -92,14 +92,14 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: o
 
 
 def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarray:
-    """Draw the bifurcation diagrams of all five sections on one page, those of Figs. 5, 8 and 10 of the paper.
+    """Draw the bifurcation diagrams of all five sections on one page, as Figs. 5, 8 and 10 of the paper.
 
-    Velocities are in the upper row, angular velocities in the lower one.
+    Velocities are in the upper row, angular velocities in the lower row.
 
     **Arguments:**
 
     - `ds`: as for `bifurcation`.
-    - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered.
+    - `followed`: from `follow`, drawn beneath: the motions while the parameter rises and falls.
 
     **Returns:** the Axes, an array.
     """
@@ -107,9 +107,9 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarr
     drawn = Met.each(ds)
     if followed is not None:
         followed = check_dataset(followed, "follow", "direction", argument="followed")
-        # followed motions beneath, those from one start above
+        # followed motions beneath, motions from one start above
         drawn = [*Met.each(followed), *(met._replace(label=met.label or "from one start") for met in drawn)]
-    # one width for one abscissa: of six places the third is empty
+    # one width for one abscissa; the third of six places is empty
     with page(2, 3, 4.6, ds, sharex=True) as places:
         places[0, 2].remove()
         axes = np.delete(places.ravel(), 2)
@@ -123,7 +123,7 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarr
 
 
 def _dot(k: int) -> dict[str, float]:
-    """Return the size of the dots drawn as number `k`: those beneath stay visible."""
+    """Return the size of the dots with number `k` in the drawing order, so that dots beneath stay visible."""
     return {"ms": max(3.4 - 0.8 * k, 1.0)}
 
 
@@ -146,9 +146,9 @@ def _draw_dots(met: Met, section: str, ax: Axes, **style: object) -> None:
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     """Return the name in `REGIMES` of each case, shape as `dims`; "unresolved" where the status is not 0.
 
-    Without the variable `regime` it is read from `kind`.
+    Without the variable `regime`, `kind` gives the name.
     """
-    # exponents tell more than recurrence
+    # exponents show more than recurrence
     if "regime" in ds:
         names = ds["regime"].transpose(*dims).values
     else:
@@ -157,14 +157,14 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
 
 
 def motions_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """Return the name in `MOTION_COLORS` of each case, shape as `dims`: its period, regime, or that it is flagged."""
+    """Return the name in `MOTION_COLORS` of each case, shape as `dims`: its period, its regime, or "flagged"."""
     regime = regimes_of(ds, *dims)
     kind = ds["kind"].transpose(*dims).values
     period = ds["period"].transpose(*dims).values.astype(int)
     number = np.char.add("period ", period.astype(str))
-    # recurrence shows tori, other regular motions have no kind
+    # recurrence shows tori; other regular motions have no kind
     motion = np.where((regime == "regular") & (kind == "torus"), "quasi-periodic", regime)
-    # longer periods share a colour
+    # longer periods have one colour
     motion = np.where(regime == "periodic", np.where(period <= 4, number, "other periods"), motion)
     return np.where(flagged(ds, *dims), FLAGGED_LABEL, motion)
 
@@ -180,11 +180,11 @@ def map_over(
 ) -> ScalarMappable:
     """Draw values over two parameters as colours of cells; return the mesh, for a colour bar.
 
-    Cases with a status other than 0 have the colour `bad_color`. Those without a value, such as those that a growing
-    store does not have yet, are white.
+    Cases with a status other than 0 have the colour `bad_color`. Cases without a value, such as missing cases of a
+    growing store, are white.
 
     **Arguments:** `over`: dimensions of `values`, the first drawn upwards; `colors`: a list, of which `values` are
-    indices, or the name of a colour map; `norm`: of a colour map, returns its scale for the values that are drawn.
+    indices, or the name of a colour map; `norm`: for a colour map, returns its scale for the drawn values.
     """
     y, x = (shown(ds, name) for name in over)
     missing = status_of(ds, *over) == Status.NOT_RUN
@@ -197,7 +197,7 @@ def map_over(
         colormap = plt.get_cmap(colors)
         scale = norm(values)
     drawn = ax.pcolormesh(x, y, values, cmap=colormap.with_extremes(bad=bad_color), norm=scale, rasterized=True)
-    # what has no value is covered in white, as the mesh has one colour for all that is masked
+    # places without a value are covered in white, because the mesh has only one colour for masked values
     white = np.ma.getmaskarray(values) & ~bad
     if white.any():
         blank = np.ma.masked_where(~white, np.zeros(white.shape))
@@ -214,12 +214,12 @@ def map_over(
 def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the largest Lyapunov exponent [1/period] over two parameters: red above zero, blue below, white at zero.
 
-    Each colour ends at the largest exponent of its sign and goes as the square root, so that exponents slightly below
-    zero differ from zero. Unresolved cases have a cross. Cases with a status other than 0 are unresolved, and grey
-    instead of coloured.
+    Each colour ends at the largest exponent of its sign. Colours follow the square root, so that exponents slightly
+    below zero differ from zero. Unresolved cases have a cross. Cases with a status other than 0 are unresolved, and
+    grey.
 
     **Arguments:** `ds`: from `lyapunov_sweep` over two parameters, the first drawn upwards; `ax`: the Axes
-    to draw into, default those of a new figure, with the fixed parameters as its title.
+    to draw into, default the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 
@@ -228,7 +228,7 @@ def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     ds = check_dataset(ds, "lyapunov_sweep", "regime")
     over = swept(ds["regime"], count=2)
     with drawing(ax, ds, 3.5, 3.3) as ax:
-        # a cross on each case that is unsure
+        # a cross on each unresolved case
         unresolved = regimes_of(ds, *over) == "unresolved"
         if unresolved.any():
             y, x = np.meshgrid(*(shown(ds, name) for name in over), indexing="ij")
@@ -242,11 +242,11 @@ def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
-    """Return a colour scale with zero in its middle, where each sign fills its half by the square root."""
-    # exponents below `LEAST` are no different from zero, and must not fill a half
+    """Return a colour scale with zero in its middle; each sign fills its half by the square root."""
+    # exponents below `LEAST` count as zero, and must not fill a half
     top = max(float(values.max()), LEAST) if values.count() else 1.0
     bottom = max(float(-values.min()), LEAST) if values.count() else 1.0
-    # the two halves have scales of their own
+    # each half has its own scale
     scale = lambda v: np.where(v < 0, bottom, top)
     forward = lambda v: np.sign(v) * np.sqrt(np.abs(v) / scale(v))
     backward = lambda c: np.sign(c) * np.square(c) * scale(c)
@@ -256,13 +256,13 @@ def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
 def attractor_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the kind of motion over two parameters: periods 1 to 4, others, quasi-periodic, chaotic or unresolved.
 
-    Of a dataset of `lyapunov_sweep` they are chaotic, regular and unresolved as in `regime_map`.
+    For a dataset of `lyapunov_sweep` the kinds are chaotic, regular and unresolved as in `regime_map`.
 
-    **Arguments:** `ds`: over two parameters, the first drawn upwards, with the variables `kind` and `period` as
-    `slipperjax.analysis.Attractors` has them; `ax`: the Axes to draw into, default those of a new figure, with the
+    **Arguments:** `ds`: over two parameters, the first drawn upwards, with the variables `kind` and `period` of
+    `slipperjax.analysis.Attractors`; `ax`: the Axes to draw into, default the Axes of a new figure, with the
     fixed parameters as its title.
 
-    **Returns:** the Axes, with a legend of what occurs.
+    **Returns:** the Axes, with a legend of the kinds that occur.
 
     **Raises:** `ValueError` where `ds` is not swept over two parameters.
     """
@@ -276,7 +276,7 @@ def attractor_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     index, colors = categories(ds, motions_of(ds, *over))
     with drawing(ax, ds, 3.5, 3.3) as ax:
         for name, color in colors.items():
-            # the map has its own entry of flagged cases
+            # the map has its own entry for flagged cases
             if name != FLAGGED_LABEL:
                 legend_patch(ax, name, facecolor=color, edgecolor=COLORS["grey"], lw=0.4)
         map_over(ds, over, index, ax, list(colors.values()), bad_color=MOTION_COLORS[FLAGGED_LABEL])
@@ -293,10 +293,10 @@ def categories(ds: xr.Dataset, words: np.ndarray) -> tuple[np.ndarray, dict[str,
 
 
 def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw which attractor each start leads to, with a legend of the attractors and their shares.
+    """Draw to which attractor each start leads, with a legend of the attractors and their shares.
 
     **Arguments:** `ds`: of `slipperjax.sweeps.groups`, over two numbers, the first drawn to the right; `ax`: the Axes
-    to draw into, default those of a new figure, with the fixed parameters as its title.
+    to draw into, default the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 
@@ -305,11 +305,11 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     ds = check_dataset(ds, "slipperjax.sweeps.groups", "basin", "basin_period", "share")
     over = swept(ds["basin"], count=2)[::-1]
     numbers = ds["basin"].transpose(*over).values
-    # the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; further ones are grey
+    # the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; further basins are grey
     colors = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
     most = len(colors)
     periods = ds["basin_period"].values
-    # over parameters, of all cases
+    # over parameters: of all cases
     shares = ds["share"].mean([d for d in ds["share"].dims if d != "attractor"]).values
     with drawing(ax, ds, 3.5, 3.3) as ax:
         # entries of the largest basins
@@ -327,13 +327,13 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
 def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = None) -> Axes:
     """Draw a quantity over one parameter as dots, or over two as colours, in its display unit.
 
-    Directions of `follow` are curves, up and down, and hysteresis is where these disagree. Of a quantity with several
-    values in each case, such as one for each contact point, the largest is drawn. Cases with a status other than 0
-    are grey, those that a growing store does not have yet white. The scale is logarithmic where the values differ by
-    a factor above 8.
+    Directions of `follow` are curves, up and down, which differ where there is hysteresis. For a quantity with
+    several values in each case, such as one value for each contact point, the largest is drawn. Cases with a status
+    other than 0 are grey, missing cases of a growing store are white. The scale is logarithmic where the values
+    differ by a factor above 8.
 
     **Arguments:** `ds`: from `sweep` or `follow`, or a store; over two parameters the first is drawn upwards; `name`:
-    a variable; `ax`: the Axes to draw into, default those of a new figure, with the fixed parameters as its title.
+    a variable; `ax`: the Axes to draw into, default the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 
@@ -359,12 +359,12 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = Non
 
 
 def _draw_values(met: Met, name: str, over: str, ax: Axes) -> np.ndarray:
-    """Draw a variable over a parameter, and crosses for cases that are left out; return what is drawn."""
+    """Draw a variable over a parameter, and crosses for cases that are left out; return the drawn values."""
     ds = met.ds
     x = shown(ds, over)
     bad = flagged(ds, over)
     values = np.where(bad, np.nan, highest(ds, name, over))
-    # what is not computed yet has no mark
+    # missing cases have no mark
     bad &= status_of(ds, over) != Status.NOT_RUN
     ax.plot(x, values, ".", ls=met.line, lw=0.7, ms=3, mew=0, color=met.color, label=met.label)
     mark_cases(ax, x[bad], FLAGGED_LABEL)
@@ -375,10 +375,10 @@ def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the largest Lyapunov exponent [1/period] over one parameter, with three standard errors, by regime.
 
     Cases with a status other than 0 count as unresolved; where they have no finite exponent, a cross at the bottom
-    stands for them.
+    represents them.
 
-    **Arguments:** `ds`: from `lyapunov_sweep` over one parameter; `ax`: the Axes to draw into, default those of a new
-    figure, with the fixed parameters as its title.
+    **Arguments:** `ds`: from `lyapunov_sweep` over one parameter; `ax`: the Axes to draw into, default the Axes of a
+    new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes.
 

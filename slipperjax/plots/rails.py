@@ -13,13 +13,13 @@ from .trajectories import TRAJECTORY_SOURCE, most_loaded
 def rail(scene: Scene, ds: object = None) -> np.ndarray:
     """Draw the rail of a scene over distance, the contact forces of a run below it, and the rail's spectrum.
 
-    Both rails are drawn of a track that has two. Distances are in the unit of the survey, if it is one.
+    Both rails of a track with two rails are drawn. Distances are in the unit of the survey, if the rail is a survey.
 
-    The spectrum is that of the rail drawn. The band of the slipper is shaded: from waves as long as the slipper to
-    those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
+    The spectrum is that of the drawn rail. The band of the slipper is shaded: from waves as long as the slipper to
+    waves in which it crosses its play and back, twice the clearance over the rail's steepest slope.
 
     **Arguments:** `ds`: a `Trajectory` or its dataset, whose rail is drawn; default none, without forces, and 25
-    reference lengths from where the rail begins.
+    reference lengths from the beginning of the rail.
 
     **Returns:** the Axes, an array.
     """
@@ -45,10 +45,10 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         for width, ax in zip((1.6, 0.6), axes, strict=False):
             for line in ax.lines:
                 spectrum = power_spectral_density(line.get_ydata(), places / extent)
-                seen = slice(1, places // 4)  # finer waves are the drawing's
-                # zeros, which a logarithmic axis lacks, are lifted
+                seen = slice(1, places // 4)  # finer waves come only from the drawing
+                # zeros, which a logarithmic axis cannot show, are raised
                 density = spectrum.density[seen] + 1e-300
-                # the one below is wider, so that equal ones do not hide each other
+                # the lower line is wider, so that equal lines do not hide each other
                 drawn = {"color": line.get_color(), "label": line.get_label()}
                 lower.loglog(spectrum.frequency[seen], density, lw=width, **drawn)
         top = lower.dataLim.ymax

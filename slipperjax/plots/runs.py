@@ -48,12 +48,12 @@ DISTANCE = Quantity("distance", "m", "distance along the rail")
 
 
 class RunView(NamedTuple):
-    """One run as pictures, tables and reports show it: in a user's units, and without numbers that mean nothing."""
+    """One run for pictures, tables and reports: in a user's units, and without numbers that mean nothing."""
 
     ds: xr.Dataset
-    """Numbers of lost windows, and of stretches with such, are NaN."""
+    """The run; numbers of lost windows, and of stretches with lost windows, are NaN."""
     codes: Int[np.ndarray, " windows"]
-    """`Status` of each window; of a run without them its own."""
+    """`Status` of each window; where a run has none, the status of the run."""
     scene: Scene | None
     units: ShownUnits
 
@@ -74,7 +74,7 @@ class RunView(NamedTuple):
         chosen = shown_units(ds) if units is None else ShownUnits(units)
         codes = _codes(ds)
         ds = _stretches_of(ds.drop_vars("window_status", errors="ignore"))
-        # titles have these units, too
+        # titles also have these units
         ds = _kept(ds, is_lost(codes)).assign_attrs({UNITS: json.dumps(list(chosen.units))})
         return cls(ds, codes, scene, units_along(scene, chosen))
 
@@ -85,8 +85,8 @@ class RunView(NamedTuple):
 
     @property
     def flagged(self) -> list[tuple[float, float, Status]]:
-        """Lengths of rail with a status of their own other than `FINITE`: both ends [m] and the status."""
-        # what the run's own status tells is not told again
+        """Lengths of rail with their own status other than `FINITE`: both ends [m] and the status."""
+        # the status of the whole run is not repeated here
         if np.all(self.codes == self.status):
             return []
         edges = edges_of(self.ds, "distance")
@@ -96,11 +96,11 @@ class RunView(NamedTuple):
         return [span for span in spans if span[2] != Status.FINITE]
 
     def quantity(self, name: str) -> Quantity:
-        """Return a quantity with the unit in which it is shown."""
+        """Return a quantity with its shown unit."""
         return self.units.of(DISTANCE if name == DISTANCE.name else quantity_of(name, self.ds))
 
     def places(self, places: Numbers) -> np.ndarray:
-        """Return distances [m] in the unit in which they are shown."""
+        """Return distances [m] in their shown unit."""
         return self.quantity(DISTANCE.name).shown(np.asarray(places))
 
     @property
@@ -108,8 +108,8 @@ class RunView(NamedTuple):
         """Times at the edges of windows [s]."""
         seconds = self.ds["seconds"].values
         first = self.ds.attrs["window [m]"] / self.ds[speed_name(self.ds)].values[0]
-        # From standstill the first window of a run takes 1.41 of its length over the speed in its middle; at the
-        # first window of a part of a run more time has passed.
+        # From rest, the first window of a run takes 1.41 of its length over the speed in its middle. Before the first
+        # window of a part of a run more time has passed.
         begins = seconds[0] < 1.5 * first or self.codes[0] == Status.TOO_SLOW
         return np.append(0.0 if begins else seconds[0] - first, seconds)
 
@@ -119,7 +119,7 @@ class RunView(NamedTuple):
 
 
 def units_along(scene: Scene | None, chosen: ShownUnits) -> ShownUnits:
-    """Return units of a user's, and after them that of the distances in the survey of a scene, if it has one."""
+    """Return a user's units, and after them the unit of distances in the survey of a scene, if any."""
     surveyed = getattr(scene and scene.track, "distance_unit", "m")
     return ShownUnits((*chosen.units, surveyed))
 
@@ -127,15 +127,16 @@ def units_along(scene: Scene | None, chosen: ShownUnits) -> ShownUnits:
 def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str] | None = None) -> np.ndarray:
     """Draw a run on one page, over the distance travelled: rail, speed and time, forces, impacts, spectra.
 
-    What the dataset lacks is left out, and so is what means nothing by its status. Forces are the greatest net forces
-    of slippers in each window, below them those of the highest single contact point, both with their percentiles in
-    each stretch of windows and a dot at the highest of all; impacts are those of all points at the front and at the
-    rear, or of each slipper of a sled. Spectra are root mean squares of the vertical acceleration in third octaves;
-    those that are finer than a stretch resolves, or beyond half of the sampling frequency, are blank.
+    Panels whose variables the dataset does not have are left out, and so are numbers that mean nothing by their
+    status. Forces are the greatest net forces of slippers in each window; below are the forces of the highest single
+    contact point. Both have their percentiles in each stretch of windows and a dot at the highest force of all.
+    Impacts are those of all points at the front and at the rear, or of each slipper of a sled. Spectra are root mean
+    squares of the vertical acceleration in third octaves; bands finer than a stretch resolves, or beyond half of the
+    sampling frequency, are blank.
 
     **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
-    whose rail is drawn, default that of the dataset; `units`: such as ("ft", "lbf"), each for the quantities of its
-    kind, by default those of the scene's file, and for distances that of the survey.
+    its rail is drawn, default the scene of the dataset; `units`: such as ("ft", "lbf"), each for the quantities of
+    its kind, by default the units of the scene's file, and for distances the unit of the survey.
 
     **Returns:** the Axes, an array.
     """
@@ -151,7 +152,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str
 
 
 def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]]) -> np.ndarray:
-    """Draw panels over one axis of distances in a new figure, below those of the rail where the scene is known."""
+    """Draw panels over one axis of distances in a new figure, below panels of the rail where the scene is known."""
     rails = 0 if view.scene is None else 2
     rows = len(draws) + rails
     height = 1.5 * len(draws) + 0.9 * rails + 0.5
@@ -166,7 +167,7 @@ def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]])
             draw_irregularity(axes[:2], check_scene(view.scene), np.linspace(begin, end, 1 << 16), view.units)
             for ax in axes[: 2 * bool(view.scene.track.rails)]:
                 legend_above(ax)
-        # what the dataset has, below the rail
+        # panels for the dataset's variables, below the rail
         for ax, draw in zip(axes[rails:], draws, strict=True):
             draw(ax, view)
         for ax in axes:
@@ -184,7 +185,7 @@ def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
 
 
 def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
-    """Return a run with only those stretches that its windows lie in, which `ds.isel(distance=...)` does not drop."""
+    """Return a run with only those stretches that contain its windows; `ds.isel(distance=...)` drops no stretches."""
     if "stretch" not in ds.dims:
         return ds
     begin, end = edges_of(ds, "distance")[[0, -1]]
@@ -194,13 +195,13 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _codes(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
-    """Return the `Status` of each window of a run, by default that of the run, if it has one."""
+    """Return the `Status` of each window of a run, by default the status of the run, if any."""
     code = int(ds.get("status", int(Status.FINITE)))
     return ds.get("window_status", xr.full_like(ds["distance"], code, int)).values
 
 
 def _kept(ds: xr.Dataset, lost: np.ndarray) -> xr.Dataset:
-    """Return a run without the numbers of the windows that are `lost`, and of the stretches that have such."""
+    """Return a run without the numbers of the windows that are `lost`, and of stretches with such windows."""
     if not lost.any():
         return ds
     good = {"distance": ~lost}
@@ -213,13 +214,13 @@ def _kept(ds: xr.Dataset, lost: np.ndarray) -> xr.Dataset:
 
 
 def stretch_of_windows(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
-    """Return the number of the stretch in which each window of a run lies."""
+    """Return the number of the stretch that contains each window of a run."""
     middles = ds["distance"].values - ds.attrs["window [m]"] / 2
     return np.searchsorted(ds["stretch"].values, middles)
 
 
 def speed_name(ds: xr.Dataset) -> str:
-    """Return the name of the speed along a run: another one where "speed" is the parameter that was varied."""
+    """Return the name of the speed along a run: another name where "speed" is the varied parameter."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
 
 
@@ -227,7 +228,7 @@ def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units:
     """Draw the displacements of the rail, or of both rails, at `places` [m] in two panels: lateral and vertical, on
     one scale."""
     along = units.of(DISTANCE)
-    # heights can be compared
+    # on one scale, so that heights can be compared
     axes[1].sharey(axes[0])
     rails = scene.track.rails or {"": scene.track}
     displacements = {side: rail.irregularity(places + 0 * scene.wavelength) for side, rail in rails.items()}
@@ -284,18 +285,18 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
 
 
 def _length(view: RunView, length: float) -> str:
-    """Return a length of rail [m] in words."""
+    """Return a length of rail [m] as a text."""
     q = view.quantity("distance")
     return f"{q.shown(length):.3g} {q.display_unit}"
 
 
 def in_hundredths(distance: float) -> str:
-    """Return a distance rounded to two decimals, as text: stations have many digits before those."""
+    """Return a distance rounded to two decimals, as a text: stations have many digits before the point."""
     return f"{round(distance, 2):.12g}"
 
 
 def finish_forces(ax: Axes, view: RunView, name: str) -> None:
-    """Label a panel of some of `PEAKS`, and shade the lengths of rail that have a status of their own."""
+    """Label a panel of some of `PEAKS`, and shade the lengths of rail that have their own status."""
     ax.set_ylabel(with_unit(PEAKS[name].label, view.quantity(name).display_unit, brackets=True))
     ax.set_ylim(bottom=0)
     for begin, end, _ in view.flagged:
@@ -304,38 +305,38 @@ def finish_forces(ax: Axes, view: RunView, name: str) -> None:
 
 
 class PeakWords(NamedTuple):
-    """How highest forces of a kind are placed, listed and called."""
+    """Places, lists and names of a kind of highest forces."""
 
     place: str
-    """Variable that says where they are [m]."""
+    """Variable with their places [m]."""
     dim: str
-    """Dimension along which `listed` has them."""
+    """Dimension of the forces in `listed`."""
     listed: Callable[[xr.Dataset], xr.Dataset]
     label: str
-    """Of axes."""
+    """Label of axes."""
 
 
 PEAKS = {
     "peak_slipper_force": PeakWords("peak_slipper_distance", "load", by_load, "net force\nof a slipper"),
     "peak_force": PeakWords("peak_distance", "contact", by_contact, "highest single\ncontact point"),
 }
-"""Highest forces of runs: net ones of slippers first, of single contact points second."""
+"""Highest forces of runs: first net forces of slippers, then forces of single contact points."""
 
 
 def main_peak(ds: xr.Dataset) -> str | None:
-    """Return the name of the first of `PEAKS` that a run has; None without any."""
+    """Return the name of the first of `PEAKS` that a run has; None where it has none."""
     return next((name for name in PEAKS if name in ds), None)
 
 
 def peak_of(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
-    """Return `highest_forces` at the window with the highest one."""
+    """Return `highest_forces` at the window with the highest force."""
     return _at_highest(highest_forces(ds, name), name, "distance")
 
 
 def highest_forces(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
     """Return the force of greatest magnitude in each window of a run, and its place, at its contact point or slipper.
 
-    The coordinates are those of `by_contact`, or of `by_load`; the force is NaN where none is known.
+    The coordinates are those of `by_contact`, or of `by_load`; the force is NaN where no force is known.
 
     **Arguments:** `name`: one of `PEAKS`.
     """
@@ -350,7 +351,7 @@ def _at_highest(ds: xr.Dataset, name: str, dim: str) -> xr.Dataset:
 
 
 def _draw_impacts(ax: Axes, view: RunView) -> None:
-    # of all points at an end together, or of a sled's slipper
+    # of all points at one end together, or of a sled's slipper
     along, *others = point_dims(view.ds["impact_rate"])
     rates = view.ds["impact_rate"].sum(others, skipna=False)
     for k, label in enumerate(rates[along].values):
@@ -370,7 +371,7 @@ def _draw_bands(ax: Axes, view: RunView) -> None:
     # windows may be too few or too long for any band
     if not len(known):
         return
-    # bands beyond the resolved ones are cut off
+    # bands beyond the resolved bands are cut off
     rows = slice(known[0], known[-1] + 1)
     edges = edges_of_bands(ds["band"].values[rows])
     mesh = ax.pcolormesh(
@@ -413,19 +414,19 @@ def passing(
     quantity: str = "peak_force",
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
+    """Draw how a motion passes through speeds: a dot for each window of a run, over the speed in the window's middle.
 
-    Dots are coloured by the way the speed goes, up or down, and named with its rate; further runs are lighter.
-    Windows at a constant speed are left out. Of several contact points the highest value is drawn.
+    Colours show whether the speed rises or falls, and names give its rate; further runs are lighter. Windows at a
+    constant speed are left out. For several contact points the highest value is drawn.
 
     **Arguments:**
 
     - `runs`: one run of a case or several, datasets of `run` without a grid.
-    - `branch`: of `continue_orbit` over the speed, or its dataset, with `quantity` at each point; drawn solid where
-        orbits are stable, dashed where not.
-    - `brute`: what happens at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn as grey dots.
-    - `quantity`: a variable with a value per window, such as rms_a_z by `record="rms_a_z"`.
-    - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
+    - `branch`: of `continue_orbit` over the speed, or its dataset, with `quantity` at each point; solid where orbits
+        are stable, dashed elsewhere.
+    - `brute`: motions at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn as grey dots.
+    - `quantity`: a variable with a value per window, such as rms_a_z from `record="rms_a_z"`.
+    - `ax`: the Axes to draw into; default the Axes of a new figure, with the case as its title.
 
     **Returns:** the Axes.
 
@@ -434,7 +435,7 @@ def passing(
     given = list(runs) if isinstance(runs, list | tuple) else [runs]
     several = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in given]
     for one in several:
-        # the highest of all points is drawn
+        # the highest value of all points is drawn
         dims = set(one[quantity].dims) - set(POINT_DIMS)
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
@@ -463,7 +464,7 @@ def passing(
             values = highest(one, quantity, "distance")
             # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
-            # windows at a constant speed belong to neither way
+            # windows at a constant speed belong to neither direction
             for way, sign, color in (("up", 1, line_color(1)), ("down", -1, line_color(0))):
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
                 if there.any():
@@ -476,7 +477,7 @@ def passing(
                         alpha=1 - 0.7 * k / len(runs),
                         **style,
                     )
-        # stable parts solid, unstable ones dashed
+        # stable parts solid, unstable parts dashed
         if branch is not None:
             x = shown(branch, "speed")
             y = shown(branch, quantity)[None]

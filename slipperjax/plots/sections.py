@@ -34,19 +34,19 @@ SLIPPER_STYLE = {"facecolor": "#12355b66", "edgecolor": "#12355b", "lw": 0.9, "z
 ARROWS: dict[str, object] = dict(
     angles="xy", scale_units="xy", scale=1.0, width=0.006, minlength=0.0, headwidth=4.0, headlength=4.5, zorder=5
 )
-"""Arrows whose length is in units of the axes; none where it is zero."""
+"""Arrows whose length is in units of the axes; no arrow where it is zero."""
 
 
 def section(scene: Scene, ax: Axes | None = None) -> Axes:
     """Draw the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
-    Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
-    right, as seen against the direction of travel.
+    Rail head and web are grey, the slipper is blue. The slipper's wall and the web are no part of the model. y points
+    to the right, as seen against the direction of travel.
 
     **Arguments:**
 
-    - `scene`: its section is drawn to scale, in mm, but for the play, which is 8 % of the section's height.
-    - `ax`: the Axes to draw into; default those of a new figure.
+    - `scene`: its section is drawn to scale, in mm, except the play, which is 8 % of the section's height.
+    - `ax`: the Axes to draw into; default the Axes of a new figure.
 
     **Returns:** the Axes.
     """
@@ -74,7 +74,7 @@ def section(scene: Scene, ax: Axes | None = None) -> Axes:
 def default_magnification(shape: Section, gaps: float | np.ndarray = 0.0) -> float:
     """Return the magnification that draws the mean play as 8 % of the section's height, and no gap above 25 % of it.
 
-    **Arguments:** `gaps`: those to be drawn [m]. **Returns:** two digits, 1 or more.
+    **Arguments:** `gaps`: the gaps to be drawn [m]. **Returns:** two digits, 1 or more.
     """
     sizes = {0.08: float(np.mean(shape.play)), 0.25: float(np.max(np.abs(gaps)))}
     wanted = [share * height(shape) / size for share, size in sizes.items() if size > 0]
@@ -82,8 +82,8 @@ def default_magnification(shape: Section, gaps: float | np.ndarray = 0.0) -> flo
 
 
 def height(shape: Section) -> float:
-    """Return the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
-    # a single face has no height of its own
+    """Return the height of the section [m], or 0.3 of its width where this is more, as for a single face."""
+    # a single face has no height
     width, tall = np.ptp(np.asarray(shape.points), axis=0)
     return float(max(tall, 0.3 * width))
 
@@ -96,16 +96,16 @@ def wall(shape: Section) -> float:
 def drawn_points(
     shape: Section, gap: Float[np.ndarray, "*n points"], offset: Float[np.ndarray, "*n points"], magnify: float
 ) -> Float[np.ndarray, "*n points 2"]:
-    """Return the slipper's points as drawn [m]: the rail's points, moved by the magnified displacement from them.
+    """Return the slipper's points as drawn [m]: the rail's points plus the magnified displacement from them.
 
-    Across its face a point moves by `magnify` times its gap, exactly: it is drawn on its face where it touches, and
-    inside the rail head where it penetrates. The rail head stays where it is.
+    Across its face a point moves by exactly `magnify` times its gap: it is drawn on its face where it touches, and
+    inside the rail head where it penetrates. The rail head does not move.
 
     **Arguments:** `gap`: [m]; `offset`: along the faces, see `slipperjax.model.kinematics.face_offsets` [m].
     """
     across = np.asarray(shape.normals)
     along = np.stack([across[:, 1], -across[:, 0]], axis=1)
-    # across the face by the gap, along it by the offset
+    # across the face by the gap, along the face by the offset
     moved = gap[..., None] * across + offset[..., None] * along
     return np.asarray(shape.track_points) + magnify * moved
 
@@ -118,7 +118,7 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
     points = np.asarray(shape.points)
     faces = np.array([[shape.names.index(corner) for corner in face] for face in shape.faces])
     middle = points[faces].mean(axis=1) - points.mean(axis=0)
-    # clockwise, by the angles of their middles
+    # clockwise, by the angles of the faces' middles
     faces = faces[np.argsort(-np.arctan2(middle[:, 1], middle[:, 0]), kind="stable")]
     # from the end of each face to the beginning of the next
     spaces = np.linalg.norm(points[np.roll(faces[:, 0], -1)] - points[faces[:, 1]], axis=1)
@@ -141,7 +141,7 @@ def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
     points = np.asarray(shape.track_points)
     face = shape.face_of_point
     middles = np.array([points[face == k].mean(axis=0) for k in range(len(shape.faces))])
-    # towards the middle of the face, away from the corner where the next one has a point, too
+    # towards the middle of the face, away from the corner where the next face also has a point
     along = middles[face] - points
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     return 1e3 * (points + height(shape) * (0.07 * along - 0.13 * np.asarray(shape.normals)))
@@ -157,13 +157,13 @@ def _draw_slipper(
 ) -> tuple[Polygon, PathCollection, Quiver]:
     """Draw the rail head with its web and labels inside it, and the slipper around it.
 
-    **Arguments:** `points`: of the slipper [m]; `arrows`: from there [mm]; `colors`: of the points.
+    **Arguments:** `points`: of the slipper [m]; `arrows`: from these points [mm]; `colors`: of the points.
 
     **Returns:** the slipper's patch, its points and its arrows.
     """
     ax.fill(*rail_outline(shape).T, **RAIL_STYLE)
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
-    # labels stand inside the rail head
+    # labels are inside the rail head
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
     (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE)
@@ -173,10 +173,10 @@ def _draw_slipper(
 
 
 def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[np.ndarray, "*n corners 2"]:
-    """Return the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
+    """Return the corners [mm] of the slipper with its points at `points` [m]: along the inside, and back outside."""
     order = contour(shape)
     inner = 1e3 * points[..., order, :]
-    # the outside runs back along the same corners
+    # the outside follows the same corners back
     outer = inner + 1e3 * wall(shape) * np.asarray(shape.normals)[order]
     return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
@@ -207,14 +207,14 @@ def animate(
 ) -> "matplotlib.animation.FuncAnimation":
     """Animate the slipper's front and rear section around the rail head, with the play magnified.
 
-    Of a sled there is a row for each slipper.
+    For a sled there is a row for each slipper.
 
-    The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
+    The rail head is drawn to scale and does not move; the slipper moves relative to it. The slipper's displacement is
     drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
-    on the rail head where it touches, and inside it where it penetrates. Penetrations of millimetres are real: the
-    contact law is soft. Arrows are the contact forces on the slipper, along the normals, all at one scale. Points
-    with a force are filled. Beneath are the forces of the points with the highest ones in what is shown, with a
-    cursor.
+    on the rail head where it touches, and inside the rail head where it penetrates. Penetrations of millimetres are
+    real, because the contact law is soft. Arrows are the contact forces on the slipper, along the normals, all at one
+    scale. Points with a force are filled. Below are the forces of the points with the highest forces in the shown
+    periods, with a cursor.
 
     `animate(run).save("slipper.gif")` writes a GIF, and an MP4 where ffmpeg is installed; in a notebook,
     `HTML(animate(run).to_jshtml())` of `IPython.display` gives a player.
@@ -222,10 +222,10 @@ def animate(
     **Arguments:**
 
     - `run`: a `Trajectory`, or one case as a dataset over time, its `ds`, or
-        `sweep(..., record="history")`. A dataset does not tell how elastic modes move, which are left out then.
-    - `scene`: that of a dataset; its values that the dataset has as coordinates are replaced.
-    - `magnify`: default as for `section`, and such that no gap is drawn above a quarter of the section's height.
-    - `last`: forcing periods at the end of the run that are shown, None for all.
+        `sweep(..., record="history")`. A dataset has no motion of elastic modes, which are left out then.
+    - `scene`: the scene of a dataset; values that the dataset has as coordinates replace its values.
+    - `magnify`: default as for `section`, but no gap is drawn above a quarter of the section's height.
+    - `last`: number of shown forcing periods at the end of the run, None for all.
     - `every`: show each saved state, or each second, third, ...
     - `fps`: frames per second.
 
@@ -250,7 +250,7 @@ def instant(
     magnify: float | None = None,
     last: float | None = 2.0,
 ) -> Figure:
-    """Draw one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
+    """Draw one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last state.
 
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
@@ -261,25 +261,25 @@ def instant(
 
 
 class Frames(NamedTuple):
-    """A slipper at the front and the rear over time, as it is drawn around the rail head."""
+    """A slipper at the front and the rear over time, as drawn around the rail head."""
 
     name: str
-    """On a sled; empty for a single slipper."""
+    """Name on a sled; empty for a single slipper."""
     colors: list[str]
-    """Of its points."""
+    """Names of the points."""
     ds: xr.Dataset
-    """The instants that are drawn."""
+    """The drawn instants."""
     shape: Section
     period: Float[np.ndarray, " time"]
     """Time [forcing periods]."""
     points: Float[np.ndarray, "time 2 points 2"]
-    """Where the slipper's points are drawn [m], see `drawn_points`."""
+    """Places where the slipper's points are drawn [m], see `drawn_points`."""
     force: Float[np.ndarray, "time 2 points"]
     """Contact forces [N]."""
     magnify: float
-    """How many times as large displacements are drawn."""
+    """Factor of drawn displacements."""
     arrows: Float[np.ndarray, "time 2 points 2"]
-    """Forces as arrows [mm]; the longest is half as long as the section is high."""
+    """Forces as arrows [mm]; the longest arrow has half the height of the section."""
 
 
 def frames_of(
@@ -289,7 +289,7 @@ def frames_of(
     magnify: float | None = None,
     last: float | None = 2.0,
 ) -> list[Frames]:
-    """Return what `animate` draws of each slipper; arguments and errors are those of `animate`."""
+    """Return the frames that `animate` draws for each slipper; arguments and errors as for `animate`."""
     ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
     over = ds["contact_force"].dims
     one = set(over) - set(POINT_DIMS) == {"time"}
@@ -300,14 +300,14 @@ def frames_of(
     force = ds["contact_force"].transpose("time", *point_dims(ds))
     need = "have the contact points of its scene"
     require(force[0].size == scene.points, "run", need, shown=f"a dataset with {force[0].size} of {scene.points}")
-    # peaks are those of the periods that are shown
+    # peaks of the shown periods
     drawn = slice(None)
     if last is not None:
         drawn = ds["period"].values > ds["period"].values[-1] - number(positive, "last", last) + 1e-9
     motion = jax.tree.map(lambda a: a[drawn], _motion_of(run, ds))
     ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore").isel(time=drawn)
     period = ds["period"].values
-    # by the model, not by the dataset, which lacks offsets
+    # from the model, because the dataset has no offsets
     at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
     of_slippers = (len(period), len(scene.mounted), 2, -1)
     values = (force.values[drawn], *jax.jit(jax.vmap(at_one))(period, motion))
@@ -347,7 +347,7 @@ class _Picture:
         ds = frames[0].ds
         self.period = frames[0].period
         rows = len(frames)
-        # one slipper has the height of two of several
+        # a single slipper has the height of two of several slippers
         panels = 1.3 + 1.7 * rows
         with styled():
             figure, grid = plt.subplot_mosaic(
@@ -367,7 +367,7 @@ class _Picture:
                     self.ends.append((of, k, artists))
                     frame(ax, of.points.reshape(-1, *of.points.shape[2:]), margin)
                     ax.set_title(f"{of.name} {end}".strip(), fontsize=8)
-                    # labels at the left and below alone
+                    # labels only at the left and at the bottom
                     if k:
                         ax.set_ylabel("")
                     if row < rows - 1:
@@ -382,7 +382,7 @@ class _Picture:
                 scales += f", longest arrow {max(float(of.force.max()) for of in frames) / 1e3:.3g} kN"
             entitle(figure, "; ".join(filter(None, [case_title(ds), scales])))
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
+        figure.set_layout_engine("none")  # the panels do not move while the picture changes
 
     def show(self, k: int) -> list[Artist]:
         """Draw the instant with index `k`; return the artists that changed."""

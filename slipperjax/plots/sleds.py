@@ -1,4 +1,4 @@
-"""Pictures of sleds: seen from above, and what each slipper carries."""
+"""Pictures of sleds: the view from above, and the load of each slipper."""
 
 from collections.abc import Sequence
 
@@ -28,10 +28,11 @@ from .style import (
 def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str] | None = None) -> Axes:
     """Draw a sled on its rails from above, to scale: its slippers with their names, and its centre of mass.
 
-    It travels to the right. Of a run, slippers are coloured by their greatest net forces, where these mean something.
+    The sled travels to the right. For a run, colours show the slippers' greatest net forces, unless these mean
+    nothing.
 
     **Arguments:** `source`: a scene, or a dataset of `run` without a grid or of one case of it; `ax`: the Axes to
-    draw into, default those of a new figure; `units`: of forces, as for `run_overview`.
+    draw into, default the Axes of a new figure; `units`: of forces, as for `run_overview`.
 
     **Returns:** the Axes, in m.
     """
@@ -42,7 +43,7 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
     slippers = scene.mounted
     names = list(scene.slipper.names or ["slipper"])
     axis = contact_points(scene).axis[0]
-    # of all points of each slipper alike
+    # the same for all points of each slipper
     rails = np.zeros(len(names)) if axis is None else np.asarray(axis).reshape(len(names), -1)[:, 0]
     with drawing(ax, None if view is None else view.ds, 5.0, 3.6) as ax:
         colors = [SLIPPER_STYLE["facecolor"]] * len(names)
@@ -51,7 +52,7 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
             q = view.quantity(name)
             force = abs(view.ds[name])
             values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
-            # from zero, so that the differences of one run do not look larger than they are
+            # from zero, so that the differences within a run do not look larger than they are
             by_force = ScalarMappable(Normalize(0.0, float(np.max(values[np.isfinite(values)], initial=0.0))))
             color_bar(ax, by_force, name_label(q))
             colors = by_force.to_rgba(values)
@@ -64,7 +65,7 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
             ax.axhspan(rail + low, rail + high, **RAIL_STYLE)
             ax.plot([0, x], [0, y], lw=0.8, color=SLIPPER_STYLE["edgecolor"])
             ax.fill_between([x - half, x + half], y + low, y + high, **SLIPPER_STYLE | {"facecolor": color})
-            # the name is between the rails, where there is room
+            # the name is between the rails, where there is space
             edge, space, align = (y + low, -3, "top") if y > 0 else (y + high, 3, "bottom")
             over_lines = dict(facecolor="white", edgecolor="none", alpha=0.8, pad=1)
             style = dict(textcoords="offset points", ha="center", va=align, fontsize=7, bbox=over_lines)
@@ -81,7 +82,8 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
 def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int = 10) -> np.ndarray:
     """Draw the share of each slipper of a sled in the vertical and the lateral load and in the roll moment.
 
-    Shares are those of the magnitudes of the slippers' mean forces and moments, as these may oppose each other.
+    Shares are shares of the magnitudes of the slippers' mean forces and moments, because these may have opposite
+    signs.
 
     **Arguments:**
 
@@ -92,7 +94,7 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
 
     **Returns:** the Axes, an array.
 
-    **Raises:** `ValueError` for another dataset, or other than one share for each slipper.
+    **Raises:** `ValueError` for another dataset, or unless there is one share for each slipper.
     """
     view = RunView.of(check_dataset(ds, RUN_SOURCE, "slipper", "slipper_force"))
     over = whole("windows", windows, 1)
@@ -106,7 +108,7 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
     middles = view.places(view.ds["distance"] - view.ds.attrs["window [m]"] / 2)
     with page(len(loads), 1, 1.6 * len(loads) + 0.7, view.ds, sharex=True) as axes:
         for ax, (name, load) in zip(axes, loads.items(), strict=True):
-            # windows that are lost have no share
+            # lost windows have no share
             mean = np.abs(load.rolling(distance=over, center=True, min_periods=1).mean().where(load.notnull()))
             shares = (mean / mean.sum("slipper")).transpose("slipper", "distance").values
             ax.stackplot(middles, shares, labels=names, colors=point_colors(len(names)), alpha=0.6, lw=0)

@@ -45,27 +45,27 @@ STYLE: dict[str, Any] = {
     "grid.linewidth": 0.4,
     "axes.linewidth": 0.6,
     "axes.prop_cycle": plt.cycler(color=[COLORS[name] for name in ("blue", "red", "green", "orange")]),
-    # whole fonts are embedded in PDF files, and text stays text in SVG files, so that it can be searched and edited
+    # PDF files contain whole fonts, and text stays text in SVG files, so that it can be searched and edited
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
-    # of parts that are pixels in PDF and SVG files
+    # resolution of the parts that are pixels in PDF and SVG files
     "savefig.dpi": 300,
 }
-"""Matplotlib settings of all figures made here."""
+"""Matplotlib settings of all figures of this package."""
 COLUMN = 3.5
 """Width of a figure with one panel [inches]."""
 PAGE = 7.2
 """Width of a figure with several panels [inches]."""
 
 AXES = {"y": "lateral", "z": "vertical"}
-"""Axes of net forces in words."""
+"""Names of the axes of net forces."""
 
 FLAGGED_LABEL = "not trusted"
 """Legend entry of cases that are left out because of their status."""
 UNITS = "shown_units"
 """Attribute of a result with the units of the scene's file in JSON."""
 NOT_RUN_LABEL = "not computed yet"
-"""Legend entry of cases that a store does not have yet; they are left white."""
+"""Legend entry of missing cases of a store, which are white."""
 
 MOTION_COLORS = {
     "period 1": "#7ec0fd",
@@ -80,10 +80,10 @@ MOTION_COLORS = {
     "unresolved": "#6a6a73",
     FLAGGED_LABEL: "#261919",
 }
-# no picture has both this and single periods
+# no picture has both this kind and single periods
 MOTION_COLORS["periodic"] = MOTION_COLORS["period 2"]
-"""Colours of motions, of whatever name. Each two that one picture may have, and white, which is what has none, differ
-by 25 in CIELAB or more, also for readers without red or green."""
+"""Colours of motions, by name. Any two colours of one picture, and white for missing cases, differ by 25 in CIELAB or
+more, also for readers who cannot see red or green."""
 
 POINT_COLORS = (
     *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
@@ -93,20 +93,20 @@ POINT_COLORS = (
 
 
 class Look(NamedTuple):
-    """How new figures look, as `styled` decides."""
+    """Look of new figures, which `styled` decides."""
 
     settings: Mapping[str, Any] = STYLE
-    """Of matplotlib."""
+    """Settings of matplotlib."""
     width: float | None = None
-    """Of figures [inches]; None for `COLUMN` or `PAGE`."""
+    """Width of figures [inches]; None for `COLUMN` or `PAGE`."""
     titles: bool = True
     letters: bool = True
 
 
 PLAIN = Look()
-"""Outside of any `styled`."""
+"""The look outside of any `styled`."""
 _look: ContextVar[Look] = ContextVar("look", default=PLAIN)
-"""What is in force: that of the innermost `styled`."""
+"""The present look, from the innermost `styled`."""
 
 
 @contextmanager
@@ -117,9 +117,9 @@ def styled(
     titles: bool | None = None,
     letters: bool | None = None,
 ) -> Iterator[None]:
-    """Apply slipperjax's style to the pictures drawn and saved inside, with changes of one's own.
+    """Apply slipperjax's style to the pictures drawn and saved inside, with a user's own changes.
 
-    Save PDF and SVG files inside, too: how matplotlib writes text there is part of the style.
+    Save PDF and SVG files inside, too, because the form of text in these files is part of the style.
 
     ```python
     cycle = plt.cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7"])
@@ -127,15 +127,15 @@ def styled(
         plots.bifurcations(ds)[0].figure.savefig("fig5.pdf")
     ```
 
-    **Arguments:** all are as around this one by default.
+    **Arguments:** the default of each is its value outside this context.
 
     - `settings`: of matplotlib, by their names in `plt.rcParams`, in place of the style's own. Lines and dots take
-        the colours of `axes.prop_cycle` by turns; kinds of motion and contact points keep theirs.
+        the colours of `axes.prop_cycle` in turn; kinds of motion and contact points keep their colours.
     - `width`: of new figures [inches]; at first 3.5, a column, for one panel, and 7.2, a page, for several.
-    - `titles`: whether new figures state their case; a status other than 0 is stated always.
+    - `titles`: whether new figures state their case; a status other than 0 is always stated.
     - `letters`: whether panels of a page have letters (a), (b) and so on.
 
-    **Raises:** `ValueError` for a setting that matplotlib lacks, or a width that is not positive.
+    **Raises:** `ValueError` for a setting that matplotlib does not have, or a width that is not positive.
     """
     rc: Any = plt.rcParams
     for name in settings or {}:
@@ -146,8 +146,8 @@ def styled(
     given = dict(width=width, titles=titles, letters=letters)
     changes: Any = {name: value for name, value in given.items() if value is not None}
     look = around._replace(settings={**around.settings, **(settings or {})}, **changes)
-    # not plt.rc_context, which restores every setting: the first figure of a session may switch interactive mode on,
-    # and a notebook would show no further picture once that is undone
+    # `plt.rc_context` would restore every setting. The first figure of a session may switch interactive mode on; if
+    # this were undone, a notebook would show no further picture.
     before = {name: rc[name] for name in look.settings}
     token = _look.set(look)
     try:
@@ -159,7 +159,7 @@ def styled(
 
 
 def setting(name: str) -> Any:
-    """Return a setting of the style in force, also for Axes that were made without it."""
+    """Return a setting of the present style, also for Axes that were made without the style."""
     return _look.get().settings[name]
 
 
@@ -170,16 +170,16 @@ def line_color(number: int) -> str:
 
 
 def point_colors(points: int, slipper: int = 0) -> list[str]:
-    """Return the colours of a number of contact points; `slipper`: the number of theirs on a sled."""
-    # the same points of other slippers differ
+    """Return the colours of a number of contact points; `slipper`: the number of their slipper on a sled."""
+    # the same points of other slippers have other colours
     return [POINT_COLORS[(k + 3 * slipper) % len(POINT_COLORS)] for k in range(points)]
 
 
 def by_contact(ds: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with one dimension `contact` in place of those of contact points.
+    """Return a dataset with one dimension `contact` in place of the dimensions of contact points.
 
-    Its labels are the points' names, as in `Scene.point_names`: A1 at the front, A2 at the rear, of a sled left2_A1.
-    Further coordinates along it are "end", "point", of a sled "slipper", and "color".
+    Its labels are the points' names, as in `Scene.point_names`: A1 at the front, A2 at the rear, for a sled left2_A1.
+    Further coordinates along it are "end", "point", for a sled "slipper", and "color".
     """
     flat = ds.stack(contact=point_dims(ds), create_index=False)
     names = flat["point"].str.cat(xr.where(flat["end"] == "rear", "2", "1"))
@@ -191,8 +191,8 @@ def by_contact(ds: xr.Dataset) -> xr.Dataset:
 
 
 def by_load(ds: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with one dimension `load` in place of those of slippers' net forces, with labels such as
-    "left1 vertical", of a single slipper "vertical"."""
+    """Return a dataset with one dimension `load` in place of the dimensions of slippers' net forces, with labels such
+    as "left1 vertical", for a single slipper "vertical"."""
     dims = point_dims(ds)
     each = product(*(ds[dim].values for dim in dims))
     labels = [" ".join(AXES.get(str(label), str(label)) for label in one) for one in each]
@@ -205,17 +205,17 @@ def typeset(unit: str) -> str:
 
 
 def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
-    """Return a text and a unit after it, where that is not 1."""
+    """Return a text followed by a unit, unless the unit is 1."""
     if unit == "1":
         return text
     return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
 
 
 def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
-    """Return the quantity of a variable or coordinate: of the registry, or else by its attributes in `ds`."""
+    """Return the quantity of a variable or coordinate: from the registry, or else from its attributes in `ds`."""
     try:
         return quantity(name)
-    # a path, or a number that a user records
+    # a path, or a number from a user's record
     except KeyError:
         attrs = {} if ds is None or name not in ds else ds[name].attrs
         of = attrs.get("quantity", name)
@@ -247,26 +247,26 @@ def name_label(q: Quantity) -> str:
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Return the values of a variable or coordinate in its display unit, which its axis label names."""
+    """Return the values of a variable or coordinate in its display unit, which its axis label states."""
     return quantity_of(name, ds).shown(ds[name].values)
 
 
 def highest(ds: xr.Dataset, name: str, *dims: str, unit: Quantity | None = None) -> np.ndarray:
     """Return a variable over `dims` in its display unit, with its maximum along all other dimensions.
 
-    **Arguments:** `unit`: the quantity with the unit in which it is shown; default its own.
+    **Arguments:** `unit`: the quantity with its shown unit; default the quantity's own unit.
     """
     values = ds[name].astype(float)
-    # of net loads the greatest magnitude
+    # for net loads the greatest magnitude
     if set(NET_DIMS) & set(values.dims):
         values = abs(values)
-    # xarray leaves NaN out, and infinities are no numbers to draw
+    # xarray ignores NaN, and infinities cannot be drawn
     values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
     return (unit or quantity_of(name, ds)).shown(values.values)
 
 
 def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return the coordinates and variables over some dimensions as columns, in display units, which their heads name.
+    """Return the coordinates and variables over some dimensions as columns, in display units stated in their heads.
 
     **Arguments:** `along`: names of the dimensions; none for one case, whose table has one row; `units`: such as
     ("ft", "lbf").
@@ -286,9 +286,9 @@ def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = Non
 def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
     """Return `ds`, or the dataset of a result.
 
-    **Arguments:** `source`: what makes such datasets, for the error; `names`: variables that it must have.
+    **Arguments:** `source`: function that makes such datasets, for the error; `names`: variables that it must have.
 
-    **Raises:** `ValueError` for anything else, and for variables that are not in SI units.
+    **Raises:** `ValueError` for any other value, and for variables that are not in SI units.
     """
     ds = getattr(ds, "ds", ds)
     if not isinstance(ds, xr.Dataset):
@@ -333,15 +333,15 @@ def page(
         if ds is not None:
             name_case(figure, ds, full=full)
         yield axes
-        # panels that were removed have no figure
+        # removed panels have no figure
         letter([ax for ax in np.ravel(axes) if ax.figure is not None])
 
 
 @contextmanager
 def rows_of(*counts: int, height: float) -> Iterator[np.ndarray]:
-    """Yield the Axes of a new figure as of `page`, whose rows have each a number of panels.
+    """Yield the Axes of a new figure as `page` does, with a number of panels for each row.
 
-    A row is laid out by itself: a colour bar or a long label takes no space from the panels above and below it.
+    Each row has its own layout: a colour bar or a long label takes no space from the panels above and below it.
     """
     with styled():
         figure = plt.figure(figsize=(page_width(), height), layout="constrained")
@@ -358,17 +358,17 @@ def page_width() -> float:
 
 
 def letter(axes: Sequence[Axes] | np.ndarray) -> None:
-    """Write (a), (b) and so on at the upper left corners of several panels, where letters are wanted."""
+    """Write (a), (b) and so on at the upper left corners of several panels, if the style has letters."""
     if not _look.get().letters or len(axes) == 1:
         return
-    # outside, beside a legend and above the labels of ticks, where they hide nothing
+    # outside, next to a legend and above the labels of ticks, where letters hide nothing
     place: Any = dict(xycoords="axes fraction", textcoords="offset points", va="bottom", ha="right")
     for ax, name in zip(axes, string.ascii_lowercase, strict=False):
         ax.annotate(f"({name})", (0, 1), (-4, 1), fontsize=setting("axes.labelsize"), **place)
 
 
 def label_lowest(panels: np.ndarray) -> None:
-    """Leave labels along x to the lowest of neighbouring panels (rows, columns) with the same limits."""
+    """Keep labels along x only at the lowest of neighbouring panels (rows, columns) with the same limits."""
     for column in panels.T:
         for ax, below in pairwise(column):
             if np.allclose(ax.get_xlim(), below.get_xlim()):
@@ -379,9 +379,9 @@ def label_lowest(panels: np.ndarray) -> None:
 def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
     """Draw a legend above the axes, in as many columns as its longest entry allows; none without entries.
 
-    Dots are larger there than in the axes, so that their colours are seen.
+    Dots are larger there than in the axes, so that their colours are visible.
 
-    **Arguments:** `handles`: its entries; default what has a label in the axes, each label once.
+    **Arguments:** `handles`: its entries; default all things with a label in the axes, each label once.
     """
     if handles is None:
         found, labels = ax.get_legend_handles_labels()
@@ -410,7 +410,7 @@ def legend_above(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
 
 
 def legend_patch(ax: Axes, label: str, **style: object) -> None:
-    """Add a patch to the legend of the axes, and to nothing else: it is a polygon without corners."""
+    """Add a patch only to the legend of the axes: the patch is a polygon without corners."""
     ax.fill([], [], label=label, **style)
 
 
@@ -423,14 +423,14 @@ def is_wide(values: np.ndarray) -> bool:
 def color_norm(values: np.ndarray) -> Normalize:
     """Return the colour scale of the finite values, logarithmic where they need it."""
     finite = np.ma.masked_invalid(values).compressed()
-    # the limits of the scale are those of what can be drawn
+    # the limits of the scale are those of the values that can be drawn
     norm = LogNorm() if is_wide(finite) else Normalize()
     norm.autoscale(finite)
     return norm
 
 
 def color_bar(ax: Axes, mappable: ScalarMappable, label: str, cax: Axes | None = None) -> None:
-    """Draw a colour bar beside the axes, or into the Axes `cax`."""
+    """Draw a colour bar next to the axes, or into the Axes `cax`."""
     bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
     if isinstance(mappable.norm, LogNorm):
         set_log_ticks(bar.ax.yaxis)
@@ -469,7 +469,7 @@ def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
 
 
 def lost(ds: xr.Dataset) -> bool:
-    """Return whether the numbers of a dataset mean nothing, by the status of its one case, or of all of its cases."""
+    """Return whether the numbers of a dataset mean nothing, by the status of its one case, or of all its cases."""
     status = ds["status"].values if "status" in ds else ds.attrs.get("status", int(Status.FINITE))
     return bool(np.all(is_lost(status)))
 
@@ -487,9 +487,9 @@ def mark_cases(ax: Axes, x: np.ndarray, label: str, color: str = COLORS["grey"])
 
 
 def png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
+    """Return a figure as the content of a PNG file with `dpi` pixels per inch; the figure is closed."""
     number(positive, "dpi", dpi)
-    # level 3 takes a quarter less time than 6, matplotlib's, for files that are a fifth larger
+    # level 3 takes a quarter less time than matplotlib's level 6, for files that are a fifth larger
     return _content(figure, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
 
 
@@ -499,16 +499,16 @@ def pdf(figure: Figure) -> bytes:
 
 
 def svg(figure: Figure) -> bytes:
-    """Return a figure as the content of an SVG file whose text is text; the figure is closed."""
+    """Return a figure as the content of an SVG file with text as text; the figure is closed."""
     return _content(figure, format="svg")
 
 
 FILES: dict[str, Callable[[Figure], bytes]] = {".png": lambda figure: png(figure, 300), ".pdf": pdf, ".svg": svg}
-"""What makes the file of a picture, by its ending."""
+"""Functions that make a picture's file, by its ending."""
 
 
 def _content(figure: Figure, **options: Any) -> bytes:
-    """Return what `Figure.savefig` writes; the figure is closed."""
+    """Return the content that `Figure.savefig` writes; the figure is closed."""
     instance("figure", figure, Figure, "a figure of matplotlib")
     content = io.BytesIO()
     with styled():
@@ -520,12 +520,12 @@ def _content(figure: Figure, **options: Any) -> bytes:
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     """Return the fixed parameters of a dataset, as in "speed 1250 m/s, clearance 1 mm, length 0.2 m".
 
-    Parameters are read from the attributes, and from coordinates with one value, such as those of one case of a
-    sweep. Those that vary or are absent are left out.
+    Parameters come from the attributes, and from coordinates with one value, such as those of one case of a sweep.
+    Parameters that vary or are absent are left out.
 
     **Arguments:** `ds`: of any run; `full`: all parameters and wavelengths, in two lines.
 
-    **Returns:** the text, empty where it has no parameter.
+    **Returns:** the text, empty where the dataset has no parameter.
     """
     instance("ds", ds, xr.Dataset, "a dataset of a run")
     rows = [["speed", "clearance", "length"]]
@@ -536,7 +536,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     units = shown_units(ds)
     if not has_one_scene(ds):
         ds = ds.drop_attrs(deep=False)
-    # lines of the title, without what varies
+    # lines of the title, without varied parameters
     for row in rows:
         lines.append([])
         for name in row:
@@ -548,7 +548,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
                 lines[-1].append(stated.replace(" degrees", "°"))
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
-        # RandomTrack and RandomRails are "a random track" and "random rails"
+        # RandomTrack and RandomRails become "a random track" and "random rails"
         words = re.sub("(?<=[a-z])(?=[A-Z])", " ", ds.attrs["track"]).lower()
         lines[-1].append(f"on {words}" if words.endswith("s") else f"on a {words}")
     if full and len(waves):
@@ -557,7 +557,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 
 
 def shown_units(ds: xr.Dataset) -> ShownUnits:
-    """Return the units in which a result is shown, those of the file of its scene."""
+    """Return the units of a shown result, which are those of its scene's file."""
     return ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")))
 
 
@@ -576,7 +576,7 @@ def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:
 
 
 def entitle(figure: Figure, text: str) -> None:
-    """Write a text above a figure, where titles are wanted."""
+    """Write a text above a figure, if the style has titles."""
     if text and _look.get().titles:
         figure.suptitle(text, fontsize=setting("figure.titlesize"))
 
@@ -590,9 +590,9 @@ def name_status(figure: Figure, code: int) -> None:
 
 
 def _number(ds: xr.Dataset, q: Quantity) -> float | None:
-    """Return the value of a parameter [SI unit]; None where the dataset has several, or none."""
+    """Return the value of a parameter [SI unit]; None where the dataset has several values, or none."""
     if q.name in ds.coords:
         return ds[q.name].item() if ds[q.name].size == 1 else None
-    # attributes are named with their unit, as in "speed [m/s]"
+    # names of attributes contain their unit, as in "speed [m/s]"
     value = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]")
     return float(value) if np.size(value) == 1 and value is not None else None

@@ -1,4 +1,4 @@
-"""The picture that fits a sweep."""
+"""The picture that suits a sweep."""
 
 from collections.abc import Callable
 
@@ -19,18 +19,18 @@ PICTURES: tuple[tuple[set[str], int, Callable[..., Axes | np.ndarray]], ...] = (
     ({"basin", "share"}, 2, basin_map),
     (set(SECTIONS), 1, bifurcations),
 )
-"""What a sweep recorded, over how many parameters, and its picture; the first that fits."""
+"""What a sweep recorded, over how many parameters, and its picture; the first suitable entry counts."""
 
 
 def of_sweep(ds: xr.Dataset, show: str | None = None, **options: object) -> Axes | np.ndarray:
-    """Draw the picture that fits a sweep: bifurcation diagrams, exponents or a map.
+    """Draw the picture that suits a sweep: bifurcation diagrams, exponents or a map.
 
-    Of a sweep of numbers it is the net or peak force over one parameter or two, or else the first number. Of `follow`
-    each direction has its own colour.
+    For a sweep of numbers the picture shows the net or peak force over one parameter or two, or else the first
+    number. For `follow` each direction has its own colour.
 
-    **Arguments:** `show`: the variable to draw in place of what fits; `options`: as for the picture.
+    **Arguments:** `show`: the variable to draw in place of the default; `options`: as for the picture.
 
-    **Raises:** `ValueError` where none fits.
+    **Raises:** `ValueError` where no picture suits.
     """
     parameters = parameters_of(ds)
     if show is not None:
@@ -40,7 +40,7 @@ def of_sweep(ds: xr.Dataset, show: str | None = None, **options: object) -> Axes
             return draw(ds, **options)
     numbers = [
         str(name)
-        # whole numbers, such as the period, where there are no others
+        # whole numbers, such as the period, where there are no other numbers
         for kind in "fi"
         for name, values in ds.data_vars.items()
         # maps draw the highest value of all points

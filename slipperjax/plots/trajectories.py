@@ -37,13 +37,13 @@ class Along(NamedTuple):
     """A forcing period in the unit of the axis [unit/period]."""
     label: str
     words: str
-    """Of an instant, with a place for its number."""
+    """Text for an instant, with a place for its number."""
     brief: str
-    """The same in a legend."""
+    """The same text in a legend."""
 
     @classmethod
     def of(cls, ds: xr.Dataset) -> "Along":
-        """Return the time in forcing periods; on rails without waves, where these are arbitrary, the distance [m]."""
+        """Return time in forcing periods; on rails without waves, whose periods are arbitrary, distance [m]."""
         wave = ds.attrs.get("wavelength [m]")
         if wave is None:
             return cls(1.0, "time [forcing periods]", "forcing period {:.2f}", "{:.4g}")
@@ -58,7 +58,7 @@ def history(ds: Run, name: str, ax: Axes | None = None) -> Axes:
 
     - `ds`: a `Trajectory`, its dataset, or one case of `sweep(..., record="history")`.
     - `name`: a variable over time, in SI units; drawn in its display unit, as in mm or mrad.
-    - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
+    - `ax`: the Axes to draw into; default the Axes of a new figure, with the case as its title.
 
     **Returns:** the Axes, with time in forcing periods, or with distance on rails without waves.
     """
@@ -78,19 +78,18 @@ def contact_forces(
     most: int = 4,
     last: float | None = 4.0,
 ) -> Axes:
-    """Draw the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
+    """Draw the contact forces [kN] of the points with the highest peaks: front points solid, rear points dashed.
 
     The legend has the peak force of each point and its time or place, unless the status says that numbers mean
-    nothing; a dot marks the peak where it lies in what is drawn. It
-    is the peak over every integration step where `ds` has `peak_force`. A part of a run, as by `ds.isel(time=...)`,
-    that excludes the run's peak has that of its saved states instead, which may be lower. Where `ds` lacks the time
-    of a peak, the legend says "in the whole run".
+    nothing; a dot marks the peak if it is in the drawn part. It is the peak over every integration step where `ds`
+    has `peak_force`. A part of a run, as by `ds.isel(time=...)`, that excludes the run's peak has the peak of its
+    saved states, which may be lower. Where `ds` has no time of a peak, the legend says "in the whole run".
 
-    **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: forcing periods at the end of the
-    run that are drawn, None for all.
+    **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: number of drawn forcing periods at
+    the end of the run, None for all.
 
-    **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear, of a sled after their
-    slipper, as left2_A1.
+    **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear, for a sled after the
+    name of their slipper, as left2_A1.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     period = ds["period"].values
@@ -108,7 +107,7 @@ def contact_forces(
                 elif line.peak > 0:
                     label += " in the whole run"
             ax.plot(along.unit * period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
-            # the peak may lie before what is drawn
+            # the peak may be before the drawn part
             if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
                 ax.plot(along.unit * line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
         ax.set(xlabel=along.label, ylabel=axis_label("contact_force"))
@@ -118,14 +117,14 @@ def contact_forces(
 
 
 class PointForce(NamedTuple):
-    """Contact force of one point [kN] in the saved states, and its peak over every step where that is known."""
+    """Contact force of one point [kN] in the saved states, and its peak over every step where this is known."""
 
     name: str
-    """As in `Scene.point_names`."""
+    """Name as in `Scene.point_names`."""
     force: np.ndarray
     peak: float
     instant: float
-    """Time of the peak [forcing periods], NaN without contact or where the dataset lacks it."""
+    """Time of the peak [forcing periods], NaN without contact or where the dataset has no such time."""
     style: dict[str, object]
     """Colour and dashes in all pictures."""
 
@@ -133,7 +132,7 @@ class PointForce(NamedTuple):
 def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce]:
     """Return the forces of the `most` points with the highest peaks in a dataset, the highest first.
 
-    **Arguments:** `slipper`: name of the one of a sled whose points are meant; empty for all.
+    **Arguments:** `slipper`: name of one slipper of a sled; empty for all slippers.
     """
     most = whole("most", most, 1)
     period = ds["period"].values
@@ -141,7 +140,7 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
     # of the saved states
     peaks = force.max("time")
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
-    # of every step, where the peak lies in this part of the run
+    # of every step, where the peak is in this part of the run
     if "peak_force" in ds:
         when = ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
         # a record begins one interval before its first saved state
@@ -164,7 +163,7 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
 def overview(ds: Run) -> np.ndarray:
     """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
-    The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
+    The title states the case, and a status other than 0. The last two panels show only the last periods.
 
     **Arguments:** `ds`: a `Trajectory`, or its dataset.
 
@@ -176,7 +175,7 @@ def overview(ds: Run) -> np.ndarray:
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
         for name, ax in zip(names, panels.ravel(), strict=False):
             history(ds, name, ax)
-        last = 4.0  # forcing periods, in which single impacts are seen
+        last = 4.0  # number of forcing periods in which single impacts are visible
         contact_forces(ds, panels[5, 0], last=None)
         contact_forces(ds, panels[5, 1], last=last)
         period = ds["period"].values
@@ -188,7 +187,7 @@ def overview(ds: Run) -> np.ndarray:
 
 
 def phase_portrait(ds: Run, coordinate: str, velocity: str, ax: Axes | None = None) -> Axes:
-    """Draw the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
+    """Draw the orbit in the plane of a coordinate and its velocity, with its section by upward zero crossings in red.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
 
@@ -226,10 +225,10 @@ def spectrum(
 
     **Arguments:**
 
-    - `frequency`: [Hz], of which those above zero are drawn; `density`: [`unit`], of the same shape.
-    - `ax`: the Axes to draw into; default those of a new figure.
-    - `unit`: of the density, as datasets write it, as in (rad/s^2)^2/Hz.
-    - `highest`: the highest frequency drawn [Hz]; default all.
+    - `frequency`: [Hz]; frequencies above zero are drawn; `density`: [`unit`], of the same shape.
+    - `ax`: the Axes to draw into; default the Axes of a new figure.
+    - `unit`: of the density, in the form of datasets, as in (rad/s^2)^2/Hz.
+    - `highest`: the highest frequency drawn [Hz]; default all frequencies.
 
     **Returns:** the Axes.
     """

@@ -1,3 +1,3 @@
-"""Results: what every answer can do, and the words, tables and pictures of each kind."""
+"""Results: the methods of all results, and the texts, tables and pictures of each kind."""
 
 from .result import AbstractResult as AbstractResult

@@ -1,4 +1,4 @@
-"""Words, tables and pictures of branches of orbits, and of curves of their events."""
+"""Texts, tables and pictures of branches of orbits, and of curves of their events."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ class PointsKind(Kind):
     def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
         """Return a row for each point: parameters, numbers of the orbits, multipliers and states [SI unit].
 
-        Points of Poincare sections, whose number differs from orbit to orbit, are left out.
+        Points of Poincare sections are left out, because their number differs from orbit to orbit.
         """
         columns = {name: ds[name].values for name in varied_names(ds)}
         columns |= {str(name): array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
@@ -69,7 +69,7 @@ class BranchKind(PointsKind):
 
 
 class OwnBranchKind(BranchKind):
-    """A branch of a system of one's own."""
+    """A branch of a user's own system."""
 
     def plot(self, ds: xr.Dataset, quantity: str = "state_0", **options: Any) -> Any:
         return branches(ds, quantity, **options)
@@ -96,6 +96,6 @@ class CurveKind(PointsKind):
 
 def events_of(ds: xr.Dataset) -> pd.DataFrame:
     """Return a row for each event of a branch, in the order of its points."""
-    # the table of events consists of the variables along `event` alone
+    # the table of events has all variables along `event` only
     names = [name for name, array in ds.data_vars.items() if array.dims == ("event",)]
     return ds[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))

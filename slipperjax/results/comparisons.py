@@ -1,4 +1,4 @@
-"""Words, tables and pictures of designs that were compared over the same rails from the same starts."""
+"""Texts, tables and pictures of designs that were compared over the same rails from the same starts."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -31,8 +31,8 @@ class ComparisonKind(Kind):
 
 
 def verdict(ds: xr.Dataset, units: Sequence[str] | None = None) -> list[str]:
-    """Return in words which design is better and how sure that is: the status of lost runs first, then a line for
-    each design. Behind +- stand standard errors."""
+    """Return a text that says which design is better and how certain this is: first the status of lost runs, then a
+    line for each design. Standard errors are after +-."""
     view = Comparison.of(ds, units)
     flat = view.ds
     lines = list(_lost(view))
@@ -45,7 +45,7 @@ def verdict(ds: xr.Dataset, units: Sequence[str] | None = None) -> list[str]:
             continue
         at = flat.isel(design=k, quantile=-1)
         words = "is better than" if float(at["difference_low"]) > 0 else "cannot be told from"
-        # the last quantile, which decides, first
+        # first the last quantile, which decides
         each = [f"{view.said('difference', k, j)} in the {of_runs(shares[j])}" for j in reversed(range(len(shares)))]
         lines.append(f"{view.labels[best]} {words} {label}: by {', '.join(each)}")
     rails, starts = flat.sizes["rail"], flat.sizes["start"]
@@ -59,7 +59,7 @@ def verdict(ds: xr.Dataset, units: Sequence[str] | None = None) -> list[str]:
 
 
 def _lost(view: Comparison) -> Iterator[str]:
-    """Yield in words which runs are lost, by their status, and which others do not count for that."""
+    """Yield texts that say which runs are lost, by their status, and which other runs do not count therefore."""
     codes = view.ds["status"].transpose("design", "rail", "start").values
     for code in np.unique(codes[is_lost(codes)]):
         runs = [f"{view.labels[k]} rail={rail} start={start}" for k, rail, start in np.argwhere(codes == code)]

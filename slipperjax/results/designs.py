@@ -1,4 +1,4 @@
-"""Words, tables and pictures of designs."""
+"""Texts, tables and pictures of designs."""
 
 from collections import Counter
 from typing import Any
@@ -16,7 +16,7 @@ from .kind import Kind, Units
 NEAREST = "nearest events:"
 """Line before the events."""
 AT_BOUND = 1e-6
-"""Share of the range of a variable within which it is on its bound."""
+"""Share of a variable's range within which it is at its bound."""
 
 
 class DesignKind(Kind):
@@ -34,7 +34,7 @@ class DesignKind(Kind):
         q = quantity_of("objective", ds)
         count = ds.sizes["case"]
         cases = f", {ds.attrs['robust']} of {count} cases" if count > 1 else ""
-        # averages over chaotic motions have a standard error, orbits what half the step changes
+        # averages over chaotic motions have a standard error; orbits have a change by half the step
         error = ds.attrs["stderr"]
         sure = f" +- {q.shown(error):.2g}" if error > 0 else ""
         lines.append(f"{_said(q, ds.attrs['objective'])}{sure}{cases}")
@@ -84,7 +84,7 @@ def _said(q: Quantity, value: float) -> str:
 
 
 def _variables(ds: xr.Dataset) -> list[str]:
-    """Return the design variables in words, with the bounds on which they ended."""
+    """Return the design variables as a text, with the bounds at which they ended."""
     words = []
     for q in _quantities(ds):
         value, low, high = (float(ds[name].sel(variable=q.name)) for name in ("design", "low", "high"))
@@ -95,7 +95,7 @@ def _variables(ds: xr.Dataset) -> list[str]:
 
 
 def _margins(ds: xr.Dataset) -> list[str]:
-    """Return in words how far parameters may change before the orbit of a case meets an event."""
+    """Return texts that say how far parameters may change before the orbit of a case meets an event."""
     lines = []
     columns = ds[[f"margin_{name}" for name in ("case", "parameter", "label", "value", "relative")]]
     for case, name, event, value, relative in columns.to_dataframe().itertuples(index=False):

@@ -1,4 +1,4 @@
-"""Words, tables and pictures of vibration environments, in g as reports of tests show them."""
+"""Texts, tables and pictures of vibration environments, in g as in test reports."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -43,7 +43,7 @@ def environment_table(report: xr.Dataset) -> pd.DataFrame:
         at = of_place(report, place)
         columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
         columns |= {"low [Hz]": at["low"].values, "high [Hz]": at["high"].values}
-        # edges are one more than bands: the lowest has no row
+        # there is one edge more than bands: the lowest edge has no row
         shock = at["shock_envelope"][..., 1:]
         for direction in at["direction"].values:
             for kind, values, unit in (("density", at["density_envelope"], "g^2/Hz"), ("shock response", shock, "g")):
@@ -55,7 +55,7 @@ def environment_table(report: xr.Dataset) -> pd.DataFrame:
 
 
 def environment_summary(report: xr.Dataset) -> list[str]:
-    """Return a report in words, two lines for each place: the greatest values of all rails."""
+    """Return a report as a text, two lines for each place: the greatest values of all rails."""
     lines = []
     low, high = (float(report[name][end]) for name, end in (("low", 0), ("high", -1)))
     for place in range(report.sizes["place"]):

@@ -1,4 +1,4 @@
-"""Words, tables and pictures of fits."""
+"""Texts, tables and pictures of fits."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ class FitKind(Kind):
         for other in ds["minimum"].values:
             shown = [_said(q, value) for q, value in zip(quantities, other, strict=True)]
             lines.append(f"another minimum: {', '.join(shown)}")
-        # empty texts say nothing
+        # empty texts are left out
         told = (ds.attrs["not_identified"], ds.attrs["misfit"])
         return [*lines, *(line for text in told for line in text.split("; ") if line)]
 

@@ -1,4 +1,4 @@
-"""What a kind of result must be able to do."""
+"""Methods of a kind of results."""
 
 import abc
 from collections.abc import Iterator, Sequence
@@ -12,20 +12,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Units = Sequence[str] | None
-"""Units that a user wants, such as ("ft", "lbf"); None for those of the scene's file."""
+"""Units that a user chooses, such as ("ft", "lbf"); None for the units of the scene's file."""
 
 
 class Kind(abc.ABC):
-    """Words, tables and pictures of the results of a function; a subclass for each kind of question."""
+    """Texts, tables and pictures of the results of a function; one subclass for each kind of question."""
 
     title: str
-    """Of a report."""
+    """Title of a report."""
     reports = False
-    """Whether a PDF of the result has its words, too, and pictures take `units`."""
+    """Whether a PDF of the result also has its text, and pictures take `units`."""
 
     @abc.abstractmethod
     def summary(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        """Return a result in words."""
+        """Return a result as a text."""
 
     @abc.abstractmethod
     def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
@@ -36,7 +36,7 @@ class Kind(abc.ABC):
         """Return the Axes of the picture of a result."""
 
     def report(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        """Return the words of a report."""
+        """Return the text of a report."""
         return self.summary(ds, units)
 
     def pages(self, ds: xr.Dataset, units: Units = None) -> "Iterator[Figure]":

@@ -1,4 +1,4 @@
-"""Words, tables and pictures of single motions: simulated ones, and periodic orbits."""
+"""Texts, tables and pictures of single motions: simulated motions, and periodic orbits."""
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from ..plots.trajectories import Along, most_loaded, overview
 from .kind import Kind, Units
 
 LEADING = 4
-"""Multipliers that are said."""
+"""Number of multipliers in a summary."""
 
 
 class MotionKind(Kind):
@@ -34,7 +34,7 @@ class MotionKind(Kind):
             lines.append(f"highest single contact point {highest.peak:.4g} kN at {highest.name}, {when}")
         error = ds.attrs.get("probe_error [scales]")
         if error is not None:
-            # without contact there is no force whose error is known
+            # without contact there is no force, and no error of a force
             peak = ds.attrs.get("probe_peak_error", np.nan)
             force = f" and its highest force by {peak:.1e} of it" if np.isfinite(peak) else ""
             lines.append(step_error(scene, error) + force)
@@ -73,5 +73,5 @@ class OrbitKind(MotionKind):
 
 
 def said_multiplier(value: complex) -> str:
-    """Return a multiplier in words; a real one has no imaginary part."""
+    """Return a multiplier as a text; a real multiplier has no imaginary part."""
     return f"{value.real:.6g}" + (f"{value.imag:+.6g}i" if value.imag else "")

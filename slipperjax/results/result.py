@@ -1,4 +1,4 @@
-"""Results: every answer says, lists, draws and writes itself in the same way, and is loaded again in one way."""
+"""Results: all results have the same methods for summary, tables, picture and files, and one function loads them."""
 
 import abc
 import html
@@ -28,15 +28,15 @@ Arguments = ParamSpec("Arguments")
 
 
 class AbstractResult(abc.ABC):
-    """An answer, with its numbers as a dataset of xarray.
+    """A result, with its numbers as a dataset of xarray.
 
-    Subclasses have `scene` and `status`, too.
+    Subclasses also have `scene` and `status`.
     """
 
     @property
     @abc.abstractmethod
     def ds(self) -> "xr.Dataset":
-        """All numbers, with units and with what made them, as one dataset for files and pictures."""
+        """All numbers, with units and with the call that made them, as one dataset for files and pictures."""
 
     @property
     def call(self) -> dict[str, Any]:
@@ -45,16 +45,16 @@ class AbstractResult(abc.ABC):
         return load_call(self.ds)
 
     def summary(self, units: Sequence[str] | None = None) -> list[str]:
-        """Return the result in words, a line for each thing that was found: what is wrong comes first.
+        """Return the result as a text, with a line for each finding: problems come first.
 
-        **Arguments:** `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default those of
-        the scene's file.
+        **Arguments:** `units`: such as ("ft", "lbf", "g"), each for the quantities of its kind; by default the units
+        of the scene's file.
         """
         kind, ds = _known(self)
         return kind.summary(ds, units)
 
     def tables(self, units: Sequence[str] | None = None) -> "dict[str, pd.DataFrame]":
-        """Return the result as tables by their names, the main one first, with units in their headers.
+        """Return the result as tables by name, the main table first, with units in their headers.
 
         **Arguments:** as for `summary`.
         """
@@ -62,11 +62,11 @@ class AbstractResult(abc.ABC):
         return kind.tables(ds, units)
 
     def plot(self, **options: Any) -> Any:
-        """Draw the picture that fits the result; `options`: those of the picture, see `slipperjax.plots`.
+        """Draw the picture that suits the result; `options`: of the picture, see `slipperjax.plots`.
 
         **Returns:** Axes of matplotlib, or an array of them.
 
-        **Raises:** `ValueError` where no picture fits, such as for a sweep over three parameters.
+        **Raises:** `ValueError` where no picture suits, as for a sweep over three parameters.
         """
         kind, ds = _known(self)
         return kind.plot(ds, **options)
@@ -75,14 +75,14 @@ class AbstractResult(abc.ABC):
         """Write files, each whole or not at all, by their endings.
 
         - `.nc`: all numbers, which `slipperjax.load` reads; `.mat`: the same for MATLAB.
-        - `.png`, `.svg`, `.pdf`: the picture; of a run, a comparison and an environment the PDF is a report, whose
-            first page says the result in words.
-        - `.csv`: the main table; each further one beside it, with its name before the ending; `.xlsx`: summary and
+        - `.png`, `.svg`, `.pdf`: the picture; for a run, a comparison and an environment the PDF is a report, whose
+            first page is a text.
+        - `.csv`: the main table, and further tables in files with their names before the ending; `.xlsx`: summary and
             tables as sheets.
 
         **Arguments:** `units`: as for `summary`; `options`: of the picture, as for `plot`.
 
-        **Returns:** what was written, in words.
+        **Returns:** a text that names the written files.
 
         **Raises:** `ValueError` for another ending; `OSError` for a file that cannot be written.
         """
@@ -94,7 +94,7 @@ class AbstractResult(abc.ABC):
 
 def _known(result: AbstractResult) -> "tuple[Kind, xr.Dataset]":
     """Return the kind of a result, and its dataset, which some results compute."""
-    # here, because words and pictures take long to import
+    # here, because texts and pictures take long to import
     from .kinds import kind_of
 
     ds = result.ds
@@ -102,13 +102,13 @@ def _known(result: AbstractResult) -> "tuple[Kind, xr.Dataset]":
 
 
 class Result(AbstractResult):
-    """An answer that is a dataset: `result["peak_force"]`, `result.sizes` and all others of its names are at hand.
+    """A result that is a dataset: `result["peak_force"]`, `result.sizes` and all other names of the dataset work.
 
-    `isel` and `sel` return a part of the result as a result; other methods of xarray return what they do there.
+    `isel` and `sel` return a part of the result as a result; other methods of xarray return what they return there.
     """
 
     def __init__(self, ds: "xr.Dataset"):
-        # known by what it has, because xarray takes long to import
+        # recognised by its attributes, because xarray takes long to import
         require(hasattr(ds, "data_vars") and hasattr(ds, "attrs"), "ds", "be an xarray.Dataset", ds)
         self._ds = ds
 
@@ -126,7 +126,7 @@ class Result(AbstractResult):
 
     @property
     def start(self) -> Motion | State:
-        """The motion or state with which the one case began; raises as `scene`."""
+        """The motion or state with which the only case began; raises as `scene`."""
         return start_of(self.ds)
 
     @property
@@ -144,7 +144,7 @@ class Result(AbstractResult):
         return type(self)(self.ds.sel(*args, **kwargs))
 
     def __getattr__(self, name: str) -> Any:
-        # asked for names that this class lacks only; `_ds` is one while a copy is made
+        # called only for names that this class lacks; `_ds` is such a name while a copy is made
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self._ds, name)
@@ -176,7 +176,7 @@ class Result(AbstractResult):
 
 
 def answered(compute: "Callable[Arguments, xr.Dataset]", *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-    """Return the dataset that a function computes as a `Result`, also in what an interrupt leaves."""
+    """Return the dataset that a function computes as a `Result`, also for the partial result of an interrupt."""
     try:
         return Result(compute(*args, **kwargs))
     except Interrupted as stop:

@@ -11,16 +11,16 @@ from ..model.quantities import Quantity, point_dims
 from ..plots.runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
 SUMMED = ("impacts", "impulse", "friction_work")
-"""Numbers that are summed over points and windows; of others the highest counts."""
+"""Numbers that are summed over points and windows; for others the highest value counts."""
 MEANS = ("speed", "contact_fraction", "drive_force", "slipper_force", "slipper_roll")
 """Numbers that are averaged over windows."""
 PLACED = {
     "peak_slipper_force": ("slipper_load", "peak_slipper_distance"),
     "peak_force": ("point", "peak_distance"),
 }
-"""What belongs to the highest forces of `PEAKS`: at what, in words, and where."""
+"""Columns for the highest forces of `PEAKS`: their load or point, as a text, and their place."""
 SIGNED = ("peak_slipper_force", "peak_slipper_moment")
-"""Numbers of which that of greatest magnitude counts."""
+"""Numbers for which the value of greatest magnitude counts."""
 HUNDRED = 100.0
 """Length of rail of the second table [m]."""
 APART = 10.0
@@ -30,10 +30,10 @@ WORST = 10
 
 
 def of_windows(view: RunView) -> pd.DataFrame:
-    """Return a row for each window: place [m], status in words, and numbers of all points together [SI unit].
+    """Return a row for each window: place [m], status as a text, and numbers of all points together [SI unit].
 
-    Names of columns are those of the dataset's variables. The greatest net force of all slippers has its slipper and
-    axis as `slipper_load`, and its place; the highest force of a contact point has its `point` and its place.
+    Columns have the names of the dataset's variables. The greatest net force of all slippers has its slipper and axis
+    as `slipper_load`, and its place; the highest force of a contact point has its `point` and its place.
     """
     ds = view.ds
     edges = edges_of(ds, "distance")
@@ -63,12 +63,12 @@ def of_windows(view: RunView) -> pd.DataFrame:
         if "point" in values.dims:
             joined = values.sum if name in SUMMED else values.max
             values = joined(point_dims(values), skipna=False)
-        # one column for each direction and the like
+        # one column for each direction or other label
         others = [dim for dim in values.dims if dim != "distance"]
         for labels in itertools.product(*(values[dim].values for dim in others)):
             part = values.sel(dict(zip(others, labels, strict=True)))
             columns[" ".join(map(str, (name, *labels)))] = part.values
-    # numbers of stretches, which are the same in all windows of one
+    # numbers of stretches, which are the same in all windows of a stretch
     for name, values in ds.data_vars.items():
         if values.dims == ("stretch",) and str(name).startswith("rms_"):
             columns[str(name)] = values.values[stretch_of_windows(ds)]
@@ -76,7 +76,7 @@ def of_windows(view: RunView) -> pd.DataFrame:
 
 
 def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each 100 m of rail, of the windows whose middles lie in it; without numbers if one is lost.
+    """Return a row for each 100 m of rail, from the windows whose middles are in it; without numbers if one is lost.
 
     **Arguments:** `windows`: the table of `of_windows`.
     """
@@ -88,7 +88,7 @@ def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
         row["status"] = ", ".join(part["status"].unique())
         for name, placed in PLACED.items():
             if name in part:
-                # NaN counts as the highest there
+                # NaN counts as the highest value there
                 highest = int(np.argmax(part[name].abs().to_numpy()))
                 row |= {each: part[each].iloc[highest] for each in (name, *placed)}
         for name in part.columns.difference(list(row), sort=False):
@@ -101,19 +101,20 @@ def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _farthest(values: pd.Series) -> float:
-    """Return the value of greatest magnitude, with its sign; NaN where one is."""
+    """Return the value of greatest magnitude, with its sign; NaN where any value is NaN."""
     return values.iloc[int(np.argmax(values.abs().to_numpy()))]
 
 
 def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
-    """Return the windows with the greatest net forces, the greatest first, whose places are `APART` or more apart.
+    """Return the windows with the greatest net forces, the greatest first, at places that are `APART` or more apart.
 
-    Each has its highest contact point. Without net forces those with the highest contact points are returned.
+    Each window has its highest contact point. Without net forces the windows with the highest contact points are
+    returned.
 
     **Arguments:** `windows`: the table of `of_windows`.
     """
     known = [name for name in PLACED if name in windows]
-    # without forces there are none
+    # without forces there are no worst windows
     name = known[0] if known else "peak_force"
     label, place = PLACED[name]
     columns = [place, "speed", label, name]
@@ -129,7 +130,7 @@ def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def shown_table(view: RunView, table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in display units, which stand in its header."""
+    """Return a table in display units, which its header states."""
     columns = {}
     for name, values in table.items():
         q = quantity_of_column(view, str(name))
@@ -141,12 +142,12 @@ def shown_table(view: RunView, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def quantity_of_column(view: RunView, name: str) -> Quantity | None:
-    """Return the quantity of a column; None for one of words."""
+    """Return the quantity of a column; None for a column of texts."""
     if name in ("status", "point", "slipper_load"):
         return None
     if name == "time":
         return view.units.of(Quantity(name, "s", name))
-    # distances, also that of the peak
+    # distances, also the distance of the peak
     if name.split(" ")[0] in ("from", "to", "peak_distance", "peak_slipper_distance"):
         return view.quantity("distance")
     # the variable comes first, before a direction
@@ -159,7 +160,7 @@ def words(code: int) -> str:
 
 
 def tables(view: RunView) -> dict[str, pd.DataFrame]:
-    """Return the tables of a run by their names, in display units."""
+    """Return the tables of a run by name, in display units."""
     windows = of_windows(view)
     made = {"windows": windows, "100 m": of_hundreds(windows), "worst places": of_worst(windows)}
     return {name: shown_table(view, table) for name, table in made.items()}

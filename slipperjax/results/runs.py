@@ -1,4 +1,4 @@
-"""Words, tables and pictures of runs over a length of rail."""
+"""Texts, tables and pictures of runs over a length of rail."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -21,7 +21,7 @@ from .kind import Kind, Units
 from .run_tables import APART, tables, words
 
 LENGTHS = 8
-"""Most lengths of rail that are listed with their status."""
+"""Most lengths of rail in a list with their status."""
 NET = "peak_slipper_force"
 
 
@@ -55,7 +55,7 @@ class RunKind(Kind):
 
 
 def summary_of_runs(ds: xr.Dataset) -> list[str]:
-    """Return several runs in words: how many, and how many of them are lost."""
+    """Return several runs as a text: their number, and how many are lost."""
     status = ds["status"].values
     lines = [f"{status.size} runs over {', '.join(map(str, ds['status'].dims))}"]
     codes, counts = np.unique(status[status != Status.FINITE], return_counts=True)
@@ -63,7 +63,7 @@ def summary_of_runs(ds: xr.Dataset) -> list[str]:
 
 
 def summary(view: RunView) -> list[str]:
-    """Return a run in words, a line for each result: its status first, and nothing else where it is lost."""
+    """Return a run as a text, a line for each result: first its status, and nothing else where the run is lost."""
     lines = [f"status: {view.status}"]
     lengths = [f"{_from_to(view, *ends)}: {words(status)}" for *ends, status in view.flagged]
     lines += lengths[:LENGTHS]
@@ -75,11 +75,11 @@ def summary(view: RunView) -> list[str]:
 
 
 def _results(view: RunView) -> Iterator[str]:
-    """Yield the results of a run in words."""
+    """Yield the results of a run as texts."""
     ds = view.ds
     speed = view.quantity("speed")
     values = speed.shown(ds[speed_name(ds)].values)
-    # one speed where it does not change
+    # a single speed where it does not change
     speeds = " to ".join(dict.fromkeys((f"{values.min():.4g}", f"{values.max():.4g}")))
     seconds = float(np.ptp(view.times))
     ends = edges_of(ds, "distance")[[0, -1]]
@@ -122,13 +122,13 @@ def _results(view: RunView) -> Iterator[str]:
 
 
 def _net_loads(view: RunView) -> Iterator[str]:
-    """Yield the greatest net forces of slippers, vertical and lateral, where they were, and the greatest moments."""
+    """Yield the greatest net forces of slippers, vertical and lateral, their places, and the greatest moments."""
     ds = view.ds
     for axis in ("z", "y"):
         at = peak_of(ds.sel(axis=[axis]), NET)
         slipper = at["slipper"].item() if "slipper" in at.coords else ""
         times = ""
-        # how much harder than at rest; without gravity and load there is nothing to compare with
+        # ratio to the force at rest; without gravity and load there is no force at rest
         if axis == "z" and view.scene is not None:
             static = static_load(view.scene, slipper, float(at["peak_slipper_distance"]))
             if static > 0:
@@ -144,9 +144,9 @@ def _net_loads(view: RunView) -> Iterator[str]:
 
 
 def _peak(view: RunView, name: str, text: str, at_what: str, at: xr.Dataset, times: str = "") -> Iterator[str]:
-    """Yield in words a force of `PEAKS`, which `at` has, and where it was, unless nothing touched."""
+    """Yield a text on a force of `PEAKS`, which `at` has, and its place, unless nothing touched."""
     force = float(at[name])
-    # NaN, too, is no force
+    # NaN is also no force
     if not abs(force) > 0:
         return
     distance = view.quantity("distance")
@@ -156,7 +156,7 @@ def _peak(view: RunView, name: str, text: str, at_what: str, at: xr.Dataset, tim
 
 
 def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterator[str]:
-    """Yield in words the largest value of all stretches, and its stretch; nothing where none is known."""
+    """Yield a text on the largest value of all stretches, and its stretch; nothing where no value is known."""
     # stretches with lost windows are NaN
     k = int(values.fillna(-np.inf).values.argmax())
     if np.isfinite(values[k]):
@@ -165,32 +165,32 @@ def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterato
 
 
 def _said(q: Quantity, value: Any) -> str:
-    """Return a value [SI unit] of a quantity in words, in its display unit; an acceleration in m/s^2 also in g."""
+    """Return a value [SI unit] of a quantity as a text, in its display unit; an acceleration in m/s^2 also in g."""
     text = f"{q.shown(float(value)):.4g} {q.display_unit}"
     return f"{text} ({float(value) / STANDARD_GRAVITY:.3g} g)" if q.display_unit == "m/s^2" else text
 
 
 def _from_to(view: RunView, begin: float, end: float) -> str:
-    """Return a length of rail [m] in words."""
+    """Return a length of rail [m] as a text."""
     ends = " to ".join(map(in_hundredths, view.places([begin, end]).tolist()))
     return f"{ends} {view.quantity('distance').display_unit}"
 
 
 def static_load(scene: Scene, slipper: str, distance: float) -> float:
-    """Return the share of a slipper, "" for a single one, in the weight and the load along z at a place [N]."""
+    """Return the share of a slipper ("" for a single slipper) in the weight and the load along z at a place [N]."""
     loads = np.ravel(static_loads(scene, scene.travel(scene.epoch_at(distance))))
     return float(loads[scene.slipper.names.index(slipper) if slipper else 0])
 
 
 def described(view: RunView) -> list[str]:
-    """Return the scene of a run in words: its named numbers, and a line for each part."""
+    """Return the scene of a run as a text: its named numbers, and a line for each part."""
     scene = view.scene
     if scene is None:
         return []
     numbers = []
     for name, q in PARAMETERS.items():
         value = q.of(scene)
-        # those that are one number
+        # parameters with a single number
         if value is not None and np.ndim(value) == 0:
             shown = view.units.of(Quantity(name, q.unit, name, shown_unit=q.shown_unit))
             unit = "" if q.unit == "1" else f" {shown.display_unit}"

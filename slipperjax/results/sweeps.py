@@ -1,4 +1,4 @@
-"""Words, tables and pictures of sweeps over parameters."""
+"""Texts, tables and pictures of sweeps over parameters."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from .kind import Kind, Units
 
 
 class SweepKind(Kind):
-    """Cases over parameters: what was recorded of each."""
+    """Cases over parameters, with the recorded values of each."""
 
     title = "Sweep over parameters"
 
@@ -25,16 +25,16 @@ class SweepKind(Kind):
         steps = ds["steps_per_period"]
         many = " to ".join(map(str, np.unique([steps.min(), steps.max()])))
         lines = [f"{status.size} cases{periods}, {many} steps per period"]
-        # how many cases have which status, without those that are fine
+        # number of cases with each status, without cases where nothing is wrong
         codes, counts = np.unique(status[status != Status.FINITE], return_counts=True)
         meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
         lines.append(f"{counts.sum()} cases flagged" + (f" ({meanings})" if meanings else ""))
-        # the error of a lost case says nothing
+        # the error of a lost case means nothing
         lost = is_lost(status)
         if "probe_error" in ds and not lost.all():
             most = float(ds["probe_error"].values[~lost].max())
             lines.append(f"half the step changes the motion by {most:.1e} scales at most")
-        # chaos is named with how long it lasts at least
+        # chaos is named with its least mean life
         if "regime" in ds:
             life = ds.get("least_mean_life", np.nan)
             found = [f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES]

@@ -1,4 +1,4 @@
-"""Files of results: what each ending stands for."""
+"""Files of results, by their endings."""
 
 import functools
 import importlib.util
@@ -26,11 +26,11 @@ PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".nc", *PICTURES, ".csv", ".xlsx", ".mat")
 """Endings of the files that results write."""
 WIDTH = 105
-"""Characters in a line of a page of words."""
+"""Characters in a line of a page of text."""
 LINES = 78
-"""Lines on that page."""
+"""Lines on a page of text."""
 PAGE = (7.2, 9.4)
-"""Size of that page [inches]."""
+"""Size of a page of text [inches]."""
 
 
 def check_ending(path: Path, name: str = "paths") -> str:
@@ -52,9 +52,9 @@ def contents_of(
     units: Sequence[str] | None,
     options: Mapping[str, Any],
 ) -> dict[Path, Callable[[], Content]]:
-    """Return functions that make the content of files, by their paths.
+    """Return functions that make the content of files, by path.
 
-    **Arguments:** `kind`: of the result whose dataset is `ds`; all others as for `AbstractResult.write`.
+    **Arguments:** `kind`: of the result whose dataset is `ds`; others as for `AbstractResult.write`.
     """
     contents: dict[Path, Callable[[], Content]] = {}
     for given in paths:
@@ -72,12 +72,12 @@ def contents_of(
 
 
 def _netcdf(ds: "xr.Dataset") -> Content:
-    # made in memory: HDF5 loses the whole process where a disk is full
+    # made in memory, because HDF5 ends the whole process where a disk is full
     return ds.to_netcdf(engine="h5netcdf")
 
 
 def _matlab(ds: "xr.Dataset") -> Content:
-    """Return variables, coordinates and attributes for MATLAB, in which names have letters, digits and _ alone."""
+    """Return variables, coordinates and attributes for MATLAB, where names have only letters, digits and _."""
     from scipy.io import savemat
 
     named = {_matlab_name(str(name)): _matlab_value(ds[name].values) for name in ds.variables}
@@ -101,7 +101,7 @@ _NUMBERS: "dict[str, Callable[[xr.Dataset], Content]]" = {".nc": _netcdf, ".mat"
 
 
 def _tables(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Callable[[], Content]]:
-    """Return functions that make the files of tables: the main one at `path`, others with their names in theirs."""
+    """Return functions that make the files of tables: the main table at `path`, others with their names added."""
     contents = {}
     for k, (name, table) in enumerate(tables.items()):
         more = f"_{name.replace(' ', '')}" if k else ""
@@ -114,7 +114,7 @@ def _csv(table: "pd.DataFrame") -> Content:
 
 
 def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Content:
-    """Return a workbook: the words, and the tables as sheets."""
+    """Return a workbook: the text, and the tables as sheets."""
     import pandas as pd
 
     content = io.BytesIO()
@@ -133,10 +133,10 @@ def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Co
 def _picture(
     kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
 ) -> Content:
-    """Return the picture of a result as the content of a file; a PDF of results with a report has all its pages."""
+    """Return the picture of a result as the content of a file; a PDF has all pages of the report, if any."""
     import matplotlib
 
-    matplotlib.use("Agg")  # which needs no screen
+    matplotlib.use("Agg")  # this backend needs no screen
     from ..plots.style import FILES
 
     if ending == ".pdf" and kind.reports:
@@ -147,7 +147,7 @@ def _picture(
 
 
 def _report(title: str, text: Sequence[str], pictures: "Iterator[Figure]") -> Content:
-    """Return pages: words, then pictures."""
+    """Return pages: text, then pictures."""
     import matplotlib.pyplot as plt
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -163,7 +163,7 @@ def _report(title: str, text: Sequence[str], pictures: "Iterator[Figure]") -> Co
 
 
 def _pages_of_words(title: str, text: Sequence[str]) -> "Iterator[Figure]":
-    """Yield the pages of a report with words."""
+    """Yield the pages of a report with text."""
     import matplotlib.pyplot as plt
 
     wrapped = [part for line in text for part in textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""]]
@@ -171,6 +171,6 @@ def _pages_of_words(title: str, text: Sequence[str]) -> "Iterator[Figure]":
         figure = plt.figure(figsize=PAGE)
         figure.suptitle(title, x=0.06, ha="left", fontsize=12)
         words = "\n".join(wrapped[first : first + LINES])
-        # names may have dollar signs, which are no formulae
+        # names may have dollar signs, which do not mean formulae
         figure.text(0.06, 0.94, words, va="top", family="monospace", fontsize=7, linespacing=1.4, parse_math=False)
         yield figure

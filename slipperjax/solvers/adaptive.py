@@ -14,21 +14,21 @@ from ..tools.tracing import is_traced
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """Steps as long as the error allows, for any solver with an error estimate.
 
-    Four rules are added to the estimate:
+    Four rules are added to the error estimate:
 
-    - Flight without contact is integrated without error, so steps would grow until one skips an impact; therefore no
-      step is longer than a part of a typical contact.
-    - A touchdown is a kink inside a step, for which estimates for smooth motions are too small; therefore the error
-      of a step in which the event latch found one is multiplied by `touchdown`.
-    - With an integrated memory steps end where the next point begins to touch down, as its gap, rate and acceleration
-      tell, instead of being tried across that place and rejected.
-    - Errors in an integrated memory count by what the contacts feel of them, see `AbstractIntegratedMemory.felt`.
+    - Flight without contact has no error, so that steps would grow until one passes over an impact. Therefore no step
+      is longer than a part of a typical contact.
+    - A touchdown is a kink inside a step, and error estimates for smooth motions are too small there. Therefore the
+      error of a step in which the event latch found a touchdown is multiplied by `touchdown`.
+    - With an integrated memory, a step ends where the next point begins to touch down, predicted from its gap, rate
+      and acceleration. Otherwise steps across this place would be tried and rejected.
+    - Errors of an integrated memory count as far as they affect contacts, see `AbstractIntegratedMemory.felt`.
 
-    Each period starts with the step length proposed at the end of the previous one.
+    Each period starts with the step length proposed at the end of the previous period.
 
-    The tolerance is of the motion: highest contact forces on a random rail were 3.5 % off at 1e-5, 12 % at 1e-4 and
-    81 % at 1e-3. At equal cost the default, constant steps with contact impulses integrated anew, is 10 to 30 times
-    more exact. `probe` of `slipperjax.simulate` measures the error of forces, too.
+    The tolerance is for the motion: the highest contact forces on a random rail had errors of 3.5 % at 1e-5, 12 % at
+    1e-4 and 81 % at 1e-3. At equal cost the default, constant steps with `ImpulseRK4`, is 10 to 30 times more exact.
+    `probe` of `slipperjax.simulate` also measures the error of forces.
     """
 
     tolerance: float = 1e-5
@@ -39,13 +39,13 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     Measured with Tsit5 at a tolerance of 1e-6, 10 against 1: 25 to 55 % more steps, errors 1.2 to 5 times smaller.
     """
     per_contact: float = 4.0
-    """The longest step is a typical contact's duration (`contact_duration`) over this [1]."""
+    """The longest step is the duration of a typical contact (`contact_duration`) divided by this number [1]."""
     shortest: float = 1e-9
     """The integration fails if a step would have to be shorter than this [forcing periods]."""
     scales: Motion = MOTION_SCALES
-    """Scales of the motion's numbers [m], [1], [m/s] and [rad/s]; by default for clearances of about a millimetre. An
-    angle's scale counts half in the quaternion. Parts without scales, a sled on springs and elastic modes, have those
-    of `slipperjax.model.accuracy_scales`."""
+    """Scales of the motion's numbers [m], [1], [m/s] and [rad/s]; by default for clearances of about a millimetre. In
+    the quaternion the scale of an angle counts half. Parts without scales, a sled on springs and elastic modes, have
+    the scales of `slipperjax.model.accuracy_scales`."""
 
     def __check_init__(self):
         for name in "tolerance", "touchdown", "per_contact", "shortest":
@@ -91,7 +91,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         size = scaled_size(y_error.motion, with_parts(self.scales, scene)) / self.tolerance
         if scene.integrates_memory:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
-            # of errors in the memory counts what contacts feel, in the scale of the vertical velocity
+            # errors in the memory count as far as contacts feel them, in the scale of the vertical velocity
             felt = scene.contact_memory.felt(now.gap, now.rate, contact_depth(scene))
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory) * felt) / self.scales.v_z / self.tolerance)
         elif scene.latches_memory:
@@ -101,18 +101,18 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
         keep = size <= 1
-        # a tenth shorter than the error would allow, and neither much longer nor much shorter than the last step
+        # a tenth shorter than the error allows, and neither much longer nor much shorter than the last step
         safety = 0.9
         factor = safety * jnp.maximum(size, 1e-12) ** (-1 / error_order)
         factor = jnp.clip(factor, 0.2, jnp.where(keep, 5.0, safety))
         wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args, t1)))
         at = jnp.where(keep, t1, t0)
-        # a kept step may propose a shorter one than allowed, a rejected one may not
+        # an accepted step may propose a next step shorter than allowed, a rejected step may not
         underflow = wanted < self.shortest
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         step = wanted
         if scene.integrates_memory:
-            # to where a switch begins to close
+            # up to where the switch of a contact begins to close
             gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
             period = args.travel(at).period
             acceleration = (now.rate - before.rate) / (t1 - t0)
@@ -125,9 +125,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _until(gap, rate, acceleration, wanted):
-    """Return the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
+    """Return the time until the first of some gaps falls to zero on its parabola; `wanted` if none does before.
 
-    Those that are there within a tenth of that are left to the step after.
+    Gaps that reach zero within a tenth of `wanted` are left to the next step.
     """
     root = rate * rate - 2 * acceleration * gap
     speed = jnp.sqrt(jnp.maximum(root, 0.0)) - rate
@@ -139,5 +139,5 @@ def _until(gap, rate, acceleration, wanted):
 
 def _fitted(wanted, left):
     """Return the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
-    # one step, two equal ones, or the first of many
+    # one step, two equal steps, or the first of many
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

@@ -1,8 +1,8 @@
 """Explicit Runge-Kutta methods with the event latch built in, as diffrax solvers.
 
-The contact memory is frozen during the stages of a step. After the stages, the vector field closes the step: it
-latches touchdowns, and evaluates the derivative at the end, from which the next step starts. So a step of RK4 costs
-four evaluations and a latch, and Tsit5's error estimate costs no further evaluation.
+The contact memory is constant during the stages of a step. After the stages, the vector field closes the step: it
+latches touchdowns, and evaluates the derivative at the end, from which the next step starts. Therefore a step of RK4
+costs four evaluations and a latch, and the error estimate of Tsit5 needs no further evaluation.
 """
 
 from typing import ClassVar
@@ -18,7 +18,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> State:
-    """Return y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
+    """Return y + dt sum(weights k); parts with a derivative of None are constant and stay unchanged."""
     used = [(w, k) for w, k in zip(weights, stages, strict=False) if w != 0]
 
     def leaf(y, *ks):
@@ -28,7 +28,7 @@ def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> Stat
 
 
 def _stored(state: State) -> State:
-    """Return the same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
+    """Return the same state, but compute its motion in one kernel, not again in each kernel that uses the motion."""
     return State(store(state.motion), state.memory)
 
 
@@ -47,7 +47,7 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
     def init(self, terms, t0, t1, y0, args):
         field = field_of(terms)
         t0 = jnp.asarray(t0, float)
-        # types and frame as in `step`, so that the derivative is traced once for both
+        # types and frame as in `step`, so that one traced derivative serves both
         return field.evaluate(t0, y0, args, args.frame(t0)), field.open_step(t0, y0, args)
 
     @jax.jit  # diffrax traces it more than once
@@ -56,11 +56,11 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         dt = t1 - t0
         rates, before = solver_state
         stages = [rates]
-        frames = {1.0: args.frame(t1)}  # one per instant, which XLA would recompute in every stage
-        # each row of the tableau makes one more stage from those before
+        frames = {1.0: args.frame(t1)}  # one frame per instant, because XLA would compute it again in every stage
+        # each row of the tableau makes a further stage from the stages before
         for row in self.a_lower:
             node = 1.0 if abs(sum(row) - 1) < 1e-12 else sum(row)
-            at = t1 if node == 1 else t0 + node * dt  # exactly t1, so that rounding adds no further instant
+            at = t1 if node == 1 else t0 + node * dt  # exactly t1, because rounding would add a further instant
             if node not in frames:
                 frames[node] = args.frame(at)
             stages.append(field.evaluate(at, _step(y0, dt, stages, row), args, frames[node]))

@@ -1,9 +1,9 @@
-"""RK4 that integrates the impulse of each contact anew: a step that knows where contacts begin and end.
+"""RK4 that finds where contacts begin and end in a step, and integrates the impulse of each contact a second time.
 
-Eq. (12)'s force has a kink in its second derivative where a contact begins or ends. The stages of a Runge-Kutta
-method do not see where that is, which costs it an order in values and another one in derivatives. Here the force of
-each contact is integrated again after the stages, along the cubic of its gap over the step, over the part of the step
-in which that cubic is closed. The motion gets the difference of the two impulses.
+The second derivative of Eq. (12)'s force has a kink where a contact begins or ends. The stages of a Runge-Kutta
+method do not find this place, so that the method loses one order in values and a further order in derivatives. After
+the stages, this solver describes the gap of each contact over the step by a cubic, and integrates the contact's force
+over the part of the step in which the cubic is negative. The difference of the two impulses corrects the motion.
 """
 
 import dataclasses
@@ -45,15 +45,15 @@ from ..tools.hermite import Cubic, sign_change
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
-"""Nodes of steps through which a force acts or in which its damping lets it end: Gauss's, of equal weights."""
+"""Gauss's nodes, of equal weights, where a force acts in the whole step, or where its damping ends or begins it."""
 NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
-"""Nodes and weights from where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of that distance."""
+"""Nodes and weights where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of the distance from there."""
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Return whether `ImpulseRK4` integrates a scene's contacts: with a latch of the package or without memory.
+    """Return whether `ImpulseRK4` can integrate a scene's contacts: with a latch of the package, or without memory.
 
-    With `SmoothSwitch` there are no kinks to know.
+    With `SmoothSwitch` the force has no kinks.
     """
     return not scene.contact.has_memory or type(scene.contact_memory) in (EventLatch, PeakRateLatch)
 
@@ -63,23 +63,23 @@ class Ends(NamedTuple):
 
     gap: Array  # [m]
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
-    turning: Array  # the gap's true rate less Eq. (8)'s: that of the normals' own rotation [m/s]
+    turning: Array  # the gap's true rate minus Eq. (8)'s rate: the part from the rotation of the normals [m/s]
     wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
-    wrench: list[Array]  # those of all contacts together, see `resultants`
+    wrench: list[Array]  # wrench of all contacts together, see `resultants`
 
 
 class ImpulseRK4(AbstractLatchingSolver):
-    """RK4 with the event latch whose contact impulses are integrated on the cubics of their gaps.
+    """RK4 with the event latch; the impulses of contacts are integrated along cubics of their gaps.
 
-    The correction fades out where a contact is too stiff for the step. The rate at a touchdown is
-    that of the gap's cubic without the contact's own impulse. No error estimate: constant steps only.
+    The correction fades out where a contact is too stiff for the step. The rate at a touchdown is the rate of the
+    gap's cubic without the contact's own impulse. There is no error estimate: constant steps only.
 
-    **Raises:** `ValueError` for other contacts than those of `knows_contacts`, and for a vector field of one's own,
-    whose forces it would not see.
+    **Raises:** `ValueError` for contacts for which `knows_contacts` is False, and for a user's own vector field,
+    whose forces the solver does not know.
     """
 
     explicit: ClassVar = True
-    restarts_each_period: ClassVar = True  # what a step leaves follows its correction to first order only
+    restarts_each_period: ClassVar = True  # the values kept from a step include its correction to first order only
 
     def order(self, terms):
         return 4
@@ -112,7 +112,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
 
         def stage(t, frame, rates, share):
-            """Return a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
+            """Return a stage's motion, its derivative, and the wrench of its forces along the start's directions."""
             travel = args.travel(t)
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
@@ -133,7 +133,7 @@ class ImpulseRK4(AbstractLatchingSolver):
             y4,
             k4,
         )
-        # means over the step of the wrench, weighted by the part that is left and not
+        # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(store(end), y0.memory)
@@ -155,8 +155,9 @@ def _corrected(
 ) -> tuple[State, Motion, Ends]:
     """Return the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
-    **Arguments:** `rail`: `_moving` at the end; `mean`, `early`: RK4's means over the step of the contacts' wrench
-    and of that times the part of the step that is left, from which velocities and positions follow.
+    **Arguments:** `rail`: `_moving` at the end of the step; `mean`: RK4's mean of the contacts' wrench over the step,
+    from which velocities follow; `early`: the same of the wrench times the part of the step that is left, from which
+    positions follow.
     """
     scene = args.scene
     m = state.motion
@@ -169,35 +170,35 @@ def _corrected(
     directions = (*frame.normal[1:], *lever)
 
     def along(y: Array, z: Array, *turn: Array) -> Array:
-        """Return how far, or how fast, the points move along their normals with the body and its modes, the last."""
+        """Return how far, or how fast, the points move along their normals; `turn`: rotations, then modes if any."""
         moves = [y, z]
         if m.modes is not None:
             (moves,) = carried(frame, (y, z, turn[3]))
-        # of shapes along the rail three axes, otherwise two
+        # mode shapes along the rail have three axes, others two
         parts = zip((*frame.normal[-len(moves) :], *lever), (*moves, *turn[:3]), strict=True)
         return jnp.asarray(sum(d * part for d, part in parts))
 
     modal_rate = [] if m.modes is None else [m.modes.rate]
     rate = store(along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
-    # the compliance of a point along its normal
+    # compliance of each point along its normal
     own = sum(c * d**2 for c, d in zip(compliance, directions, strict=True))
     if m.modes is not None:
         own = own + seconds * modal_compliance(frame)
-        # of modes of unit mass
+        # modes have unit mass
         compliance = [*compliance, seconds]
     own = store_if_differentiated(own)
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
     if memory is not None:
-        # the rate at the touchdown, without what the contact itself does in the step
+        # the rate at the touchdown, without the contact's own effect in the step
         at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
         slowest = -scene.contact_memory.slowest
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
-    # as `mean` and `early`, of each contact
+    # like `mean` and `early`, but for each contact
     means = earlies = 0.0
     # two nodes of the part of the step in which the force acts
     for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
@@ -206,11 +207,11 @@ def _corrected(
         part = store_cotangent(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
         means = means + part
         earlies = earlies + (1 - x) * part
-    # Where a contact is too stiff or too damped for the step, the cubics of gaps tell nothing: limits of h^2 w^2 and
-    # of h times the decay at which the correction is halved. Errors hardly depend on them.
+    # Where a contact is too stiff or too damped for the step, the cubics of gaps are wrong. The correction is halved
+    # at these limits of h^2 w^2 and of h times the decay rate. Errors hardly depend on the limits.
     stiffest = 0.2
     dampest = 1.0
-    # fourth powers of the step times the frequency, whose square is 3/2 K d^(1/2) over the mass, and times the decay
+    # fourth powers of the step times the frequency w, with w^2 = 3/2 K d^(1/2) over the mass, and times the decay
     deepest = jnp.where(gap < before.gap, gap, before.gap)
     deepest = jnp.where(deepest < 0, deepest, 0.0)
     stiff = 1.5 / stiffest * seconds
@@ -224,12 +225,12 @@ def _corrected(
         others=[rough],
     )
 
-    # the difference of impulses changes velocities, and positions by its part of the step
+    # the difference of `total` changes velocities, and the difference of `total_early` changes positions
     share = 1 / (1 + rough)
     changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=True)]
     kick = [c * v for c, v in zip(compliance, changes(total, mean), strict=True)]
     move = [seconds * c * v for c, v in zip(compliance, changes(total_early, early), strict=True)]
-    # the turn of the move, at the attitude that RK4 has found
+    # rotation of the attitude, at RK4's attitude
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))
     if m.modes is not None:
@@ -275,7 +276,7 @@ class _Path(NamedTuple):
 
 
 def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds) -> _Path:
-    """Return the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
+    """Return the gaps over a step of some seconds, from values at both ends; `turning` is assumed to be linear."""
     rise = gap - before.gap
     slope = seconds * (before.rate + before.turning)
     per_second = 1 / seconds
@@ -292,10 +293,11 @@ def _edge(
     rate: Array,
     memory: Array | None,
 ) -> tuple[Array, ...]:
-    """Return where each force begins or ends in a step, and what of it acts.
+    """Return where each force begins or ends in a step, and over which part of the step the force acts.
 
-    **Returns:** the place, from 0 to 1, and 0 where it does neither; the length from there over which the force acts,
-    negative if before it; whether the contact begins; whether the force has the kink of a gap that opens or closes.
+    **Returns:** the place, from 0 to 1, or 0 where the force neither begins nor ends; the length from this place over
+    which the force acts, negative if the force acts before the place; whether the contact begins; whether the force
+    has the kink of a gap that opens or closes.
     """
     start = path.gap.start
     touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
@@ -304,7 +306,7 @@ def _edge(
     cubic = path.gap
     end = gap
     if scene.contact.clamp:
-        # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
+        # damping ends the force of a closed contact, or lets the force begin again, where 1 + damping ratio is zero
         one, other = (1 + damping_ratios(scene, v, memory) for v in (path.rate, rate))
         limited = (start < 0) & (one * other < 0)
         ends = jnp.where(limited, other < 0, ends)
@@ -318,9 +320,10 @@ def _edge(
 
 
 def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:
-    """Return the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
+    """Return the part of the cubic's slope at x, as a mean force [N], that comes from a contact that begins there.
 
-    From that force in the middle and at the end of the step, as RK4 counts them, at the damping of touchdowns.
+    Computed from the forces in the middle and at the end of the step, with RK4's weights and the damping of
+    touchdowns.
     """
     first = jnp.ones_like(gap)
     middle, last = (scene.contact.force(*at, first) for at in ((path.gap.value(0.5), path.rate_at(0.5)), (gap, rate)))
@@ -328,12 +331,12 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
-    """Return the rail, and its derivative by time [per forcing period]."""
+    """Return the rail, and its derivative with respect to time [per forcing period]."""
     return jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
 
 
 def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
-    """Return the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
+    """Return the gap's true rate minus Eq. (8)'s rate [m/s]; `rail`: from `_moving`."""
     frame, change = rail
     change = change._replace(arm=frame.arm, shapes=frame.shapes)
     return contacts(change, m).gap * (1 / args.travel(t).period) + frame.velocity

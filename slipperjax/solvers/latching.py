@@ -1,7 +1,7 @@
 """The base class of solvers with the event latch, and the latch as a wrapper of diffrax's own solvers.
 
-The contact memory is frozen during the stages of a step. After them the vector field closes the step: it latches
-touchdowns, and evaluates the derivative at the end.
+The contact memory is constant during the stages of a step. After the stages, the vector field closes the step: it
+latches touchdowns, and evaluates the derivative at the end.
 """
 
 from typing import Any, ClassVar
@@ -20,7 +20,7 @@ from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
-    """Cubic in the motion; a latched memory is constant during a step, that of a contact which acts in it."""
+    """Cubic in the motion; a latched memory is constant during a step, with the contact's value in this step."""
 
     frozen: Array | None
 
@@ -30,7 +30,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
     def evaluate(self, t0, t1=None, left=True):
         value = super().evaluate(t0, t1, left)
-        # with t1 the change between two instants is asked for
+        # with t1, diffrax asks for the change between two instants
         if t1 is not None or self.frozen is None:
             return value
         return State(value.motion, self.frozen)
@@ -54,8 +54,8 @@ def dense_info(dt: Real, y0: State, y1: State, rates0: State, rates1: State) -> 
     """Pack a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     frozen = None
     if rates1.memory is None and y0.memory is not None:
-        # of a contact that opens in the step, the memory at the end is that of an open point already; others have
-        # the memory with which the step was made
+        # for a contact that opens in the step, the memory at the end is already that of an open point; other contacts
+        # have the memory with which the step was made
         frozen = jnp.where(y0.memory < 0, y0.memory, y1.memory)
     return dict(
         y0=y0,
@@ -67,9 +67,9 @@ def dense_info(dt: Real, y0: State, y1: State, rates0: State, rates1: State) -> 
 
 
 class AbstractLatchingSolver(diffrax.AbstractSolver):
-    """Solvers that end each step with the vector field's `close_step`, and so work for every scene.
+    """Solvers that end each step with the vector field's `close_step`, and therefore work for every scene.
 
-    Their solver state at the end of one solve may be used to start the next one.
+    The solver state at the end of one solve may start the next solve.
     """
 
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -77,10 +77,10 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     explicit: ClassVar[bool] = False
     """True for explicit methods."""
     restarts_each_period: ClassVar[bool] = False
-    """True where forcing periods of equal steps begin with `init`: they are functions of the state alone."""
+    """Whether forcing periods of equal steps begin with `init`: a period is then a function of the state alone."""
 
     def rates(self, solver_state: PyTree) -> Motion | None:
-        """Return the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
+        """Return the motion's derivative at a step's end [per forcing period] if known to the solver; else None."""
         return None
 
     def init(self, terms, t0, t1, y0, args):
@@ -91,7 +91,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
 
 
 class _FrozenField(eqx.Module):
-    """The motion's derivative with frozen memory, passed in the arguments: ten states for diffrax's solvers."""
+    """The motion's derivative with constant memory, passed in the arguments, so that diffrax has only ten states."""
 
     field: VectorField
 
@@ -103,17 +103,18 @@ class _FrozenField(eqx.Module):
 class Latching(AbstractLatchingSolver):
     """The event latch around one of diffrax's one-step solvers, explicit or implicit.
 
-    The inner solver integrates the motion alone, with frozen memory. A method whose last stage is the next step's
-    first evaluates that stage again, because the latch may have changed it.
+    The inner solver integrates only the motion, with constant memory. Some methods use the last stage of a step as
+    the first stage of the next one; they evaluate this stage again, because the latch may have changed it.
     """
 
     solver: diffrax.AbstractSolver
 
     def __init__(self, solver: diffrax.AbstractSolver):
-        """**Arguments:** `solver`: a Runge-Kutta method of diffrax, Euler or ImplicitEuler, or HalfSolver of one.
+        """**Arguments:** `solver`: a Runge-Kutta method of diffrax, Euler or ImplicitEuler, or HalfSolver of one of
+        these.
 
-        In an implicit one, a root finder that takes its tolerances from a step size controller is replaced by
-        `SimplifiedNewton`.
+        In an implicit solver, `SimplifiedNewton` replaces a root finder that takes its tolerances from a step size
+        controller.
 
         **Raises:** `ValueError` for other solvers, because the latch would invalidate their data of earlier steps.
         """
@@ -135,9 +136,9 @@ class Latching(AbstractLatchingSolver):
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         field = field_of(terms)
         inner = diffrax.ODETerm(_FrozenField(field))
-        # the frozen memory travels beside the arguments
+        # the constant memory is passed together with the arguments
         inner_args = (y0.memory, args)
-        # the latch may have changed the derivative that the last step ended with
+        # the latch may have changed the derivative with which the last step ended
         fresh = self.solver.init(inner, t0, t1, y0.motion, inner_args)
         motion, error, _, _, result = self.solver.step(
             inner,
@@ -151,7 +152,7 @@ class Latching(AbstractLatchingSolver):
         y1, rates1, after = field.close_step(solver_state, t0, t1, State(motion, y0.memory), args)
         if error is not None:
             error = State(jax.tree.map(jnp.abs, error), jax.tree.map(jnp.zeros_like, y0.memory))
-        # not carried to the next step, so that XLA drops the two derivatives if the interpolation is not used
+        # not carried to the next step, so that XLA omits both derivatives where the interpolation is not used
         dense = dense_info(t1 - t0, y0, y1, field.evaluate(t0, y0, args), rates1)
         return y1, error, dense, after, result
 
@@ -163,7 +164,7 @@ def _innermost(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
 
 
 def solver_name(solver: diffrax.AbstractSolver) -> str:
-    """Return a solver's name in results: its class, and in brackets that of the solver inside it."""
+    """Return a solver's name in results: its class, and in brackets the class of the solver inside it."""
     own = type(solver).__name__
     inner = getattr(solver, "solver", None)
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
@@ -175,10 +176,10 @@ def differentiable(
 ) -> diffrax.AbstractSolver:
     """Return a solver whose loop over its stages can be differentiated as `adjoint` requires.
 
-    diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
+    diffrax does this for its own Runge-Kutta methods; this function also does it for methods inside a wrapper.
     """
     inner = _innermost(solver)
-    # loops that JAX differentiates in forward mode, and in both modes
+    # loops that JAX can differentiate: in forward mode, and in both modes
     kind = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}.get(type(adjoint))
     if kind and isinstance(inner, diffrax.AbstractRungeKutta) and inner.scan_kind is None:
         at = lambda s: _innermost(s).scan_kind
@@ -187,7 +188,7 @@ def differentiable(
 
 
 def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Real) -> diffrax.AbstractSolver:
-    """Return a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
+    """Return a solver in which `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
     finder = getattr(_innermost(solver), "root_finder", None)
     if isinstance(finder, SimplifiedNewton) and finder.tolerance is None:
         at = lambda s: _innermost(s).root_finder.tolerance
@@ -196,7 +197,7 @@ def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Real) -> diffrax.A
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Return whether a solver is explicit: its steps are bounded by stability, and cannot fail."""
+    """Return whether a solver is explicit: stability bounds its steps, and steps cannot fail."""
     inner = _innermost(solver)
     return isinstance(inner, diffrax.AbstractERK | diffrax.Euler) or getattr(inner, "explicit", False)
 
@@ -204,10 +205,10 @@ def is_explicit(solver: diffrax.AbstractSolver) -> bool:
 def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:
     """Return whether a solver's linear systems go to LAPACK.
 
-    Those of diffrax's own root finders do, and those of derivatives (`tangents`) of all its implicit methods.
+    Root finders of diffrax use LAPACK, and so do derivatives (`tangents`) of all implicit methods of diffrax.
 
-    Such programs must run one at a time: jaxlib splits a batch of systems among the threads of a pool, and waits for
-    them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.
+    Programs with LAPACK must run one at a time. jaxlib divides a batch of systems among the threads of a pool, and
+    one of these threads waits for the others. As many simultaneous batches as there are threads would wait for ever.
     """
     inner = _innermost(solver)
     if not isinstance(inner, diffrax.AbstractImplicitSolver):

@@ -18,19 +18,19 @@ OWN_SOLVERS = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, 
 
 
 def solver_named(name: str) -> diffrax.AbstractSolver:
-    """Return a solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
+    """Return a solver by its name, of slipperjax or else of diffrax; "diffrax.Tsit5" is always diffrax's.
 
-    **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
+    **Raises:** `ValueError` for a name that is no solver's name, or for a solver that needs arguments.
     """
     package, _, plain = name.rpartition(".")
-    # of two with one name, that of slipperjax
+    # where both have the name, the solver of slipperjax
     named = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}.get(package, {})
     is_solver = lambda kind: isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
     solvers = {name: kind for name, kind in named.items() if is_solver(kind) and not name.startswith("Abstract")}
     need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
     require(plain in solvers, "solver", need, name, names=solvers or OWN_SOLVERS)
     try:
-        # such as HalfSolver, which needs a solver to halve the steps of
+        # such as HalfSolver, which needs an inner solver
         return solvers[plain]()
     except TypeError:
         raise ValueError(
@@ -42,13 +42,13 @@ def resolve_solver(
     scene: Scene,
     solver: diffrax.AbstractSolver | str | None,
 ) -> diffrax.AbstractSolver:
-    """Return the solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
+    """Return the solver to use; `Latching` wraps a solver of diffrax if the scene latches touchdowns.
 
-    None is `ImpulseRK4()`, or `RK4()` for contacts that the former does not know, such as those with `SmoothSwitch`.
+    None is `ImpulseRK4()`, or `RK4()` for contacts that `ImpulseRK4` cannot integrate, such as with `SmoothSwitch`.
 
     A text is a name, see `solver_named`.
 
-    **Raises:** `ValueError` for an object that is not a solver, or a solver that cannot be latched.
+    **Raises:** `ValueError` for an object that is no solver, or a solver that cannot be latched.
     """
     if solver is None:
         return ImpulseRK4() if knows_contacts(scene) else RK4()
@@ -66,9 +66,9 @@ def resolve_controller(
     controller: object,
     solver: diffrax.AbstractSolver,
 ) -> diffrax.AbstractStepSizeController | None:
-    """Return the step size controller, None for constant steps; floats become arrays: new values need no compilation.
+    """Return the step size controller, None for constant steps, with arrays in place of floats: no new compilation.
 
-    **Raises:** `ValueError` for an object that is not a controller, or an adaptive one with a solver that has no
+    **Raises:** `ValueError` for an object that is no controller, or an adaptive controller with a solver that has no
     error estimate.
     """
     if controller is None or isinstance(controller, diffrax.ConstantStepSize):
@@ -79,7 +79,7 @@ def resolve_controller(
         diffrax.AbstractStepSizeController,
         "a diffrax controller",
     )
-    # the latch has an error estimate where its solver has one
+    # `Latching` has an error estimate where its inner solver has one
     inner = solver.solver if isinstance(solver, Latching) else solver
     adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
     if adaptive and not isinstance(inner, diffrax.AbstractAdaptiveSolver):

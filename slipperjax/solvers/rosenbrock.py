@@ -6,7 +6,7 @@ section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the 
     (1 - h gamma J) u_i = h gamma f(t_0 + alpha_i h, y_0 + sum a_ij u_j) + gamma sum c_ij u_j + gamma gamma_i h^2 f_t
     y_1 = y_0 + sum m_i u_i,    error = sum e_i u_i
 
-There is no iteration, hence no failure of convergence. The matrix is reduced to five unknowns and factored once, see
+There is no iteration, so that convergence cannot fail. The matrix is reduced to five unknowns and factored once, see
 `slipperjax.model.linearised`; an integrated memory has a separate, diagonal matrix.
 """
 
@@ -27,7 +27,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 
 class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
-    """A step of a Rosenbrock method with frozen memory, then the latch. Subclasses define the tableau."""
+    """A step of a Rosenbrock method with constant memory, then the latch. Subclasses define the tableau."""
 
     gamma: ClassVar[float]
     a: ClassVar[Rows]
@@ -52,9 +52,9 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """Return the stages with one more, as the body of a loop: unrolled stages take minutes to compile."""
+            """Return the stages with a further one, as a loop's body: unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
-            # exactly t1 at the end, so that the rail there equals that at the next step's start
+            # exactly t1 at the end, so that the rail there equals the rail at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
             right = jax.tree.map(lambda f: h * self.gamma * f, f)
             right = combine(right, stages, self.gamma * row["c"])
@@ -72,14 +72,14 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         y1 = combine(y0, stages, self.m)
         error = combine(jax.tree.map(jnp.zeros_like, y0), stages, self.e)
         y1, rates1, after = field.close_step(solver_state, t0, t1, y1, args)
-        # not carried to the next step, so that XLA drops the two derivatives if the interpolation is not used
+        # not carried to the next step, so that XLA omits both derivatives where the interpolation is not used
         dense = dense_info(h, y0, y1, field.evaluate(t0, y0, args), rates1)
         return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
 
     def _rows(self) -> dict[str, Array]:
         """Return the tableau by stages, for a loop over them."""
         count = len(self.nodes)
-        # zeros above the diagonal, so that all stages are rows of one length
+        # zeros above the diagonal, so that the rows of all stages have one length
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
         return dict(
             a=square(self.a),
@@ -91,7 +91,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
 
 
 def combine(y: State, stages: State, weights: Sequence[float] | Array) -> State:
-    """Return y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
+    """Return y + sum(weights u) over the stages u; parts that are None in the stages stay unchanged."""
     # weights that are known to be zero cost nothing
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)
@@ -129,12 +129,12 @@ class ROS34PW2(AbstractRosenbrock):
     """Rang and Angermann 2005, doi:10.1007/s10543-005-0035-y: order 3(2), L-stable, four stages.
 
     A W-method: its order holds with any matrix in place of the Jacobian, and without f_t. It is therefore used for
-    `SmoothSwitch`, where motion and memory are solved separately: at equal error it costs 0.3 to 0.6 of `Rodas4`
-    there (tests/benchmarks/test_smooth_switch.py).
+    `SmoothSwitch`, where motion and memory are solved separately; there it costs 0.3 to 0.6 of `Rodas4` at equal
+    error (tests/benchmarks/test_smooth_switch.py).
     """
 
     gamma: ClassVar = 0.43586652150845900
-    # from the published form, in which stages are h f + h gamma J k, by the inverse of its matrix of gammas
+    # from the published form, whose stages are h f + h gamma J k, by the inverse of its matrix of gammas
     a: ClassVar = (
         (2.0000000000000004,),
         (1.4192173174557652, -0.2592322116729698),

@@ -27,20 +27,20 @@ NEWTON_TOLERANCE = 1e-7
 
 
 class _Stage(NamedTuple):
-    """Arguments that diffrax hands to a root finder, by name."""
+    """Arguments that diffrax passes to a root finder, by name."""
 
     t: Real
-    y: Motion | State  # the stage's state, but for its own share
+    y: Motion | State  # the stage's state without its own share
     args: Args
-    frozen: Array | None  # memory that is frozen during the step, None where it is integrated
+    frozen: Array | None  # memory that is constant during the step, None where it is integrated
     share: Real  # change of the stage's state per change of the unknown
     factor: Real  # the diagonal coefficient times the step
-    sign: float  # of the residual: diffrax's implicit Euler has its own
+    sign: float  # sign of the residual: diffrax's implicit Euler has a different one
 
     @classmethod
     def of(cls, args) -> "_Stage":
-        # _implicit_relation_f, _implicit_relation_k of diffrax's Runge-Kutta methods and _implicit_relation of its
-        # implicit Euler; in diffrax 0.7 they are told apart by the number of their arguments
+        # from _implicit_relation_f and _implicit_relation_k of diffrax's Runge-Kutta methods, and _implicit_relation
+        # of its implicit Euler; in diffrax 0.7 the number of arguments distinguishes them
         sign = 1.0
         if len(args) == 5:
             _, t, y, inner, step = args
@@ -73,7 +73,7 @@ class _Iteration(eqx.Module):
     """The state of an iteration."""
 
     system: LinearSystem
-    size: Array  # of the last correction, see `scaled_size`
+    size: Array  # size of the last correction, see `scaled_size`
     before: Array
     count: Array
 
@@ -82,14 +82,14 @@ class SimplifiedNewton(optx.AbstractRootFinder):
     """A root finder for `diffrax.Kvaerno3`, `Kvaerno4`, `Kvaerno5` and `ImplicitEuler`, as in
     `diffrax.Kvaerno5(root_finder=SimplifiedNewton())`, for slippers only.
 
-    An integrated memory has a diagonal matrix of its own. Derivatives are diffrax's: by the implicit function theorem
+    An integrated memory has its own diagonal matrix. Derivatives are those of diffrax: the implicit function theorem
     with a dense Jacobian.
     """
 
     tolerance: float | Array | None = None
     """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]. None:
-    `NEWTON_TOLERANCE`, and a tenth of that of `AdaptiveSteps`."""
-    # not used; here because every root finder has them
+    `NEWTON_TOLERANCE`, and with `AdaptiveSteps` a tenth of its tolerance."""
+    # not used; here because every root finder must have them
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
@@ -111,9 +111,9 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         residual, aux = fn(y, args)
         residual = jax.tree.map(lambda r: stage.sign * r, residual)
         motion, memory = (residual, None) if isinstance(residual, Motion) else (residual.motion, residual.memory)
-        if memory is not None:  # at the iterate, because the switch may turn within a step
+        if memory is not None:  # at the iterate, because the switch may change within a step
             decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
-            assert decay is not None  # of a memory that is integrated
+            assert decay is not None  # an integrated memory has a decay
             memory = memory / (1 - stage.factor * decay)
         change = State(state.system.solve(motion), memory)
         of_stage = jax.tree.map(lambda c: stage.share * c, change)
@@ -128,7 +128,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         # the corrections still to come, as a geometric series
         error = jnp.where(rate < 1, state.size * rate / (1 - jnp.minimum(rate, 0.999)), jnp.inf)
         most = NEWTON_TOLERANCE if self.tolerance is None else self.tolerance
-        # the rate is known from the second iteration on
+        # the rate of convergence is known from the second iteration on
         small = (state.count >= 2) & (error <= most) | (state.size <= most)
         lost = ~jnp.isfinite(state.size) & (state.count > 0)
         result = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
@@ -139,9 +139,9 @@ class SimplifiedNewton(optx.AbstractRootFinder):
 
 
 def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Return a diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
+    """Return a diffrax solver whose stages are solved by `SimplifiedNewton`, unless the user gave a root finder.
 
-    diffrax's default root finder takes its tolerances from an adaptive controller; that one is replaced.
+    Only diffrax's default root finder, which takes its tolerances from an adaptive controller, is replaced.
     """
     if not isinstance(solver, diffrax.AbstractImplicitSolver):
         return solver

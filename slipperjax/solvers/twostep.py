@@ -3,8 +3,8 @@
 An implicit two-step method of second order, A-stable; each step multiplies infinitely stiff components by |rho_inf|.
 The first step is Crank-Nicolson. Newton's method uses the exact Jacobian in each iteration.
 
-With variable steps, h in Eq. (15) is the PREVIOUS step: with alpha = h_k / h_(k-1) the weights of (19) sum to
-alpha + beta, so they are consistent in that unit only. Here they are divided by alpha.
+With variable steps, h in Eq. (15) is the PREVIOUS step. With alpha = h_k / h_(k-1) the weights of (19) sum to
+alpha + beta, so that they are consistent only in this unit. Here the weights are divided by alpha.
 """
 
 import diffrax
@@ -39,15 +39,17 @@ def two_step_weights(rho_inf: float, alpha: Real) -> tuple[Real, ...]:
 class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     """The paper's method, with its settings as defaults.
 
-    The latch does not change the derivative stored from the previous step: a touchdown changes the derivative at the
-    present step's start only. The error estimate is the distance from the explicit two-step predictor, so that
+    The latch does not change the derivative stored from the previous step: a touchdown changes only the derivative at
+    the present step's start. The error estimate is the distance from the explicit two-step predictor, so that
     adaptive steps are possible, but not efficient.
     """
 
     rho_inf: float = eqx.field(static=True, default=0.6)
     """Factor of infinitely stiff components per step [1], from 0 (full damping) to 1 (none)."""
     tolerance: float = eqx.field(static=True, default=1e-6)
-    """Newton ends one iteration after a correction below this, in multiples of `slipperjax.model.MOTION_SCALES`."""
+    """Newton's method ends one iteration after a correction below this, in multiples of
+    `slipperjax.model.MOTION_SCALES`.
+    """
     iterations: int = eqx.field(static=True, default=10)
     """Newton iterations after which a step has failed."""
 
@@ -112,7 +114,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         x, size, _ = jax.lax.while_loop(again, iterate, (still(guess), jnp.asarray(jnp.inf), 0))
         # One more iteration adds the derivatives of the implicit function, because x itself has none.
         x = jax.tree.map(jnp.add, x, correction(still(x), explicit, args, y0.memory))
-        # written so that NaN does not count as convergence
+        # in this form NaN does not count as convergence
         result = RESULTS.where(
             size <= self.tolerance,
             RESULTS.successful,

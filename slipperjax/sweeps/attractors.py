@@ -16,7 +16,7 @@ from ..tools.columns import column
 from ..tools.types import AnyArray
 
 FLOOR = 1e-5
-"""Distances below it count as zero in classification, in multiples of `COORDINATE_SCALES`: 10 nm."""
+"""Distances below this count as zero in classification, in multiples of `COORDINATE_SCALES`: 10 nm."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
 
@@ -31,7 +31,7 @@ class Motions(NamedTuple):
 def classify_motions(
     strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]
 ) -> Motions:
-    """Return kinds and periods of motions from their states once per period; those with a status are unresolved."""
+    """Return kinds and periods of motions from their states once per period; cases with a status are unresolved."""
     finite = (status == Status.FINITE)[:, None, None]
     motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
     return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
@@ -40,8 +40,8 @@ def classify_motions(
 def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods coordinates"]:
     """Return the states of a sweep once per forcing period; NaN for all cases with a status other than 0.
 
-    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe"; `last`: periods at
-    the end that are wanted, by default all.
+    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe"; `last`: number of periods at the
+    end, by default all.
 
     **Raises:** `ValueError` for other datasets.
     """
@@ -62,16 +62,16 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
 
     See `slipperjax.analysis.attractor`.
 
-    Cases with a status other than 0 are "unresolved", and their evidence is the status. Whether a periodic motion is
-    on an exact orbit of that period, `slipperjax.lyapunov_sweep` tells.
+    Cases with a status other than 0 are "unresolved", and their evidence is the status. `slipperjax.lyapunov_sweep`
+    shows whether a periodic motion is on an exact orbit of its period.
 
-    **Arguments:** `floor`: distances below it are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
+    **Arguments:** `floor`: distances below this are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
     default 10 nm.
     """
     motions = classify(strobe_states(ds, last), scales=COORDINATE_SCALES, floor=floor, **options)
     if "status" not in ds:
         return motions
-    # as objects, so that a longer text is not cut off
+    # as objects, so that longer texts are not cut off
     evidence = np.asarray(motions.evidence, dtype=object)
     for place in np.argwhere(ds["status"].values != Status.FINITE):
         evidence[tuple(place)] = f"status {Status(int(ds['status'].values[tuple(place)]))}"
@@ -79,17 +79,18 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
 
 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float = 0.5) -> xr.Dataset:
-    """Number the attractors that a grid of starts leads to: 0, 1, ... from the largest basin to the smallest.
+    """Number the attractors to which a grid of starts leads: 0, 1, ... from the largest basin to the smallest.
 
     Two cases are on one periodic attractor where their last strobe states recur after the same n periods, within a
-    tenth of `tolerance`, and mean and standard deviation of these agree within `tolerance`, in multiples of
-    `slipperjax.model.COORDINATE_SCALES`. They are taken over whole multiples of n periods, which makes them
-    independent of the phase. All motions that do not recur, chaotic ones above all, count as one attractor.
+    tenth of `tolerance`, and where mean and standard deviation of these states agree within `tolerance`, in multiples
+    of `slipperjax.model.COORDINATE_SCALES`. Mean and standard deviation are over whole multiples of n periods, so
+    that they do not depend on the phase. All motions that do not recur, mainly chaotic motions, count as one
+    attractor.
 
     Over parameters, such as the speed, an attractor keeps its number from one value to the next where its period
-    stays and mean and standard deviation change by `reach` at most.
+    stays and mean and standard deviation change by at most `reach`.
 
-    **Arguments:** `ds`: as for `strobe_states`; `last`: periods at its end that are used, twice the longest n;
+    **Arguments:** `ds`: as for `strobe_states`; `last`: number of periods used at its end, twice the longest n;
     `tolerance`, `reach` [1].
 
     **Returns:** an `xarray.Dataset`, which `slipperjax.plots.basin_map` draws: `basin`, the number of each case's
@@ -98,7 +99,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
-    # what is not of the start: an attractor is looked for at each value of these
+    # dimensions other than the start: attractors are found separately at each of their values
     over = [d for d in strobe.dims if d in ds.coords and d not in (*STARTS, "direction")]
     # places of the cases in the flat list, one row for each value of the parameters
     place = strobe.copy(data=np.arange(strobe.size).reshape(strobe.shape)).transpose(*over, ...).values
@@ -126,7 +127,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
 
 def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and spread of scaled states (cases, periods, 10) over whole recurrences, (cases, 20), and the
-    periods of these, 0 for motions that do not recur, -1 for those that are not finite."""
+    number of periods of a recurrence: 0 for motions that do not recur, -1 for motions that are not finite."""
     periods = states.shape[1]
     marks = np.concatenate([states.mean(axis=1), states.std(axis=1)], axis=-1)
     found = np.where(np.isfinite(marks).all(axis=-1), 0, -1)
@@ -134,7 +135,7 @@ def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
         open_ = np.flatnonzero(found == 0)
         of = states[open_]
         recurs = np.max(np.abs(of[:, n:] - of[:, :-n]), axis=(1, 2)) < near
-        # the latest states, as many as whole multiples of n
+        # the latest states, over whole multiples of n
         used = of[recurs, periods % n :]
         marks[open_[recurs]] = np.concatenate([used.mean(axis=1), used.std(axis=1)], axis=-1)
         found[open_[recurs]] = n
@@ -154,14 +155,14 @@ def _numbered(
 ) -> tuple[Int[np.ndarray, "values starts"], list[int]]:
     """Return the number of each case's attractor, -1 for none, and the period of each number.
 
-    **Arguments:** `marks`, `periods`: as of `_marks`, at each value of the parameters; `outer`: how many values of
-    each parameter there are.
+    **Arguments:** `marks`, `periods`: as of `_marks`, at each value of the parameters; `outer`: number of values of
+    each parameter.
     """
     numbers = np.full(periods.shape, -1)
     kinds: list[int] = []
     found: list[dict[int, _Basin]] = []
     for k in range(len(marks)):
-        # attractors at the value before, along each of the parameters
+        # attractors at the previous value of each parameter
         before = [np.subtract(np.unravel_index(k, outer), step) for step in np.eye(len(outer), dtype=int)]
         known = [found[np.ravel_multi_index(tuple(at), outer)] for at in before if at.min() >= 0]
         here = _basins(marks[k], periods[k], tolerance)
@@ -172,7 +173,7 @@ def _numbered(
 
 
 def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_Basin]:
-    """Return the attractors of some cases, in the order in which they are met."""
+    """Return the attractors of some cases, in the order of their first cases."""
     found = []
     for n in np.unique(periods[periods >= 0]):
         left = np.flatnonzero(periods == n)
@@ -185,10 +186,10 @@ def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_B
 
 
 def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
-    """Return attractors by their numbers, the nearest known ones first; those of new ones are added to `kinds`."""
+    """Return attractors by number, the nearest known attractors first; new ones are added to `kinds`."""
     near = []
     for i, basin in enumerate(here):
-        # marks say nothing of what does not recur
+        # the marks of motions that do not recur mean nothing
         alike = [pair for pair in known if pair[1].period == basin.period > 0]
         marks = np.reshape([other.mark for _, other in alike], (-1, basin.mark.size))
         apart = np.max(np.abs(marks - basin.mark), axis=1)
@@ -199,7 +200,7 @@ def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int]
             numbers[i] = number
     for i, basin in enumerate(here):
         if i not in numbers and basin.period == 0 and 0 in kinds:
-            # what does not recur is one, wherever it is met
+            # all motions that do not recur are one attractor everywhere
             numbers[i] = kinds.index(0)
         elif i not in numbers:
             numbers[i] = len(kinds)

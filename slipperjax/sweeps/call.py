@@ -1,4 +1,4 @@
-"""Arguments of a sweep as one frozen object: kept with its results, and compared before a store goes on."""
+"""Arguments of a sweep as one frozen object, kept with its results and compared before a store continues."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ..tools.checks import require, whole
 
 @dataclass(frozen=True, kw_only=True)
 class AbstractCall:
-    """Arguments that sweeps and runs share, as a user gives them."""
+    """Arguments that sweeps and runs have in common, in the form that a user gives."""
 
     record: object = ()
     steps_per_period: int | Sequence[int] | np.ndarray | None = None
@@ -19,7 +19,7 @@ class AbstractCall:
     """Factor of the default steps [1]."""
     solver: AbstractSolver | str | None = None
     product: bool = True
-    """Whether the grid is a product of its axes; False: one case for each place in its lists."""
+    """Whether the grid is a product of its axes; False: one case for each place in the lists."""
     function: str = "sweep"
     """Name of the function that was called."""
 
@@ -29,20 +29,20 @@ class AbstractCall:
 
 @dataclass(frozen=True)
 class Call(AbstractCall):
-    """Lengths, records and numerics of a sweep as a user gives them, see `slipperjax.sweep`."""
+    """Lengths, records and numerics of a sweep in the form that a user gives, see `slipperjax.sweep`."""
 
     settled: int
-    """Forcing periods that pass before anything is measured."""
+    """Forcing periods before the measurement."""
     measured: int
     """Forcing periods that are recorded, or over which exponents are measured."""
     saves_per_period: int | None = None
     begin: float | None = None
-    """Where the run begins [m]; None for where its rail does."""
+    """Place where the run begins [m]; None for the beginning of its rail."""
     loads: bool | None = None
     probe: bool | None = None
 
     def __post_init__(self):
-        # errors name the arguments as `sweep` calls them
+        # errors name the arguments as in `sweep`
         whole("transient", self.settled, 0)
         whole("periods", self.measured, 1)
         super().__post_init__()
@@ -51,7 +51,7 @@ class Call(AbstractCall):
 def refined(refine: int, steps_per_period: object) -> int:
     """Return the factor of the default steps [1].
 
-    **Raises:** `ValueError` where it is no whole number from 1 to 1000, or is not 1 though steps are given.
+    **Raises:** `ValueError` where it is no whole number from 1 to 1000, or is not 1 together with given steps.
     """
     refine = whole("refine", refine, 1, 1000)
     good = refine == 1 or steps_per_period is None

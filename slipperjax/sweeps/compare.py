@@ -1,4 +1,4 @@
-"""Designs compared on common rails and starts: quantiles, their errors, and the errors of differences."""
+"""Comparison of designs on common rails and starts: quantiles, their errors, and the errors of differences."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,8 @@ from .windows import run_record, whole_run
 
 RESAMPLES = 400
 SPREAD = {"start_v_y": 0.1, "start_v_z": 0.1, "start_w_x": 0.5, "start_w_y": 0.5, "start_w_z": 0.5}
-"""Greatest difference of starts from the first one, either way [m/s], [rad/s]: little, and more than chaos needs."""
+"""Greatest difference of starts from the first start, in both directions [m/s], [rad/s]: small, but enough for chaos.
+"""
 
 
 def compare(
@@ -56,7 +57,7 @@ def compare(
     product: bool = True,
     **options: object,
 ) -> Result:
-    """Compare designs by runs over the same rails from the same starts, and say which one is better, and how sure.
+    """Compare designs by runs over the same rails from the same starts: which is better, and how certain this is.
 
     ```python
     ds = sj.compare(scene, {"clearance": [0.8e-3, 1.5e-3]}, length=300.0)
@@ -66,26 +67,27 @@ def compare(
     **Arguments:**
 
     - `designs`: values by parameter, as the grid of `sweep`.
-    - `length`: how far each run goes [m]; `options`: others of `run`, such as `speed`, `begin`, `store`.
-    - `rails`: number of rails, or of pairs of rails, which alone are independent: the median takes 8, the quantile
-        0.95 takes 80. Those of a `RandomTrack` or of `RandomRails` have its seed and the next ones; of a survey the
-        first is the survey itself, and the others are like it, see `RandomTrack.like` and `RandomRails.like`. On one
-        rail starts count as rails do, and what is found holds for that rail.
+    - `length`: length of each run [m]; `options`: other arguments of `run`, such as `speed`, `begin`, `store`.
+    - `rails`: number of rails, or of pairs of rails. Only rails are independent: the median needs 8, the quantile
+        0.95 needs 80. Rails of a `RandomTrack` or of `RandomRails` have its seed and the following seeds. For a
+        survey the first rail is the survey, and the others are similar, see `RandomTrack.like` and
+        `RandomRails.like`. On a single rail starts count as rails, and the results hold only for this rail.
     - `starts`: number of starts on each rail; all but the first differ from `start`, by default at rest, by up to
         `SPREAD`.
-    - `record`: name of a number of `run`, of which a run counts the highest, of impacts, heat and impulses the sum,
-        of means and root mean squares that of all its windows; by default the greatest net force of a slipper.
+    - `record`: name of a number of `run`. The number of a run is the highest value of all its windows; for impacts,
+        heat and impulses it is the sum, for means and root mean squares the mean or root mean square. By default the
+        greatest net force of a slipper.
     - `mean_over`: whether means and root mean squares are over "distance" or over "time".
-    - `quantiles`: shares of runs whose numbers lie below [1]; designs are ordered by the last.
+    - `quantiles`: shares of runs with smaller numbers [1]; the last quantile orders the designs.
     - `seed`: of the starts and of the bootstrap.
 
-    **Returns:** a `Result` over the designs with `runs`, the numbers of all runs over `rail` and `start`,
-    NaN where one was lost, also with twice the steps; `counted`, whether a rail has all its runs with all designs, as
-    those must that quantiles are of; and over `quantile`, too, `value`, `stderr`, `low`, `high`, `difference`,
-    `difference_stderr`, `difference_low` and `difference_high` as of `over_rails`, but from the `best` design, of the
-    lowest last quantile.
+    **Returns:** a `Result` over the designs with `runs`, the numbers of all runs over `rail` and `start`, NaN for a
+    lost run, also with twice the steps; and `counted`, whether a rail has all its runs with all designs, because only
+    such rails count for quantiles. Over `quantile` it also has `value`, `stderr`, `low`, `high`, `difference`,
+    `difference_stderr`, `difference_low` and `difference_high` as `over_rails`, but with differences from the `best`
+    design, the design with the lowest last quantile.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     scene = check_scene(scene)
     rails = whole("rails", rails, 1)
@@ -107,7 +109,7 @@ def compare(
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
     count = designs_of.count
-    # each design runs on each rail from each start, side by side
+    # each design runs on each rail from each start, as lists side by side
     each = designs_of.part(designs_of.spread(count))
     cases = {name: np.repeat(values, rails * starts) for name, values in each.items()}
     cases |= {name: np.tile(np.repeat(values, starts), count) for name, values in of_rails.items()}
@@ -123,7 +125,7 @@ def compare(
     # one impact among thousands may need more steps
     if len(lost):
         again = {name: values[lost] for name, values in cases.items()}
-        # of steps that are given, or of those that the scenes need
+        # with given steps, or with the steps that the scenes need
         factor = "refine" if options.get("steps_per_period") is None else "steps_per_period"
         more = {name: value for name, value in options.items() if name not in ("store", "executor")}
         more[factor] = 2 * whole(factor, more.get(factor, 1), 1)
@@ -132,27 +134,27 @@ def compare(
         status[lost] = finer["status"].values
     ensembles = (count, rails, starts)
     made = _compared(designs_of, numbers.reshape(ensembles), status.reshape(ensembles), ds, record, shares, seed)
-    # how the runs were made stands in the call, too
+    # the call also states how the runs were made
     asked = json.loads(ds.attrs["call"]) | dict(function="compare", rails=rails, starts=starts, quantiles=shares)
     over = mean_over if of_windows.join.weighted else ""
     return Result(made.assign_attrs(mean_over=over, call=json.dumps(asked)))
 
 
 def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance") -> Float[np.ndarray, " cases"]:
-    """Return the number of each run: of all its windows, the highest of all points or slippers; NaN for lost runs."""
+    """Return the number of each run over its windows, the highest of all points or slippers; NaN for lost runs."""
     joined = whole_run(ds, record, mean_over).transpose("case", ...).values
     numbers = np.asarray(record.join.size(joined)).reshape(len(joined), -1).max(axis=1)
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 
 def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
-    """Return a scene on a track of many rails, and the parameters that choose one, with their values for each."""
+    """Return a scene on a track of many rails, and the parameters that choose a rail, with values for each."""
     track = scene.track
     count = np.arange(float(rails))
     if rails == 1:
         return scene, {}
     if all(isinstance(rail, SampledTrack) for rail in track.rails.values() or (track,)):
-        # the survey itself, and rails like it
+        # the survey itself, and rails similar to it
         like = RandomRails.like(track) if isinstance(track, AbstractTwoRails) else RandomTrack.like(track)
         both = TrackSet((track, like))  # pyright: ignore[reportCallIssue] - `ends` is a property
         return replace(scene, track=both), {"track.number": np.minimum(count, 1.0), "track.tracks.1.seed": count}
@@ -165,7 +167,7 @@ def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
 
 
 def _starts(first: Motion | State, starts: int, seed: int) -> dict[str, np.ndarray]:
-    """Return velocities of starts around the first one, which comes first."""
+    """Return velocities of starts around the first start, which is the first of them."""
     require(isinstance(first, Motion), "starts", "be 1 where a run goes on from a state", starts)
     drawn = sample_box({name: (-size, size) for name, size in SPREAD.items()}, starts, seed=seed)
     shifts = {name: np.append(0.0, values[1:]) for name, values in drawn.items()}
@@ -181,9 +183,9 @@ def _compared(
     shares: Sequence[float],
     seed: int,
 ) -> xr.Dataset:
-    """Return the dataset of `compare` from the numbers and statuses of all runs; `ds`: that of the runs."""
+    """Return the dataset of `compare` from the numbers and statuses of all runs; `ds`: the dataset of the runs."""
     count, rails, starts = numbers.shape
-    # runs on one rail are drawn together; of one rail alone each start is
+    # runs on one rail are drawn together; on a single rail each start is drawn
     grouped = np.moveaxis(numbers, 0, -1)
     groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
     draws = dict(resamples=RESAMPLES, seed=seed)
@@ -221,23 +223,23 @@ def over_rails(
     """Compute a quantile over rails, with its error, and the differences between cases on the same rails.
 
     ```python
-    rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
+    rails = dict(transient=5, periods=60, record="peak_force")  # for which 1000 m of rail are long enough
     ds = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(400)}, **rails)
-    over_rails(ds["peak_force"].max(("end", "point")))  # of a sled "slipper", too
+    over_rails(ds["peak_force"].max(("end", "point")))  # for a sled also "slipper"
     ```
 
-    With `finer`, results of some of the rails with more steps, it also says what the number of steps changes: chaotic
-    runs differ with the steps, but the distribution over rails must stay the same.
+    With `finer`, results with more steps on some of the rails, it also shows the effect of the number of steps.
+    Chaotic runs differ with the steps, but the distribution over rails must stay the same.
 
     ```python
     fine = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(100)}, refine=2, **rails)
     ```
 
-    **Arguments:** `values`: one number for each case and rail; `quantile`: the share of rails whose values lie below
-    it [1], or None for the mean; `dim`: the dimension of the rails; `finer`: as `values`, on some of their rails;
+    **Arguments:** `values`: one number for each case and rail; `quantile`: the share of rails with smaller values
+    [1], or None for the mean; `dim`: the dimension of the rails; `finer`: as `values`, on some of the rails;
     `resamples`, `seed`: number and random seed of the bootstrap's samples.
 
-    **Returns:** an `xarray.Dataset` over the other dimensions, in the unit of `values` where no other is named, with
+    **Returns:** an `xarray.Dataset` over the other dimensions, in the unit of `values` unless another is named, with
 
     - `value`, the quantile or the mean;
     - `stderr`, by the bootstrap; `low` and `high`, its 95 % confidence interval: for quantiles from order statistics;
@@ -247,10 +249,10 @@ def over_rails(
       `step_change_stderr`, and `status`, `Status.INACCURATE` where the change is above a tenth by more than twice its
       error.
 
-    Rails on which a value is NaN, because a slipper was lost, are left out in all cases, with a warning. Where too
-    few are left, results are NaN.
+    Rails with a NaN value, because a slipper was lost, are left out in all cases, with a warning. Where too few rails
+    remain, results are NaN.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     instance("values", values, xr.DataArray, "an xarray.DataArray of a sweep")
     one_of("dim", dim, [str(name) for name in values.dims])
@@ -292,7 +294,7 @@ def _columns(
 ) -> dict[str, tuple[np.ndarray, str, str]]:
     """Return the variables of `over_rails`, each with its unit and description.
 
-    **Arguments:** `text`: what the values are; `base`: what differences are from.
+    **Arguments:** `text`: description of the values; `base`: the case from which differences count.
     """
     words = dict(
         value=text,
@@ -320,7 +322,7 @@ def _step_change(
 
 
 def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return values with more steps, and those of the same rails in `rows`.
+    """Return values with more steps, and values of the same rails in `rows`.
 
     **Raises:** `ValueError` where `finer` has other dimensions, or rails that are not in `rows`.
     """

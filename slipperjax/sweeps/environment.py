@@ -1,4 +1,4 @@
-"""The vibration environment of places on a sled, from its runs: what a report on a test states of a payload."""
+"""The vibration environment of places on a sled, from its runs: the numbers in a test report on a payload."""
 
 import json
 import math
@@ -22,9 +22,9 @@ from .windows import AccelerationHistory, begins
 
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
-"""Least sampling rate over the highest frequency [1], by which the shock response is within 2 %."""
+"""Least sampling rate over the highest frequency [1]; with it the error of the shock response is within 2 %."""
 RELIABLE = 0.25
-"""Highest frequency that a density has over the rate of integration steps [1]: cubics lose the rest, see the docs."""
+"""Highest frequency of a density over the rate of integration steps [1]: cubics lose higher ones, see the docs."""
 
 
 def environment(
@@ -45,30 +45,31 @@ def environment(
 
     **Arguments:**
 
-    - `runs`: of `slipperjax.run` with the record "body_acceleration", over one parameter such as the rail's seed, or
-        one run, or several of one speed. Lost runs are left out, with a warning.
-    - `places`: x, y and z from the centre of mass, (places, 3) [m]; of an elastic sled, places of its modes.
+    - `runs`: of `slipperjax.run` with the record "body_acceleration", over one parameter such as the rail's seed; or
+        one run, or several runs of one speed. Lost runs are left out, with a warning.
+    - `places`: x, y and z from the centre of mass, (places, 3) [m]; on an elastic sled, places of its modes.
     - `low`, `high`: least and highest frequency [Hz], in sixth octaves; `quality`: Q of the oscillators of the shock
-        response [1]; `window`: length of the windows of time over which a density is taken [s], by default the least
-        by which the lowest band is resolved.
+        response [1]; `window`: length of the windows of time of a density [s], by default the least length that
+        resolves the lowest band.
 
     **Returns:** a `Result` over `rail`, `place` and `direction` (x, y, z of the body) with
 
     - over `frequency`, the middles of bands: `density`, the power spectral density by Welch's method, and
       `maximax_density`, the greatest of all windows [(m/s^2)^2/Hz];
     - over `natural_frequency`: `shock_response`, the greatest acceleration of oscillators [m/s^2];
-    - of the whole record, a standstill in it included, `rms` of all frequencies and `band_rms` of the bands; of the
-      loudest window of a density `maximax_rms` in the bands [m/s^2]; `duration` for which the running `level` [m/s^2]
-      over `seconds` is within 6 dB of its greatest [s];
+    - of the whole record, also while the sled is at rest: `rms` of all frequencies and `band_rms` of the bands;
+      `maximax_rms`, the greatest of a density's windows, in the bands [m/s^2]; `duration` for which the running
+      `level` [m/s^2] over `seconds` is within 6 dB of its greatest value [s];
     - of densities and shock response over `summary`, their `maximum`, mean and 95/50 tolerance `limit`, without
       `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`.
 
-    Windows at the beginning or the end of runs may be left out before, as by `runs.isel(distance=slice(50, None))`.
-    The attitude's angle, some milliradians, is left out of the directions. Densities above a quarter of the rate of
-    integration steps, or of samples, are NaN, with a warning: their error is 4 % there, and more above.
+    Windows at the beginning or the end of runs may be removed before, as by `runs.isel(distance=slice(50, None))`.
+    Directions do not include the attitude's angle, some milliradians. Densities above a quarter of the rate of
+    integration steps, or of samples, are NaN, with a warning: their error is 4 % there, and more at higher
+    frequencies.
 
-    **Raises:** `ValueError` for runs without the record, places that the modes do not know, runs of different
-    speeds, and runs that are all lost.
+    **Raises:** `ValueError` for runs without the record, places that the modes do not have, runs of different
+    speeds, and if all runs are lost.
     """
     name = AccelerationHistory.quantity.name
     need = f'results of slipperjax.run with the record "{name}"'
@@ -83,7 +84,7 @@ def environment(
     intervals = np.diff(seconds)
     least = LEAST_RATE * edges[-1]
     rate = max(1 / float(np.median(intervals)), least)
-    # samples of a constant speed are at equal times, and taken as they are where they are dense enough
+    # at constant speed samples are at equal times, and are used directly where they are dense enough
     equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > least
     found = vibration_environment(
         _accelerations(scene, histories, at),
@@ -100,7 +101,7 @@ def environment(
         known = found.edges[1:][np.isfinite(found.density).any(axis=(0, 1, 2))].max()
         more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
         warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
-    # the status of a run is not that of its environment
+    # the status of a run is not the status of its environment
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
     call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window)
     return Result(_dataset(found, at).assign_attrs(known, call=json.dumps(describe(call))))
@@ -134,7 +135,7 @@ def _histories(
     Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]
 ]:
     """Return the histories of all runs that are not lost, the times of their samples [s], and the rate of integration
-    steps there, the least of all runs [Hz]."""
+    steps at these times, the least of all runs [Hz]."""
     rows = []
     steps = []
     for ds in runs:
@@ -161,7 +162,7 @@ def _histories(
 
 
 def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
-    """Return the times of samples at equal distances within windows [s], from those at the ends of windows."""
+    """Return the times of samples at equal distances within windows [s], from the times at the ends of windows."""
     from scipy.interpolate import PchipInterpolator
 
     places = np.arange((len(ends) - 1) * samples) / samples
@@ -183,7 +184,7 @@ def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> n
 
 
 def _dataset(found: VibrationEnvironment, places: np.ndarray) -> xr.Dataset:
-    """Label what `vibration_environment` found."""
+    """Label the results of `vibration_environment`."""
     of_rails = ("rail", "place", "direction")
     of_all = ("summary", "place", "direction")
     natural = "natural_frequency"

@@ -1,4 +1,4 @@
-"""Estimated time, memory and disk of a sweep: impossible ones are refused before anything is compiled."""
+"""Estimated time, memory and disk of a sweep: impossible sweeps are refused before anything is compiled."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,21 +18,21 @@ class Estimate:
     bytes_per_case: float
     """Memory of the results of a case."""
     periods: str = ""
-    """Length of a case in words, such as " of 364 forcing periods"."""
+    """Length of a case as a text, such as " of 364 forcing periods"."""
     workers: int = field(default_factory=cores)
     """Cores that compute."""
     tiles: Tiling | None = None
-    """Tiles of a store, one at a time for each worker; None without a store, where memory holds all results."""
+    """Number of tiles of a store, one at a time for each worker; None: no store, all results in memory."""
     free: float = math.inf
     """Bytes that are free on the disk of the store."""
     shared: bool = False
-    """Whether other processes compute the store, too: those of an executor, or of other shares."""
+    """Whether other processes also compute the store: those of an executor, or of other shares."""
     stored_per_case: float | None = None
-    """Bytes on disk of a case, compressed; None where no case was computed."""
+    """Bytes of a case on disk, compressed; None where no case was computed."""
     at_work: float = 0.0
-    """Memory of the batches at work, such as of their rails [bytes]."""
+    """Memory of the batches at work, for example of their rails [bytes]."""
     facts: str = ""
-    """Further facts that were measured, as lines of text."""
+    """Further measured facts, as lines of text."""
 
     @classmethod
     def counted(cls, cases: int, steps: float, values: int, periods: str, at_work: float = 0.0) -> "Estimate":
@@ -43,33 +43,33 @@ class Estimate:
 
     @property
     def seconds(self) -> float:
-        """Time in all [s]."""
+        """Total time [s]."""
         return self.cases * self.per_case / self.workers
 
     @property
     def memory(self) -> float:
-        """Bytes that the process needs besides its programs."""
+        """Bytes that the process needs in addition to its programs."""
         if self.tiles is None:
-            # results are there twice while they are put together; scene, start and labels take a kilobyte
+            # results are in memory twice while they are put together; scene, start and labels take a kilobyte
             return self.at_work + self.cases * (2 * self.bytes_per_case + 1000)
-        # thrice while a tile is written
+        # three times while a tile is written
         at_once = 1 if self.shared else self.workers
         return self.at_work + 3 * at_once * self.tiles.size * self.bytes_per_case
 
     @property
     def stored(self) -> float:
-        """Bytes on disk in all."""
+        """Total bytes on disk."""
         per_case = self.bytes_per_case if self.stored_per_case is None else self.stored_per_case
         return self.cases * per_case
 
     def check(self) -> None:
         """Refuse a sweep that needs more memory than there is or, in this process, more than a year.
 
-        Warn where it takes long, or may not fit on the disk of its store.
+        Warn of a sweep that takes long, or may not fit on the disk of its store.
 
-        **Raises:** `ValueError` that names memory and time.
+        **Raises:** `ValueError` that states memory and time.
         """
-        # how many processes share the work is not known here
+        # it is not known here how many processes share the work
         seconds = 0.0 if self.shared else self.seconds
         refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, seconds)
         if self.tiles is not None and self.stored > self.free:

@@ -31,28 +31,28 @@ def explain(
 ) -> Estimate:
     """Estimate time, memory and disk of a sweep, from a chunk of its cases.
 
-    `LARGEST_CHUNK` cases spread over the grid are run once to compile and once to be timed.
+    `LARGEST_CHUNK` cases, spread over the grid, run twice: once to compile, and once to be timed.
 
     ```python
     print(sj.explain(sj.sweep, scene, grid, transient=300, store="map.zarr"))
     ```
 
-    **Arguments:** `function`: `sweep`, `lyapunov_sweep` or another one that can be stored; `workers`: cores that will
-    compute, by default those of this process; if they are more than this process has, an executor's are assumed, each
-    with a tile of its own; `store` and `options`: as for the function.
+    **Arguments:** `function`: `sweep`, `lyapunov_sweep` or another function with a store; `workers`: number of cores
+    that will compute, by default the cores of this process. If this process has fewer cores, the workers of an
+    executor are assumed, each with its own tile. `store` and `options`: as for the function.
 
     **Returns:** an `Estimate`, to be printed.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     require(callable(function), "function", "be a function such as slipperjax.sweep", function)
     target = None if store is None else Store.of(store)
     scene = at_speed(scene, options.pop("speed", None))
     cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
-    # work of all cases over that of the probe's
+    # work of all cases over the work of the measured cases
     share = 1.0
-    # a run has steps of its own in each window, by the speed there, which may be a standstill's
+    # a run has other steps in each window, by the speed there, where the sled may be at rest
     if function is not run:
         steps = options.get("steps_per_period")
         refine = refined(options.pop("refine", 1), steps)
@@ -61,7 +61,7 @@ def explain(
         steps = np.ravel(steps)
         used = int(steps[0])
         if np.ptp(steps):
-            # the same for all, so that the probe is one batch
+            # the same for all, so that the measured cases are one batch
             used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS
         options["steps_per_period"] = used
         share = float(steps.mean()) / used
@@ -72,7 +72,7 @@ def explain(
         product=False,
         chunk=options.get("chunk") or LARGEST_CHUNK,
     )
-    # the first run compiles, so the second one alone is the time
+    # the first run compiles, so that the second run gives the time
     seconds = []
     ds = xr.Dataset()
     for _ in range(2):
@@ -90,7 +90,7 @@ def explain(
     compiling = shown_time(max(seconds[0] - seconds[1], 0.0))
     return Estimate(
         cases=cases.count,
-        # by the mean steps of all cases, where the probe's are rounded
+        # by the mean steps of all cases, because the steps of the measured cases are rounded
         per_case=seconds[1] / LARGEST_CHUNK * share,
         bytes_per_case=ds.nbytes / LARGEST_CHUNK,
         workers=workers,
@@ -101,13 +101,13 @@ def explain(
 
 
 def _compressed(ds: xr.Dataset) -> float:
-    """Return the bytes on disk of one of the probe's cases, compressed together as in a tile."""
+    """Return the bytes of one measured case on disk, compressed together with the others as in a tile."""
     from numcodecs import Zstd
 
     total = 0
     for variable in ds.variables.values():
         if "case" in variable.dims:
-            # texts as bytes, which is about what zarr writes
+            # texts as bytes, which is about the form that zarr writes
             is_text = variable.dtype.kind in "UO"
             values = variable.values.astype("S") if is_text else variable.values
             total += len(Zstd(level=3).encode(values.tobytes()))

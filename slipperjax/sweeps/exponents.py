@@ -1,7 +1,7 @@
-"""Lyapunov exponents of many cases as a record that runs on, with a certificate for each case.
+"""Lyapunov exponents of many cases: a record that continues the motions, with a certificate for each case.
 
-After the recorded periods, periodic cases take the exponents of their orbits. The others are measured, and chaotic
-ones among them run for longer. Each of these groups is cut into chunks anew.
+After the recorded periods, periodic cases get the exponents of their orbits. Other cases are measured, and chaotic
+cases among them run for longer. Each of these groups is divided into new chunks.
 """
 
 from collections.abc import Mapping
@@ -41,16 +41,16 @@ from .reached import ReachedOrbits, reached_orbits
 from .run import run_cases, run_chunk
 
 BLOCK = 20
-"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
+"""Forcing periods in one call; the first such block aligns the tangents with their directions and does not count."""
 
 
 # --- measuring ------------------------------------------------------------------------------------------------------
 
 
 def counted_periods(periods: int | None, recorded: int) -> int:
-    """Return the periods that count, `periods` rounded up to whole blocks; None for as many as are `recorded`.
+    """Return the periods that count, `periods` rounded up to whole blocks; with None the number `recorded`.
 
-    A measurement takes a block more.
+    A measurement takes one more block.
     """
     return -(-(recorded if periods is None else periods) // BLOCK) * BLOCK
 
@@ -66,9 +66,9 @@ class LocalExponents(NamedTuple):
 
 
 def measure(part: Part, states: State, epoch: float, counted: int, count: int, finer: int = 1) -> LocalExponents:
-    """Measure local exponents of a chunk from its states on, `epoch` forcing periods after distance zero.
+    """Measure local exponents of a chunk from its states, `epoch` forcing periods after distance zero.
 
-    **Arguments:** `counted`: periods that count; `finer`: 2 for steps half as long.
+    **Arguments:** `counted`: periods that count; `finer`: 2 for half the step.
     """
     tangents = initial_tangents(part.scenes, states, count)
     stepping = dynamic_steps(finer * part.steps)
@@ -81,7 +81,7 @@ def measure(part: Part, states: State, epoch: float, counted: int, count: int, f
             part.scenes, states, tangents, at, stepping, solver=part.plan.solver, periods=BLOCK
         )
         status = first_problem(status, codes)
-        if passed:  # the first block turns the tangents into their directions
+        if passed:  # the first block aligns the tangents with their directions
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]  # blocks with the last `LAST` periods
         part.on_progress(BLOCK)
@@ -90,15 +90,15 @@ def measure(part: Part, states: State, epoch: float, counted: int, count: int, f
 
 # --- whether chaos lasts --------------------------------------------------------------------------------------------
 
-# A chaotic transient cannot be told from chaos by what happens while it lasts, whatever is measured. Therefore some
-# motions are begun close to its last state. They forget each other within tens of periods, so each is one more trial
-# of how long the transient may last; and because their records are independent, the scatter of their exponents shows
+# While a chaotic transient lasts, no measurement can distinguish it from chaos. Therefore some motions begin close to
+# its last state. Within tens of periods they no longer depend on each other, so that each motion is a further trial
+# of how long the transient may last. Because their records are independent, the scatter of their exponents shows
 # correlations that are longer than a record.
 
 MOTIONS = 4
 """Motions for each case."""
 HOLD = 2000
-"""Forcing periods for which they run before their exponents are measured."""
+"""Forcing periods that they run before their exponents are measured."""
 
 
 class LongerMotions(NamedTuple):
@@ -106,13 +106,13 @@ class LongerMotions(NamedTuple):
 
     chosen: Int[np.ndarray, " cases"]  # indices of the cases into the list of all
     history: Float[np.ndarray, "cases motions periods count"]  # their local exponents [1/period]
-    escapes: Int[np.ndarray, " cases"]  # how many became regular: periodic, or without a positive exponent
-    # A `Status` code of the motions, 0 where nothing is wrong with any; `NOT_RUN` where one was not finished.
+    escapes: Int[np.ndarray, " cases"]  # number of motions that became regular, or have no positive exponent
+    # A `Status` code of the motions, 0 where nothing is wrong with any; `NOT_RUN` where one motion was not finished.
     status: Int[np.ndarray, " cases"]
 
     @classmethod
     def not_run(cls, chosen: Int[np.ndarray, " cases"], count: int) -> "LongerMotions":
-        """Return the longer motions of cases of which none was finished."""
+        """Return the longer motions of cases where no motion was finished."""
         history = np.full((len(chosen), MOTIONS, BLOCK, count), np.nan)
         return cls(chosen, history, 0 * chosen, np.full(len(chosen), int(Status.NOT_RUN)))
 
@@ -137,7 +137,7 @@ def run_longer_motions(
 
     def work(part: Part) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
-        # the motions of a case follow one another in the list, and differ in their lateral velocities [m/s]
+        # the motions of a case follow each other in the list; their lateral velocities differ [m/s]
         apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
         run = run_chunk(part, begin, epoch)
@@ -160,7 +160,7 @@ def run_longer_motions(
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
     unfinished = np.any(codes == Status.NOT_RUN, axis=1)
-    # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
+    # a motion may leave chaos during the measurement, possibly to a torus; an exponent below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
     regular = (classify_motions(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
     return LongerMotions(
@@ -174,8 +174,8 @@ def run_longer_motions(
 def least_mean_life(measured: int) -> float:
     """Return the least mean life of chaos with 95 % confidence [forcing periods], if no longer motion became regular.
 
-    If chaos ended at a constant rate, one of the motions would have become regular with a chance of 95 % once they
-    lasted three mean lives together.
+    If chaos ended at a constant rate, one of the motions would have become regular with a chance of 95 % when the
+    motions' durations add up to three mean lives.
 
     **Arguments:** `measured`: forcing periods over which each motion was measured.
     """
@@ -185,9 +185,9 @@ def least_mean_life(measured: int) -> float:
 # --- the certificate ------------------------------------------------------------------------------------------------
 
 AGREE = 1e-3
-"""Differences between exponents [1/period] that are accepted whatever the standard errors."""
+"""Differences between exponents [1/period] that are accepted for all standard errors."""
 STEADY = 1e-2
-"""Differences between the halves of a record [1/period] that are accepted whatever the standard errors."""
+"""Differences between the halves of a record [1/period] that are accepted for all standard errors."""
 
 
 class Checks(NamedTuple):
@@ -195,7 +195,7 @@ class Checks(NamedTuple):
 
     half_step: Float[np.ndarray, "cases periods 1"]
     half_step_status: Int[np.ndarray, " cases"]
-    # ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for others.
+    # ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for other motions.
     floquet: Float[np.ndarray, " cases"]
 
 
@@ -219,8 +219,8 @@ def exponent_variables(
 ) -> dict[str, np.ndarray]:
     """Return the variables of `LyapunovExponents` by name, with the certificate where checks were made.
 
-    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: whether a case takes the exponents of
-    the orbit that it has reached, and was not measured; `longer`: finished longer motions of chaotic cases.
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: whether a case gets the exponents of
+    its orbit, and was not measured; `longer`: finished longer motions of chaotic cases.
     """
     good = measured.status == Status.FINITE
     chosen = longer.chosen
@@ -228,7 +228,7 @@ def exponent_variables(
     exponent = history.mean(axis=1)
     error = standard_error(history)
     weighted = weighted_mean(history)
-    alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
+    alone = is_chaotic(exponent[:, 0], error[:, 0])  # cases with longer motions use those
     error[alone] = one_motion_standard_error(history[alone])
     stayed = longer.escapes == 0
     pooled = chosen[stayed]
@@ -236,15 +236,15 @@ def exponent_variables(
     exponent[pooled] = motions.mean(axis=(1, 2))
     error[pooled] = pooled_standard_error(motions)
     dimension = dimension_standard_error(history)
-    # motions of a case are independent
+    # the motions of a case are independent
     each = dimension_standard_error(motions)
     dimension[pooled] = np.sqrt(np.mean(each**2, axis=-1) / MOTIONS)
-    # exponents of an orbit are exact
+    # the exponents of an orbit are exact
     exponent[by_orbit] = weighted[by_orbit] = reached.exponents[by_orbit]
     error[by_orbit] = 0.0
     escapes = np.zeros(len(good), int)
     escapes[chosen] = longer.escapes
-    # chaos that stayed lasted through both measurements, and the periods between them
+    # chaos that stayed has lasted through both measurements, and the periods between them
     stretch = history.shape[1] + BLOCK
     chaotic_for = np.zeros(len(good), int)
     chaotic_for[chosen] = passed + stretch + stayed * (HOLD + stretch)
@@ -289,7 +289,7 @@ def _checked(
     good = measured.status == Status.FINITE
     agree = good & (checks.half_step_status == Status.FINITE)
     agree[longer.chosen] &= longer.status == Status.FINITE
-    # one record tells less of its error than the longer motions do, whose scatter shows long correlations
+    # the scatter of the longer motions shows long correlations, which one record does not show
     of_one = np.zeros_like(error)
     of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
     half = checks.half_step.mean(axis=1)[:, 0]
@@ -315,18 +315,17 @@ def _checked(
 class LyapunovExponents(AbstractStage):
     """The largest Lyapunov exponents of each case, with a certificate, see `slipperjax.lyapunov_sweep`.
 
-    They are those of the orbit that a case has reached at the end of the recorded periods, or measured from there on.
+    Exponents come from the orbit that a case has reached at the end of the recorded periods, or from a measurement.
     """
 
     count: int = 1
-    """How many, the largest first."""
+    """Number of exponents, the largest first."""
     periods: int | None = None
-    """Forcing periods over which they are measured, rounded up to multiples of `BLOCK`; None for as many as are
-    recorded."""
+    """Forcing periods of the measurement, rounded up to multiples of `BLOCK`; None: as many as are recorded."""
     certify: bool = True
     """Whether each case is checked."""
     orbits: bool = True
-    """Whether exponents are taken from orbits; without it all are measured."""
+    """Whether exponents come from orbits where possible; otherwise all cases are measured."""
 
     def __post_init__(self):
         whole("count", self.count, 1)
@@ -344,7 +343,7 @@ class LyapunovExponents(AbstractStage):
         return counted_periods(self.periods, 0)
 
     def over(self, periods: int) -> "LyapunovExponents":
-        """Return the same, measured over `periods` unless it has a number of its own."""
+        """Return the same stage, measured over `periods` unless it has its own number of periods."""
         return replace(self, periods=periods) if self.periods is None else self
 
     @property
@@ -402,14 +401,14 @@ class LyapunovExponents(AbstractStage):
         if len(periodic):
             maps = Maps.of(part, reached.period, epoch)
             codes = maps.contact_status(periodic, rows_of(reached.state)[periodic], part.capacity)
-            # a case with a bad status at its contacts is measured, which finds what is wrong
+            # a case whose contacts give a bad status is measured, because the measurement shows the reason
             reached.period[periodic[codes != Status.FINITE]] = 0
         return (states, reached), status
 
     def of_all(self, values, status, plan, how, interrupted):
-        """Measure the cases that have not reached an orbit; with `certify`, run chaotic ones for longer."""
+        """Measure the cases that have not reached an orbit; with `certify`, run chaotic cases for longer."""
         after, reached = values
-        no_orbit = status == Status.NO_ORBIT  # another stage found none; the motion itself may be good
+        no_orbit = status == Status.NO_ORBIT  # another stage found no orbit; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
         by_orbit = (reached.period > 0) & (status == Status.FINITE)
         counted = counted_periods(self.periods, plan.recorded)
@@ -463,7 +462,7 @@ class LyapunovExponents(AbstractStage):
         return CaseExponents(not_run, kind, np.zeros(cases, int), unknown, states, checks)
 
     def _measured(self, part: Part, states: State, counted: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
-        """Measure a chunk of cases from its states on. **Arguments:** `status`: its `Status` codes so far."""
+        """Measure a chunk of cases from its states. **Arguments:** `status`: the chunk's `Status` codes so far."""
         start = part.plan.epoch + part.plan.periods
         local = measure(part, states, start, counted, self.count)
         end = jax.tree.map(np.asarray, local.state)

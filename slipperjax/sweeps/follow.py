@@ -1,4 +1,4 @@
-"""Paths with memory: each case begins in the state in which its neighbour ended; and where a motion jumps."""
+"""Paths with memory: each case begins in the state in which its neighbour ended; and the places of jumps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ from .run import ChunkRun, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
-"""Steps through the increasing values of a parameter, by the name of the direction."""
+"""Order of the increasing values of a parameter, by the name of the direction."""
 
 
 def follow(
@@ -47,21 +47,21 @@ def follow(
 ) -> Result:
     """Sweep a parameter with memory: each case starts from the state in which its neighbour ended.
 
-    So a motion is followed along its branch until the branch ends, while a fixed start may lead to another attractor.
-    "up" begins at the first value, "down" at the last; both run as one batch. Where they disagree, attractors
-    coexist.
+    In this way a motion is followed along its branch until the branch ends; a fixed start may lead to another
+    attractor. "up" begins at the first value, "down" at the last; both run as one batch. Where they disagree,
+    attractors coexist.
 
     **Arguments:**
 
-    - `path`: one parameter's name and values, in increasing order.
+    - `path`: name and values of one parameter, in increasing order.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded.
-    - `start`: where each direction starts at its first value; `begin`: the place on the rail where it does [m], from
-        which one value follows another along the rail.
-    - others: as for `sweep`. Up and down advance together, both with the larger of their step counts.
+    - `start`: start of each direction at its first value; `begin`: place of this start on the rail [m]; the values
+        follow each other along the rail.
+    - others: as for `sweep`. Up and down advance together, with the larger of both step counts.
 
     **Returns:** a `Result` as of `sweep`, with the dimension `direction` before the others.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
+    **Raises:** `ValueError` that names the wrong argument; `Interrupted` after Ctrl-C.
     """
     call = Call(
         transient,
@@ -82,13 +82,13 @@ def follow(
     # one value after the other, on one rail
     count = len(values)
     check_rail(scene, plan.periods * count, beginning_of(scene, call.begin))
-    # of the two values that the directions visit at the same time, both get the more steps
+    # of the two values that the directions visit at the same time, both get the larger number of steps
     plan = replace(plan, which=np.maximum(plan.which, plan.which[::-1]))
-    # where cases of one time stand in the list of all, those up first: (values, directions)
+    # places in the list of all cases of the two cases at one time, "up" first: (values, directions)
     up = np.arange(count)
     met = np.stack([up, count + up[::-1]], axis=1)
     chunks = [Chunk(at, len(at), plan.schedules[k]) for at, k in zip(met, plan.which, strict=True)]
-    # where the chunk before ended, and how many chunks have passed
+    # states at the end of the previous chunk, and the number of chunks so far
     states: State | None = None
     passed = 0
 
@@ -102,7 +102,7 @@ def follow(
         passed += 1
         return run
 
-    # one worker, because each chunk begins where the one before ended
+    # one worker, because each chunk begins where the previous chunk ended
     run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
     first = {"direction": list(DIRECTIONS)}
     more = dict(values=count, steps_per_period=call.steps_per_period)
@@ -110,21 +110,21 @@ def follow(
 
 
 class Jump(NamedTuple):
-    """Where a followed motion left its branch, or why the search ended without a jump."""
+    """Place where a followed motion left its branch, or the reason why the search ended without a jump."""
 
     found: bool
-    """Whether a jump was met."""
+    """Whether a jump was found."""
     before: float
     """The last value on the branch [the parameter's unit]."""
     after: float
-    """The first value beyond it; the last value tried where no jump was found."""
+    """The first value beyond the jump; the last tried value where no jump was found."""
     size: float
-    """How far the mean strobe state moved, in multiples of `COORDINATE_SCALES`; NaN without a jump."""
+    """Distance that the mean strobe state moved, in multiples of `COORDINATE_SCALES`; NaN without a jump."""
     status: Status
-    """`FINITE`, or what ended the search at `after`."""
+    """`FINITE`, or the status that ended the search at `after`."""
     recurs: bool = True
-    """Whether the motion at `before` recurs within the periods of a hold. Where it does not, it may be chaos that
-    ends by escape: then the jump is elsewhere with other `transient`, `periods` and `most_holds`."""
+    """Whether the motion at `before` recurs within the periods of a hold. If it does not recur, it may be chaos that
+    ends by escape; then the place of the jump depends on `transient`, `periods` and `most_holds`."""
 
 
 class _HeldMotion(NamedTuple):
@@ -136,7 +136,7 @@ class _HeldMotion(NamedTuple):
     wander: float  # least change of its strobe states over some periods, in multiples of `COORDINATE_SCALES`
 
     def distance(self, other: "_HeldMotion") -> float:
-        """Return how far its mean strobe state is from another one's, in multiples of `COORDINATE_SCALES`."""
+        """Return the distance of its mean strobe state from another motion's, in multiples of `COORDINATE_SCALES`."""
         return float(np.max(np.abs(self.mark - other.mark)))
 
 
@@ -154,24 +154,24 @@ def find_jump(
     threshold: float = 0.3,
     most_holds: int = 5,
 ) -> Jump:
-    """Follow a motion along a parameter until it jumps, and bisect for where.
+    """Follow a motion along a parameter until it jumps, and bisect for the place of the jump.
 
-    Each value starts from the state in which the one before ended. A motion jumps where its mean strobe state moves
-    by more than `threshold` from one value to the next. Then the step is halved, always from the last state on the
-    branch, until it is no longer than `within`.
+    Each value starts from the state in which the previous value ended. A motion jumps where its mean strobe state
+    moves by more than `threshold` from one value to the next. Then the step is halved, always from the last state on
+    the branch, until it is no longer than `within`.
 
-    Near the end of a branch a motion leaves it slowly. So it is held at each value: simulated for `transient` and
-    `periods` once more, until its mean strobe state moves by less than a tenth of `threshold`.
+    Near the end of a branch a motion leaves the branch slowly. Therefore it is held at each value: simulated for
+    `transient` and `periods` again, until its mean strobe state moves by less than a tenth of `threshold`.
 
     **Arguments:** `path`: one parameter's name and its values in increasing order; `direction`: "up" or "down";
     `within`: longest last step [the parameter's unit]; `threshold`: in multiples of
-    `slipperjax.model.COORDINATE_SCALES` [1]; `most_holds`: repetitions at one value, at most; others as for `follow`.
+    `slipperjax.model.COORDINATE_SCALES` [1]; `most_holds`: most repetitions at one value; others as for `follow`.
 
-    **Returns:** the first `Jump` met, or one with `found` False. Of a jump out of chaos `recurs` is False: where it
-    is met depends on how long the motion is held. The search ends at a value whose motion gets a status other than
-    `FINITE`, because nothing can be followed from there.
+    **Returns:** the first `Jump`, or one with `found` False. For a jump out of chaos `recurs` is False, because its
+    place depends on how long the motion is held. The search ends at a value where the motion has a status other than
+    `FINITE`, because no motion can be followed from there.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     start = first_of(start)
     _, name, values = path_grid(scene, path)
@@ -186,14 +186,14 @@ def find_jump(
     epoch = 0
 
     def run(value: float, state: State | None) -> _HeldMotion:
-        nonlocal epoch  # the rail goes on, whatever the value
+        nonlocal epoch  # the rail continues from one value to the next
         plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
         part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.schedules[0], heed_interrupts)
         state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
         done = run_chunk(part, state, epoch)
         epoch += plan.periods
         strobe = done.record[0][0] / COORDINATE_SCALES
-        # over periods that the record shows twice, the motion's own being unknown
+        # over the periods that the record contains twice, because the motion's own period is unknown
         changes = recurrence(strobe, len(strobe) // 2).values()
         wander = min((float(np.max(change)) for change in changes), default=np.inf)
         return _HeldMotion(done.state, strobe.mean(axis=0), Status(int(done.status[0])), wander)
@@ -202,7 +202,7 @@ def find_jump(
         held = run(value, state)
         for _ in range(most_holds):
             if held.status != Status.FINITE:
-                break  # nothing can be followed from there
+                break  # no motion can be followed from there
             earlier = held
             held = run(value, held.state)
             if held.distance(earlier) < threshold / 10:
@@ -214,22 +214,22 @@ def find_jump(
     on_branch = hold(first, None)
     if on_branch.status != Status.FINITE:
         return Jump(False, at, at, float("nan"), on_branch.status)
-    # values to go to, the next one last
+    # values still to visit, the next value last
     pending = others[::-1]
-    # the last value that seemed to lie beyond a jump, and the motion there
+    # the last value that seemed to be beyond a jump, and the motion there
     beyond = first, on_branch
     while pending:
         value = pending.pop()
-        # a bisection comes back to the value beyond, whose motion is known
+        # a bisection comes back to the value beyond the jump, whose motion is known
         new = beyond[1] if value == beyond[0] else hold(value, on_branch.state)
         if new.status != Status.FINITE:
             return Jump(False, at, value, float("nan"), new.status)
         size = new.distance(on_branch)
-        if not size > threshold:  # and what looked like a jump from further away may be none from here
+        if not size > threshold:  # a jump seen from far away may be no jump from here
             at = value
             on_branch = new
         elif abs(value - at) > within:
-            pending += [value, (at + value) / 2]  # half way first, then here again
+            pending += [value, (at + value) / 2]  # first the middle, then this value again
             beyond = value, new
         else:
             return Jump(True, at, value, size, Status.FINITE, on_branch.wander < threshold / 10)

@@ -1,4 +1,4 @@
-"""Grids and samples of parameters: as batches of scenes and starts, and as tiles. Only here are names resolved."""
+"""Grids and samples of parameters, as batches of scenes and starts, and as tiles. Names are resolved only here."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ from ..tools.limits import refuse_impossible
 class Grid:
     """Values by parameter, of which every combination is a case, or which are read side by side.
 
-    It holds the axes only, however many cases these make.
+    A grid has only the axes, for any number of cases.
     """
 
     scene: Scene  # the case whose parameters are varied
@@ -74,7 +74,7 @@ class Grid:
         }
 
     def check_steps(self, steps: Any) -> None:
-        """Raise `ValueError` where steps per period are neither one number nor one for each case."""
+        """Raise `ValueError` unless steps per period are one number, or one number for each case."""
         if isinstance(steps, list | tuple):
             # rows of different lengths have no shape
             numbers("steps_per_period", steps)
@@ -83,20 +83,20 @@ class Grid:
         require(good, "steps_per_period", need, shown=f"shape {np.shape(steps)}")
 
     def sample(self, start: Motion | State, count: int = 4096) -> "Cases":
-        """Return `count` cases spread evenly over the grid, or all where there are no more."""
+        """Return `count` cases spread evenly over the grid, or all cases if there are no more."""
         if count >= self.count:
             return Cases(self.scene, self.axes, start, product=self.product)
         return Cases(self.scene, self.part(self.spread(count)), start, product=False)
 
     def spread(self, count: int) -> tuple[np.ndarray, ...]:
-        """Return the indices of `count` cases spread evenly over the grid; of fewer some come more than once."""
+        """Return the indices of `count` cases spread evenly over the grid; some repeat if there are fewer cases."""
         # the middles of `count` equal parts of the flat list
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
         return np.unravel_index(index, self.shape)
 
     def part(self, index: tuple[slice | np.ndarray, ...]) -> dict[str, np.ndarray]:
         """Return the values by name in a part of the grid: a slice, or indices, for each of `dims`."""
-        # side by side, all lists are cut by the one index of `case`
+        # lists side by side are all cut by the one index of `case`
         index = index if self.product else index * len(self.axes)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
 
@@ -116,7 +116,7 @@ def _values(scene: Scene, name: str, raw: object) -> np.ndarray:
 
 
 class Tiling(NamedTuple):
-    """A grid as blocks of equal shape, cut off at its ends, numbered with the last dimension fastest."""
+    """A grid as blocks of equal shape, cut off at the grid's ends, numbered with the last dimension fastest."""
 
     shape: tuple[int, ...]  # of the grid
     tile: tuple[int, ...]  # of a block
@@ -125,12 +125,12 @@ class Tiling(NamedTuple):
     def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
         """Return blocks of about `size` cases, whole along the last dimensions."""
         if size is None:
-            # 2048 cases are a few seconds of work, and few enough to lose in a crash; above 4096 tiles they grow,
-            # because each has a file for every variable
+            # 2048 cases are a few seconds of work, and few enough to lose in a crash; above 4096 tiles the tiles
+            # grow, because each tile has a file for every variable
             size = min(max(2048, math.prod(shape) // 4096), 65_536)
         tile = [1] * len(shape)
         left = size
-        # the last dimensions whole, and the first one that does not fit in pieces of nearly equal length
+        # the last dimensions whole; the first dimension that does not fit in pieces of nearly equal length
         for k in reversed(range(len(shape))):
             pieces = -(-shape[k] // max(left, 1))
             tile[k] = -(-shape[k] // pieces)
@@ -157,7 +157,7 @@ class Tiling(NamedTuple):
         return tuple(int(k) for k in np.unravel_index(number, self.counts))
 
     def region(self, number: int) -> tuple[slice, ...]:
-        """Return the slices of the grid that make up a block."""
+        """Return the slices of the grid that give a block."""
         ends = zip(self.indices(number), self.tile, self.shape, strict=True)
         return tuple(slice(k * m, min((k + 1) * m, n)) for k, m, n in ends)
 
@@ -167,7 +167,9 @@ class Tiling(NamedTuple):
 
 
 VECTOR_LANES = 8
-"""Batches are filled up to multiples of this, a vector register's worth. Those of several registers round alike."""
+"""Batches are filled up to multiples of this, the size of a vector register. Batches of several registers round
+alike.
+"""
 
 
 class Cases(Grid):
@@ -175,24 +177,24 @@ class Cases(Grid):
 
     scenes: Batched[Scene]
     start: Motion | State  # the motion or state at time zero, where the grid does not vary it
-    starts: Motion | State  # those of the cases, with a leading axis
+    starts: Motion | State  # starts of the cases, with a leading axis
 
     def __init__(self, scene: Scene, grid: Mapping[str, object], start: Motion | State, *, product: bool = True):
-        """**Arguments:** `start`: the motion or state at time zero, whose coordinates the grid may vary; others, and
-        errors, as for `Grid`.
+        """**Arguments:** `start`: the motion or state at time zero, whose coordinates the grid may vary; other
+        arguments, and errors, as for `Grid`.
         """
         super().__init__(scene, grid, product=product)
         flat = self.axes
         if self.product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
             flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}
-        # leaves with an axis more than those of a single case are the ones that vary
+        # leaves with one axis more than those of a single case vary
         varied = {name: values for name, values in flat.items() if name not in STARTS}
-        single = scene.replace(**{name: values[0] for name, values in varied.items()})  # parts that were None are set
+        single = scene.replace(**{name: values[0] for name, values in varied.items()})  # sets parts that were None
         scenes = Batched.of(scene.replace(**varied), single)
         self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
         self.start = start
-        # what the grid does not vary is the same in all cases
+        # all other values are the same in all cases
         alike = lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v)))
         starts = jax.tree.map(alike, start)
         varying = of_motion({name: np.asarray(values, float) for name, values in flat.items()})
@@ -200,19 +202,19 @@ class Cases(Grid):
         self.starts = eqx.tree_at(motion, starts, dataclasses.replace(motion(starts), **varying))
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""
+        """Return the scenes and starts at some indices, for a compiled program, with prepared tracks."""
         scenes, starts = self.unprepared(index)
-        # most tracks have nothing to prepare, and need no program for it
+        # most tracks have nothing to prepare, and need no program
         plain = type(scenes.shared.track).prepared is AbstractTrack.prepared
         return (scenes if plain else _prepared(scenes)), starts
 
     def unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """Return the scenes and starts at some indices, with their tracks as they are."""
+        """Return the scenes and starts at some indices, with tracks that are not prepared."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     @property
     def bytes_of_rail(self) -> int:
-        """Memory of the prepared rail of each case; 0 where all share one, or where nothing is prepared."""
+        """Memory of the prepared rail of each case; 0 where all share one rail, or where nothing is prepared."""
         track = self.scene.track
         shared = not any(name.partition(".")[0] == "track" for name in self.axes)
         if shared or type(track).prepared is AbstractTrack.prepared:
@@ -241,7 +243,7 @@ class Cases(Grid):
 
 @jit
 def _prepared(scenes: Batched[Scene]) -> Batched[Scene]:
-    """Return the same scenes with tracks as runs evaluate them, once for all calls."""
+    """Return the same scenes with tracks in the form that runs evaluate, once for all calls."""
     tracks = Batched(scenes.varied.track, scenes.shared.track).apply(lambda track: track.prepared())
     is_track = lambda part: isinstance(part, AbstractTrack)
     put = lambda scene, track: eqx.tree_at(lambda s: s.track, scene, track, is_leaf=is_track)
@@ -256,9 +258,10 @@ def _facts(scenes: Batched[Scene], starts: Motion | State) -> tuple[jax.Array, j
 
 
 def batch_size(count: int) -> int:
-    """Return the smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is not below `count`.
+    """Return the smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is at least `count`.
 
-    Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
+    There are few sizes, four in an octave, so that sweeps with other numbers of cases use programs that already
+    exist.
     """
     # 8 up to 64, 16 up to 128, 32 up to 256, ...
     unit = VECTOR_LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
@@ -266,7 +269,7 @@ def batch_size(count: int) -> int:
 
 
 def filled(index: np.ndarray, least: int) -> np.ndarray:
-    """Return indices of cases that fill a batch of `least` lanes or more: the last one is repeated."""
+    """Return indices of cases that fill a batch of `least` cases or more: the last case is repeated."""
     count = batch_size(max(least, len(index)))
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
@@ -301,14 +304,14 @@ def sample_box(
     ds = sj.sweep(scene, grid, product=False)
     ```
 
-    **Arguments:** `box`: by name, as in a grid, the lowest and the highest value in SI units, or a distribution of
-    `scipy.stats` with its parameters, independent of the others; `count`: number of points, best a power of two;
+    **Arguments:** `box`: for each name, as in a grid, the lowest and the highest value in SI units, or a distribution
+    of `scipy.stats` with its parameters, independent of the others; `count`: number of points, best a power of two;
     `log`: names with two bounds that are spread evenly on a logarithmic scale; `seed`: of the points; `scene`: the
-    case that is varied, for names that are paths in it such as section.play.2; by default the paper's.
+    scene for names that are paths, such as section.play.2; by default the paper's scene.
 
     **Returns:** lists of `count` values by name.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or a parameter that may not have such a value.
+    **Raises:** `ValueError` that names the wrong argument, or a parameter for which such a value is not allowed.
     """
     from scipy.stats import qmc
 
@@ -326,7 +329,7 @@ def sample_box(
         require(name in box, "log", "name parameters of `box`", name)
     refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
     engine = qmc.Sobol(len(box), rng=np.random.default_rng(whole("seed", seed, 0)))
-    # Sobol points balance in powers of two only: draw one, and take the first
+    # Sobol points balance only in powers of two: draw a power of two, and use the first points
     points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
     found = {}
     for (name, ends), share in zip(box.items(), points.T, strict=True):
@@ -340,7 +343,7 @@ def sample_box(
 
 
 def _spread(quantity: Parameter, name: str, ends: object, share: np.ndarray, log: bool) -> np.ndarray:
-    """Return the values of a parameter at shares of 0 to 1 of its range."""
+    """Return the values of a parameter at shares from 0 to 1 of its range."""
     values = np.asarray(quantity.check(ends), float)
     pair = values.shape == (2,) and values[0] < values[1]
     require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
@@ -355,7 +358,7 @@ def _spread(quantity: Parameter, name: str, ends: object, share: np.ndarray, log
 
 
 def _drawn(name: str, distribution: object, share: np.ndarray, log: bool) -> np.ndarray:
-    """Return the values of a parameter below which a distribution has these shares."""
+    """Return the quantiles of a distribution, as values of a parameter, at these shares."""
     require(
         not log,
         "log",
@@ -363,7 +366,7 @@ def _drawn(name: str, distribution: object, share: np.ndarray, log: bool) -> np.
         shown=f"{name}, which has a distribution",
     )
     need = f"have a distribution of {name} with all its parameters"
-    # a share may be 0, of which the value may be infinite: take half the spacing of Sobol points
+    # the value at the share 0 may be infinite: use half the spacing of Sobol points
     share = np.maximum(share, 2.0**-31)
     try:
         values = np.asarray(distribution.ppf(share), float)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def load(source: "str | os.PathLike[str] | xr.Dataset") -> Result | SceneFile:
-    """Return a result from its netCDF file, its store or its dataset, or what a TOML file says of a scene.
+    """Return a result from its netCDF file, its store or its dataset, or the contents of a scene's TOML file.
 
     ```python
     file = sj.load("scene.toml")
@@ -27,12 +27,12 @@ def load(source: "str | os.PathLike[str] | xr.Dataset") -> Result | SceneFile:
     sj.load("run.nc").plot()
     ```
 
-    **Returns:** a `Result`; of `continue_orbit` an `OrbitBranch`, which can be extended; or a `SceneFile`.
+    **Returns:** a `Result`; for `continue_orbit` an `OrbitBranch`, which can be extended; or a `SceneFile`.
 
-    **Raises:** `ValueError` for what is neither; `OSError` for a file that cannot be read.
+    **Raises:** `ValueError` for any other source; `OSError` for a file that cannot be read.
     """
     if not isinstance(source, str | os.PathLike):
-        # a result has its dataset, and a dataset its attributes and coordinates
+        # a result has its dataset, and a dataset has its attributes and coordinates
         ds = getattr(source, "ds", source)
         is_dataset = hasattr(ds, "attrs") and hasattr(ds, "coords")
         require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
@@ -53,7 +53,7 @@ def _scene_file(path: Path) -> SceneFile:
 
 
 def _result(ds: "xr.Dataset") -> Result:
-    """Return the result of a dataset, of the class that its function returns."""
+    """Return the result of a dataset, of the class that the dataset's function returns."""
     function = function_of(ds)
     kinds: dict[str, type[Result]] = {"continue_orbit": OrbitBranch, "continue_event": OrbitCurve}
     return kinds.get(function, Result)(ds)

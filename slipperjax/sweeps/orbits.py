@@ -1,7 +1,7 @@
 """Periodic orbits of many cases at once, by Newton's method with Broyden's updates.
 
-Each iteration integrates one proposal of every unfinished case, whether that is a full step, a halved one, or one by
-a new Jacobian. So no case waits for the line search of another one, and finished cases cost nothing.
+Each iteration integrates one proposal of every unfinished case: a full step, a halved step, or a step with a new
+Jacobian. Therefore no case waits for the line search of another case, and finished cases cost nothing.
 """
 
 import functools
@@ -46,7 +46,8 @@ class Maps(NamedTuple):
     """Period maps of the cases of a batch, each over its own number of forcing periods.
 
     `index` gives cases by their places in the batch, and `rows` their states as rows of numbers. Each period is one
-    call, as in the Jacobian: cases of different periods share programs, and solvers restart alike.
+    call, as in the Jacobian. Therefore cases of different periods share programs, and solvers restart in the same
+    way.
     """
 
     scenes: Batched[Scene]
@@ -58,7 +59,7 @@ class Maps(NamedTuple):
 
     @classmethod
     def of(cls, part: Part, periods: Int[np.ndarray, " cases"], epoch: float | None = None) -> "Maps":
-        """Return maps of the cases of a chunk, by default from where its plan begins."""
+        """Return maps of the cases of a chunk, by default from the beginning of its plan."""
         epoch = part.plan.epoch if epoch is None else epoch
         return cls(part.scenes, part.steps, part.plan.solver, periods, part.on_progress, epoch)
 
@@ -72,15 +73,15 @@ class Maps(NamedTuple):
         return end
 
     def path(self, index: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the states at the start of each forcing period, (cases, periods, size), and after the last.
+        """Return the states at the start of each forcing period, (cases, periods, size), and after the last period.
 
-        Beyond a case's own period its row after it is repeated.
+        After a case's own period its last row is repeated.
         """
         along = []
         rows = rows.copy()
         for k in range(self.periods[index].max(initial=1)):
             along.append(rows.copy())
-            # a case whose map is complete stands still
+            # a case whose map is complete does not move
             going = np.flatnonzero(self.periods[index] > k)
             rows[going] = self._of_states(
                 lambda scenes, states, at=self.epoch + k: advance(scenes, states, at, periods=1, **self._how).state,
@@ -91,12 +92,12 @@ class Maps(NamedTuple):
         return np.stack(along, axis=1), rows
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-        """Return the Jacobians of each forcing period of each case, (period, size, size), for forcings that recur."""
+        """Return the Jacobians of each forcing period of each case, (period, size, size), for recurring forcings."""
         if not len(index):
             return []
         along, _ = self.path(index, rows)
         counts = self.periods[index]
-        # the periods of all cases at once, because few cases have many
+        # the periods of all cases at once, because few cases have many periods
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
         derived = lambda scenes, states: batch_jacobians(scenes, states, self.epoch, **self._how)
         matrices = self._of_states(derived, index[lane], along[lane, period])
@@ -104,17 +105,17 @@ class Maps(NamedTuple):
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-        """Return proposed states with a memory of contacts that is consistent with them, from that of `mapped`."""
+        """Return proposed states with a consistent contact memory, from the memory of `mapped`."""
         return self._of_states(_settled, index, proposed, mapped)
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return the weights by which components of states are scaled [1/unit]; 0 for those that do not count."""
+        """Return the weights that scale components of states [1/unit]; 0 for components that do not count."""
         return self._of_states(_weights, index, rows)
 
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
-        """Return `Status` codes of states by the contact loads of some periods from there on.
+        """Return `Status` codes of states, from the contact loads of some periods after them.
 
-        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacities`.
+        **Arguments:** `capacity`: steps per period for which the program has places, of `Plan.capacities`.
         """
         stepping = ConstantSteps(capacity, as_argument(self.steps))
         how = dict(records=RecordSet((ContactChecks(),)), solver=self.solver, periods=FEW)
@@ -127,7 +128,7 @@ class Maps(NamedTuple):
 
     @property
     def _how(self) -> dict[str, object]:
-        """How programs integrate a period without records."""
+        """Options with which programs integrate a period without records."""
         return dict(stepping=dynamic_steps(self.steps), solver=self.solver)
 
     def _of_states(self, call: Callable[..., PyTree], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
@@ -150,14 +151,14 @@ class Maps(NamedTuple):
         size = 32 if len(self.periods) > 8 else 8
         parts = []
         for first in range(0, len(index), size):
-            # the last case fills up the last block
+            # copies of the last case fill up the last block
             lanes = np.minimum(np.arange(first, first + size), len(index) - 1)
             of_lanes = jax.tree.map(operator.itemgetter(lanes), arrays)
             parts.append(jax.tree.map(np.asarray, call(self.scenes.take(index[lanes]), *of_lanes)))
         return jax.tree.map(lambda *of: np.concatenate(of)[: len(index)], *parts)
 
 
-# Functions of the module, so that each is compiled once and not once for each instance of `Maps`.
+# Functions of the module, so that each is compiled once, and not once for each instance of `Maps`.
 
 
 @jit
@@ -185,28 +186,29 @@ def _statuses(states: State) -> jax.Array:
 
 # --- Newton's method ------------------------------------------------------------------------------------------------
 
-# This is not `analysis.newton` under `jax.vmap`, which computes a Jacobian at each point, of all lanes until the
-# last is done. On 16 speeds Broyden's updates needed 3.6 iterations and two Jacobians, 74 periods; that is five, 175.
+# `analysis.newton` under `jax.vmap` would compute a Jacobian at each point, for all cases until the last is done. On
+# 16 speeds Broyden's updates needed 3.6 iterations with two Jacobians, 74 periods; `analysis.newton` needed five
+# iterations, 175 periods.
 
 
 class Orbits(NamedTuple):
     """Periodic orbits of many cases, as far as they were found."""
 
     state: State  # at the start of a forcing period
-    residual: Float[np.ndarray, " cases"]  # greatest scaled component of what a state misses after the period [1]
+    residual: Float[np.ndarray, " cases"]  # greatest scaled component of the change of a state over the period [1]
     iterations: Int[np.ndarray, " cases"]
-    jacobians: Int[np.ndarray, " cases"]  # how many were computed, that of the orbit included
-    # Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit.
+    jacobians: Int[np.ndarray, " cases"]  # number of computed Jacobians, including the orbit's
+    # Multipliers over the orbit's period, the largest modulus first [1]; NaN where there is no orbit.
     multipliers: Complex[np.ndarray, "cases size"]
     # Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit.
     growth: Float[np.ndarray, " cases"]
-    # Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit.
+    # Inverse of I - P_x, with P_x the Jacobian over the orbit's period, for its derivatives; NaN without an orbit.
     inverse: Float[np.ndarray, "cases size size"]
     status: Int[np.ndarray, " cases"]  # `Status` codes
 
     @property
     def stable(self) -> np.ndarray:
-        """Whether all multipliers lie inside the unit circle by more than their errors: the orbit attracts."""
+        """Whether all multipliers are inside the unit circle by more than their errors: the orbit attracts."""
         return np.abs(self.multipliers[:, 0]) < 1 - circle_error(self.multipliers)
 
 
@@ -221,7 +223,7 @@ def find_orbits(
     """Find the orbit near each state of a batch by Newton's method; see `Orbits.status` for the outcome.
 
     **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
-    a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
+    a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, for example of neighbours, NaN without a guess.
     """
     search = _Search(maps, rows_of(states), tolerance, max_iterations, inverse)
     while len(going := search.going()):
@@ -234,11 +236,11 @@ class _Search:
     """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
 
     halvings = 5
-    """Halvings of a step, after which it is taken even if the residual rises."""
+    """Number of halvings after which a step is taken even if the residual rises."""
     slow = 0.3
-    """Share of the residual that may be left after a step; above it the Jacobian is computed anew."""
+    """Greatest share of the residual that may be left after a step; above it the Jacobian is computed again."""
     most_jacobians = 6
-    """Jacobians of a case after which its search is given up."""
+    """Number of Jacobians of a case after which its search ends without success."""
 
     def __init__(
         self, maps: Maps, rows: np.ndarray, tolerance: float, max_iterations: int, inverse: np.ndarray | None
@@ -251,20 +253,20 @@ class _Search:
         self.miss = np.zeros_like(rows)
         self.residual = np.full(cases, np.inf)
         self.share = np.ones(cases)
-        """Share of a full step that is tried next."""
+        """Share of the full step for the next try."""
         self.iterations = np.zeros(cases, int)
         self.jacobians = np.zeros(cases, int)
         self.inverse = np.full((cases, size, size), np.nan) if inverse is None else inverse.copy()
         self.stale = ~np.all(np.isfinite(self.inverse), axis=(1, 2))
-        """Whether the Jacobian is computed anew before the next step."""
-        # a case without a search keeps an infinite residual, so that it never goes on
+        """Whether the Jacobian is computed again before the next step."""
+        # a case without a search keeps an infinite residual, so that it never continues
         wanted = np.flatnonzero(maps.periods)
         begin = self.rows[wanted]
         self.miss[wanted] = maps.mapped(wanted, begin) - begin
         self.residual[wanted] = _residuals(self.miss[wanted], maps.weights(wanted, begin))
 
     def going(self) -> np.ndarray:
-        """Return indices of the cases whose search goes on."""
+        """Return indices of the cases whose search continues."""
         going = (self.residual > self.tolerance) & (self.residual < np.inf) & (self.iterations < self.max_iterations)
         return np.flatnonzero(going & ~(self.stale & (self.jacobians >= self.most_jacobians)))
 
@@ -289,7 +291,7 @@ class _Search:
         new_residual = _residuals(new_miss, weights)
         self.iterations[index] += 1
         last = share <= 0.5**self.halvings
-        # the fall that the step's share of a full one promises, as in `analysis.newton`
+        # the fall that the share of a full step promises, as in `analysis.newton`
         good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
         taken = index[good]
         moved = (proposed - rows)[good]
@@ -301,10 +303,10 @@ class _Search:
         self.residual[taken] = new_residual[good]
         self.share[taken] = 1.0
         self.share[index[~good]] /= 2
-        self.iterations[index[~good & last]] = self.max_iterations  # all its steps lead to NaN: it ends here
+        self.iterations[index[~good & last]] = self.max_iterations  # all its steps lead to NaN: the search ends
 
     def orbits(self) -> Orbits:
-        """Return the orbits, with multipliers where there are any, after one more step by their Jacobian."""
+        """Return the orbits, with multipliers where orbits exist, after one more step with their Jacobian."""
         maps = self.maps
         rows = self.rows
         found = np.where(self.residual <= self.tolerance, int(Status.FINITE), int(Status.NO_ORBIT))
@@ -341,24 +343,24 @@ def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
 
 
 def _residuals(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the greatest scaled component of what each state misses; infinity for those with NaN."""
+    """Return the greatest scaled component of each state's change over its period; infinity for NaN."""
     greatest = np.max(np.abs(np.where(weights > 0, weights * miss, 0.0)), axis=1)
     return np.where(np.all(np.isfinite(miss), axis=1), greatest, np.inf)
 
 
 def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
-    """Return inverses of I - P_x, from the Jacobians of each case's successive periods; NaN without one."""
+    """Return inverses of I - P_x, from the Jacobians of each case's successive periods; NaN without Jacobians."""
     whole = np.stack([functools.reduce(lambda total, later: later @ total, of_periods) for of_periods in matrices])
     system = np.eye(whole.shape[-1]) - whole
     finite = np.all(np.isfinite(system), axis=(1, 2))
     inverses = np.full_like(system, np.nan)
-    # the pseudo-inverse is defined at folds, too
+    # the pseudo-inverse also exists at folds
     inverses[finite] = np.linalg.pinv(system[finite], rcond=1e-14)
     return inverses
 
 
 def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return inverses that map what the misses fell by to the steps, and otherwise change little."""
+    """Return inverses that map the falls of the residuals to the steps, and otherwise change little."""
     # Broyden's first update; rows are scaled, because components of a state have several units
     row = np.einsum("ki,kij->kj", weights**2 * moved, inverse)
     share = np.einsum("ki,ki->k", row, fell)
@@ -370,7 +372,7 @@ def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: 
 class NearestOrbit(AbstractStage):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
 
-    Cases whose iterations end elsewhere have `Status.NO_ORBIT`.
+    Cases whose iterations end elsewhere get `Status.NO_ORBIT`.
     """
 
     period: int = 1
@@ -393,7 +395,7 @@ class NearestOrbit(AbstractStage):
         return self.period
 
     def over(self, periods: int) -> "NearestOrbit":
-        """Return itself: the orbit's period does not depend on how long is measured."""
+        """Return the same stage: the orbit's period does not depend on the length of the measurement."""
         return self
 
     @property
@@ -408,21 +410,21 @@ class NearestOrbit(AbstractStage):
         check_forcing(scene)
 
     def of_chunk(self, part, states, epoch, status, strobe):
-        # no search for cases that have a problem already
+        # no search for cases that already have a problem
         maps = Maps.of(part, np.where(part.good(status), self.period, 0))
         states = jax.tree.map(np.asarray, states)
         orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
         return self.kept(part, maps, orbits), first_problem(status, orbits.status)
 
     def kept(self, part: Part, maps: Maps, orbits: Orbits) -> tuple[np.ndarray, ...]:
-        """Return what is kept of the orbits of a chunk, arrays (lanes, ...)."""
+        """Return the kept values of a chunk's orbits, arrays (lanes, ...)."""
         start = coordinates(orbits.state)
         return start, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
 
     def label(self, scene, dims, values) -> Labelled:
         strobe, state, mu, residual, iterations = values[:5]
         largest = np.abs(mu[..., 0])
-        with np.errstate(divide="ignore"):  # a multiplier of zero gives minus infinity
+        with np.errstate(divide="ignore"):  # ln of a multiplier of zero is minus infinity
             exponent = np.log(largest) / self.period
         stable = largest <= 1 + circle_error(mu)
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())

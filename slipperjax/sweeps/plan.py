@@ -1,4 +1,4 @@
-"""Plans: steps, records and stages of a list of cases, and how the list is cut into chunks."""
+"""Plans: steps, records and stages of a list of cases, and the division of the list into chunks."""
 
 import abc
 import functools
@@ -34,56 +34,56 @@ from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 from .schedule import FEW, STEP_IN_LANES, Schedule, Span, shared_capacity
 
 LARGEST_CHUNK = 128
-"""Most cases in one call by default: enough for vectors to pay, few enough to stay in a core's cache. A step of a
-case takes 0.43 us of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
+"""Most cases in one call by default: enough to use vectors well, few enough for a core's cache. A step of a case
+takes 0.43 us of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
 CHUNK_OF_DEVICE = 131_072
-"""The same on devices other than CPUs, where each kernel costs a launch, and one call uses the whole device."""
+"""The same number on devices other than CPUs, where kernels cost a launch and one call uses the whole device."""
 CAPACITY_OF_A_PROGRAM = 100_000
-"""Capacity for steps, of all periods of a program together, below which these share the next larger one: to compile
-takes longer."""
+"""Number of steps, of all periods of a program together, below which programs share the next larger capacity, because
+compilation takes longer than the steps."""
 OnProgress = Callable[[float], Any]
-"""Report progress in forcing periods; raise to stop."""
+"""Reports progress in forcing periods; raises to stop."""
 
 
 class Chunk(NamedTuple):
     """Cases that run as one batch."""
 
     index: Int[np.ndarray, " lanes"]  # indices into the list of all cases; the last is repeated to fill the batch
-    cases: int  # how many of them count
+    cases: int  # number of these that count
     schedule: Schedule
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How a list of cases is run."""
+    """Plan for running a list of cases."""
 
     cases: Cases
     solver: AbstractSolver
     records: RecordSet
     schedules: tuple[Schedule, ...]
     which: Int[np.ndarray, " cases"]  # the schedule of each case
-    stages: "tuple[AbstractStage, ...]" = ()  # what is measured after the recorded periods
-    epoch: float = 0.0  # forcing periods from distance zero to where the run begins
-    stretched: bool = False  # whether values of stretches follow one another along an axis
+    stages: "tuple[AbstractStage, ...]" = ()  # measurements after the recorded periods
+    epoch: float = 0.0  # forcing periods from distance zero to the beginning of the run
+    stretched: bool = False  # whether values of stretches follow each other along an axis
 
     @property
     def outputs(self) -> tuple[AbstractOutput, ...]:
-        """All that becomes variables of a dataset."""
+        """All outputs that become variables of a dataset."""
         return (*self.records.records, *self.stages)
 
     @functools.cached_property
     def early(self) -> RecordSet:
-        """The records that see the transient, too."""
+        """The records that also sample the transient."""
         return self.records.from_start
 
     @property
     def steps(self) -> Int[np.ndarray, " cases"]:
-        """The most integration steps in a forcing period of each case."""
+        """The greatest number of integration steps in a forcing period, for each case."""
         return np.array([one.steps for one in self.schedules])[self.which]
 
     @property
     def settled(self) -> int:
-        """Forcing periods before the recorded ones of one case."""
+        """Forcing periods before the recorded periods of one case."""
         return self.schedules[0].settled
 
     @property
@@ -98,30 +98,30 @@ class Plan:
 
     @property
     def periods_after(self) -> int:
-        """Forcing periods for which motions run on after the recorded ones, for the stages."""
+        """Forcing periods for which motions continue after the recorded periods, for the stages."""
         return max((one.periods_after(self.recorded) for one in self.stages), default=0)
 
     def seen(self, span: Span) -> RecordSet:
-        """Return the records that see a span."""
+        """Return the records that sample a span."""
         return self.records if span.recorded else self.early
 
     def room(self, records: RecordSet) -> int:
         """Return the forcing periods for which programs with these records are compiled."""
-        # where states inside periods are recorded, unused periods cost memory
+        # where states inside periods are recorded, unused periods need memory
         longest = max(span.periods for one in self.schedules for span in one.spans if span.recorded)
         return FEW if records.inside and longest <= FEW else ROOM
 
     def stepping(self, steps: int, records: RecordSet) -> ConstantSteps:
-        """Return the stepping of periods of so many steps, with few programs, because each is compiled."""
+        """Return the stepping of periods with `steps` steps; few steppings, because each program must be compiled."""
         if not records.inside:
             return dynamic_steps(steps)
-        # the ends of steps are arrays, whose length a program must know: the most steps that it serves
+        # the ends of steps are arrays of a fixed length in a program: the most steps that it serves
         one = len(self.capacities) == 1
         return ConstantSteps(steps) if one else ConstantSteps(self.capacities[steps], as_argument(steps))
 
     @functools.cached_property
     def capacities(self) -> dict[int, int]:
-        """The steps for which the programs of recorded periods have room, by the steps in a period."""
+        """Capacities for steps of the programs of recorded periods, by the steps in a period."""
         cases = np.bincount(self.which, minlength=len(self.schedules))
         periods: Counter[int] = Counter()
         for one, count in zip(self.schedules, cases.tolist(), strict=True):
@@ -129,7 +129,7 @@ class Plan:
                 periods[span.steps] += span.recorded * span.periods * count
         most = max(periods)
         own = {steps: shared_capacity(most, steps) for steps in periods}
-        # a few periods run with more capacity than they need
+        # short runs use a larger capacity than they need
         for size, larger in itertools.pairwise(sorted(set(own.values()))):
             members = [steps for steps in own if own[steps] == size]
             if larger * sum(periods[steps] for steps in members) < CAPACITY_OF_A_PROGRAM:
@@ -137,7 +137,7 @@ class Plan:
         return own
 
     def estimate(self, count: int) -> Estimate:
-        """Return the estimate of `count` cases such as these."""
+        """Return the estimate of `count` cases like these."""
         periods = self.periods + self.periods_after
         each = np.array([one.mean_steps for one in self.schedules])[self.which]
         steps = periods * float(np.mean(each))
@@ -155,7 +155,7 @@ class Plan:
         return ", ".join(one.name for one in self.outputs if one.name)
 
     def check(self) -> None:
-        """Raise `ValueError` where outputs do not suit the run, or each other."""
+        """Raise `ValueError` where outputs do not fit to the run, or to each other."""
         existing = ("status", "steps_per_period", *self.cases.dims, *self.cases.axes)
         for name, count in Counter(name for one in self.outputs for name in one.variables).items():
             if count > 1:
@@ -170,7 +170,7 @@ class Plan:
         data = {}
         coords = {}
         for one, mine in zip(self.outputs, values, strict=True):
-            # values of stretches follow one another
+            # values of stretches follow each other
             axis = ("distance" if one.each_period else "stretch",) if self.stretched else ()
             more, along = one.label(self.cases.scene, (*dims, *axis), mine)
             data |= more
@@ -185,10 +185,10 @@ class Plan:
         facts: Mapping[str, object],
         varied: Collection[str] | None = None,
     ) -> xr.Dataset:
-        """Return a dataset over the cases, with all that is needed to run them again as attributes.
+        """Return a dataset over the cases, with attributes from which they can be run again.
 
-        **Arguments:** `call`: arguments by name; `facts`: further attributes; `varied`: names of the axes that it
-        has, by default all.
+        **Arguments:** `call`: arguments by name; `facts`: further attributes; `varied`: names of its axes, by default
+        all.
         """
         cases = self.cases
         varied = cases.axes if varied is None else varied
@@ -198,7 +198,7 @@ class Plan:
         return result_dataset(data, {**coords, **cases.coordinates()}, attrs)
 
     def joined(self, made: Sequence[tuple[PyTree, ...]]) -> list[PyTree]:
-        """Return the values of each record, (lanes, ...), from those of each stretch."""
+        """Return the values of each record, (lanes, ...), from the values of each stretch."""
         if not self.stretched:
             return list(made[0])
         found = []
@@ -208,29 +208,29 @@ class Plan:
         return found
 
     def strobes(self, settled: int, periods: int) -> "Plan":
-        """Return the same cases with another transient, of which strobes of `periods` are kept."""
+        """Return the same cases with another transient, for which strobes of `periods` are kept."""
         schedules = tuple(Schedule.of(settled, periods, one.steps) for one in self.schedules)
         return replace(self, records=RecordSet((Strobe(),)), schedules=schedules, stages=())
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
-        """Cut the cases into chunks of equal steps, and choose the number of threads. Neither changes any result.
+        """Cut the cases into chunks of equal steps, and choose the number of threads. Both do not change results.
 
-        **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default what makes the run shortest.
-        `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
+        **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default the number with the shortest
+        run. `workers`: threads, by default one per core. `tangents`: whether the calls compute derivatives.
 
-        **Returns:** the chunks, those of most steps first, and the number of threads.
+        **Returns:** the chunks, those with most steps first, and the number of threads.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
         tangents = tangents or bool(self.stages)
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
-        # cases of one batch have the same schedule; the longest chunk must not be the last to begin
+        # cases of one batch have the same schedule; the longest chunk must not begin last
         present, sizes = np.unique(self.which, return_counts=True)
         counts = np.array([self.schedules[k].work for k in present])
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
-        # eight lanes round differently from more, so that they are for runs that have no more cases
+        # eight cases round differently from more cases, so that eight are used only in runs without more cases
         least = 1 if len(self.which) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
         chunks = []
@@ -243,28 +243,28 @@ class Plan:
 
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
-    """Return the chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
+    """Return the chunk size with which groups of `sizes` cases of `counts` steps are finished first."""
     # sizes that give each group one to six chunks for every worker
     shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
 
     def duration(lanes):
         costs = counts * (STEP_IN_LANES + lanes)
         total = float(np.sum(-(-sizes // lanes) * costs))
-        # a run is not over before its longest chunk
+        # a run cannot end before its longest chunk
         return max(total / workers, float(costs.max())), lanes
 
     return min((batch_size(share) for share in shares), key=duration)
 
 
 class AbstractStage(AbstractOutput):
-    """A measurement of motions after the recorded periods, such as exponents, by derivatives of the period map.
+    """A measurement of motions after the recorded periods, such as exponents, with derivatives of the period map.
 
-    It is made in two steps: `of_chunk` of each chunk when its recorded span ends, then `of_all` of all cases.
+    It has two parts: `of_chunk` for each chunk when its recorded span ends, then `of_all` for all cases.
     Subclasses are frozen dataclasses.
     """
 
     def periods_after(self, periods: int) -> int:
-        """Return the forcing periods for which motions run on, after so many recorded ones."""
+        """Return the forcing periods for which motions continue after `periods` recorded periods."""
         return 0
 
     @abc.abstractmethod
@@ -289,8 +289,8 @@ class AbstractStage(AbstractOutput):
 
         Cases that were not finished have `Status.NOT_RUN`.
 
-        **Arguments:** `how`: options of `run_cases`; `interrupted`: whether the run was, so that nothing more is
-        simulated.
+        **Arguments:** `how`: options of `run_cases`; `interrupted`: whether the run was interrupted, so that no more
+        is simulated.
         """
         return values, status, interrupted
 
@@ -321,13 +321,13 @@ def planned(
 ) -> Plan:
     """Return the plan of some cases, all of a grid or a sample, from a user's arguments, records and stages.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     scene = cases.scene
     default = lambda: call.refine * cases.default_steps()
     steps, saves = step_plan(default, call.steps_per_period, call.saves_per_period)
     solver = resolve_solver(scene, call.solver)
-    # histories leave their saves to the run
+    # histories get their saves from the run
     kept = tuple(History(saves) if one == History() else one for one in records.records)
     begin = beginning_of(scene, known("begin", call.begin))
     epoch = _epoch(cases, begin)
@@ -344,12 +344,12 @@ def planned(
 def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
     """Return the plan of all cases of a grid, see `planned`.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
+    **Raises:** `ValueError` that names the wrong argument, or memory and time of an impossible run.
     """
-    cases = grid.sample(start)  # first of all, so that implausible values are told
+    cases = grid.sample(start)  # first, so that warnings of implausible values come first
     grid.check_steps(call.steps_per_period)
     plan = planned(cases, call, *outputs)
-    plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
+    plan.estimate(grid.count).check()  # before all cases are made, because they may not fit into memory
     if cases.count < grid.count:
         plan = planned(grid.sample(start, grid.count), call, *outputs)
     plan.check()
@@ -357,9 +357,9 @@ def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet
 
 
 def _epoch(cases: Cases, begin: float) -> float:
-    """Return the forcing periods from distance zero to where a run begins [m].
+    """Return the forcing periods from distance zero to the beginning of a run [m].
 
-    **Raises:** `ValueError` where these differ between cases: calls of a batch begin at one number of periods.
+    **Raises:** `ValueError` where these differ between cases, because a batch begins at one number of periods.
     """
     if not begin:
         return 0.0
@@ -376,22 +376,22 @@ class Part(NamedTuple):
     scenes: Batched[Scene]
     starts: Motion | State
     index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
-    # Indices into the list of the cases that this run takes; results are in its order.
+    # Indices into the list of the cases of this run, whose order the results have.
     row: Int[np.ndarray, " lanes"]
-    cases: int  # how many lanes count; the others fill the batch up
+    cases: int  # number of cases that count; the others fill the batch up
     schedule: Schedule
     on_progress: OnProgress
 
     @property
     def steps(self) -> int:
-        """The most integration steps in a forcing period."""
+        """The greatest number of integration steps in a forcing period."""
         return self.schedule.steps
 
     @property
     def capacity(self) -> int:
-        """Steps per period for which its recording programs have room."""
+        """Steps per period for which its recording programs have places."""
         return self.plan.capacities[self.steps]
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
-        """Return whether each lane is a case, with which nothing is wrong."""
+        """Return whether each place of the batch is a case with which nothing is wrong."""
         return (status == Status.FINITE) & (np.arange(len(status)) < self.cases)

@@ -20,19 +20,19 @@ from .attractors import FLOOR
 from .orbits import Maps, Orbits, find_orbits, rows_of
 
 NEAR = 0.05
-"""Greatest distance from an orbit of a motion that has reached it, in multiples of `COORDINATE_SCALES`."""
+"""Greatest distance from its orbit of a motion that has reached it, in multiples of `COORDINATE_SCALES`."""
 
 
 class ReachedOrbits(NamedTuple):
     """Periodic orbits that cases have reached, and their exponents."""
 
-    # Forcing periods after which the orbit recurs; 0 where none was reached for certain.
+    # Forcing periods after which the orbit recurs; 0 where it is not certain that one was reached.
     period: Int[np.ndarray, " cases"]
-    # Of the orbit, ln |multiplier| per forcing period, the largest first [1/period]; NaN without an orbit.
+    # ln |multiplier| of the orbit per forcing period, the largest first [1/period]; NaN without an orbit.
     exponents: Float[np.ndarray, "cases count"]
-    # The largest with steps half as long [1/period]; NaN where it was not asked for.
+    # The largest exponent with half the step [1/period]; NaN where it was not requested.
     half_step: Float[np.ndarray, " cases"]
-    state: State  # at the start of a forcing period; without an orbit, where the motion is
+    state: State  # at the start of a forcing period; without an orbit, the motion's own state
 
 
 def reached_orbits(
@@ -45,17 +45,17 @@ def reached_orbits(
 ) -> ReachedOrbits:
     """Return the orbits that motions have certainly reached.
 
-    That is certain where the motion recurs, Newton's method finds an orbit, all its multipliers lie inside the unit
+    It is certain where the motion recurs, Newton's method finds an orbit, all its multipliers are inside the unit
     circle, and the motion is near the orbit and does not move away. With `half_step`, a stable orbit must also be
-    found near it with steps half as long.
+    found nearby with half the step.
 
-    **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
-    record `strobe`, which has 20 periods or more; `count`: number of exponents.
+    **Arguments:** `maps`: over one period, or zero for cases that are left out; `states`: at the end of the record
+    `strobe`, which has 20 periods or more; `count`: number of exponents.
     """
     period = np.where(maps.periods > 0, likely_periods(strobe), 0)
     if period.any():
         period = np.where(_recurs(maps.scenes, states), period, 0)
-    # chaotic cases alone compile none of the programs below
+    # if all cases are chaotic, none of the programs below is compiled
     if not period.any():
         unknown = np.full((len(period), count + 1), np.nan)
         return ReachedOrbits(period, unknown[:, 1:], unknown[:, 0], states)
@@ -63,7 +63,7 @@ def reached_orbits(
     options = dict(tolerance=TOLERANCE, max_iterations=20)
     orbits = find_orbits(maps._replace(periods=period), states, **options)
     exponents = _exponents(orbits, period, count)
-    # rounding errors drown multipliers whose modulus per forcing period is smaller
+    # multipliers with a smaller modulus per forcing period are lost in rounding errors
     period = np.where(_sound(orbits) & np.all(exponents > np.log(1e-5), axis=1), period, 0)
     along = _along(maps._replace(periods=period.copy()), orbits.state)
     for k in np.flatnonzero(period):
@@ -86,7 +86,7 @@ def reached_orbits(
 def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
     """Return the forcing periods after which motions seem to recur, 0 where they do not.
 
-    That is the smallest lag after which they recur within three times the best distance. A motion that approaches an
+    This is the smallest lag after which they recur within three times the best distance. A motion that approaches an
     orbit of period 1 with a multiplier near -1 changes sides, and recurs after 2 periods.
     """
     periods = strobe.shape[1]
@@ -114,11 +114,11 @@ def is_near(
     strobe: Float[np.ndarray, "periods coordinates"],
     path: Float[np.ndarray, "period coordinates"],
 ) -> bool:
-    """Return whether a motion that ends at the path's start is near it, and was no nearer before."""
-    # from the last state backwards, beside the orbit, which begins where the record ends
+    """Return whether a motion that ends at the path's start is near the path, and was no nearer before."""
+    # from the last state backwards, together with the orbit, which begins where the record ends
     back = -np.arange(len(strobe))
     apart = np.max(np.abs(strobe[back - 1] - path[back % len(path)]) / COORDINATE_SCALES, axis=1)
-    # a motion that leaves an orbit is further from it in the last quarter than in the one before
+    # a motion that leaves an orbit is further from it in the last quarter than in the quarter before
     quarter = len(strobe) // 4
     late = apart[:quarter].max()
     early = apart[quarter : 2 * quarter].max()
@@ -137,10 +137,10 @@ def _sound(orbits: Orbits) -> np.ndarray:
 
 
 def _along(maps: Maps, states: State) -> np.ndarray:
-    """Return coordinates at the start of each forcing period, (cases, periods, coordinates), for those with one."""
+    """Return coordinates at the start of each forcing period, (cases, periods, coordinates), of orbits."""
     index = np.flatnonzero(maps.periods)
     path, _ = maps.path(index, rows_of(states)[index])
-    # all cases at once, so that one program serves whatever their number
+    # all cases at once, so that one program serves for any number of cases
     every = np.zeros((path.shape[1], len(maps.periods), path.shape[-1]))
     every[:, index] = np.moveaxis(path, 1, 0)
     return np.stack([coordinates(maps.states(rows)) for rows in every], axis=1)

@@ -30,13 +30,13 @@ from .plan import AbstractStage, LastStrobes
 UNCHECKED = "without certificates: long transients look chaotic, see lyapunov_sweep"
 """Comment of quick labels."""
 LEAST_PERIODS = 16
-"""Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
+"""Least number of recorded periods for a classification, see `slipperjax.analysis.classify`."""
 
 
 @dataclass(frozen=True)
 class MotionKind(AbstractRecord):
     """The kind of each motion by recurrence of the recorded strobe states, as by `slipperjax.sweeps.attractors`: a
-    quick label, which nothing checks. Long transients look chaotic; `slipperjax.lyapunov_sweep` has certificates.
+    quick label without a check. Long transients look chaotic; `slipperjax.lyapunov_sweep` has certificates.
 
     The variables `kind` and `period` are those of `slipperjax.analysis.classify`. With fewer than `MIN_TEST` (200)
     periods, a motion is periodic or unresolved: 16 periods show period 4 at most, and 64 show period 16. Cases with a
@@ -44,14 +44,14 @@ class MotionKind(AbstractRecord):
     """
 
     latest: int = LAST
-    """Periods at the end of the record that are used, at most. Below `MIN_TEST` only periodic motions are wanted, and
-    no warning is given that others need more."""
+    """Most periods that are used, at the end of the record. A number below `MIN_TEST` asks only for periodic motions,
+    and gives no warning that other motions need more."""
 
     def __post_init__(self):
         whole("latest", self.latest, LEAST_PERIODS)
 
     name = "motion"
-    inside = False  # ends of periods suffice
+    inside = False  # ends of periods are enough
 
     @property
     def variables(self):
@@ -69,7 +69,7 @@ class MotionKind(AbstractRecord):
     def check(self, scene, periods, steps):
         need = f"be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell tori from chaos"
         require(periods >= LEAST_PERIODS, "periods", need, periods)
-        # who looks at fewer on purpose asks for periodic motions only
+        # a user who gives a smaller number asks only for periodic motions
         if periods < MIN_TEST <= self.latest:
             warn(
                 f"Argument `periods` is {periods}: motions that are not periodic, chaos too, stay unresolved with "
@@ -96,24 +96,24 @@ class MotionKind(AbstractRecord):
 class LargestExponent(AbstractStage):
     """The largest Lyapunov exponent [1/period] with its standard error, without a certificate.
 
-    It is measured after the recorded span by a tangent, over as many periods again, rounded up to multiples of 20,
-    after 20 periods in which the tangent turns into the direction of fastest growth. `slipperjax.lyapunov_sweep` also
-    checks it.
+    A tangent measures it after the recorded span, over as many further periods, rounded up to multiples of 20, after
+    20 periods in which the tangent turns into the direction of fastest growth. `slipperjax.lyapunov_sweep` also
+    checks the exponent.
     """
 
     periods: int | None = None
-    """Forcing periods over which it is measured; None for as many as are recorded."""
+    """Forcing periods of the measurement; None for the number of recorded periods."""
 
     def __post_init__(self):
         if self.periods is not None:
-            whole("periods", self.periods, 8)  # without which there is no standard error
+            whole("periods", self.periods, 8)  # fewer periods give no standard error
 
     name = "exponent"
     quantity = Quantity("exponent", "1/period", "largest Lyapunov exponent", r"\lambda")
 
     @property
     def smooth(self) -> "LargestExponent":
-        """Itself, for descents."""
+        """The stage itself, for descents."""
         return self
 
     @property
@@ -151,7 +151,7 @@ OTHERS: dict[str, tuple[AbstractOutput, ...]] = {
     "exponents": (LyapunovExponents(),),
     "orbits": (NearestOrbit(),),
 }
-"""Records by name that are not numbers of a period; `RECORDS` has those."""
+"""Records by name that are not numbers of a period; `RECORDS` has the others."""
 NAMES = (*OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
@@ -159,10 +159,10 @@ NAMES = (*OTHERS, *ALIASES, *RECORDS)
 def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSet, tuple[AbstractStage, ...]]:
     """Return records and stages from a user's argument: a name, a record, or a list of both.
 
-    **Arguments:** `loads`: whether contact loads are recorded, too; None for with sections and histories only. Any
-    load adds the record of the statuses that follow from loads.
+    **Arguments:** `loads`: whether contact loads are also recorded; None: only with sections and histories. Any load
+    adds the record of the statuses that follow from loads.
 
-    **Raises:** `ValueError` for anything else.
+    **Raises:** `ValueError` for any other value.
     """
     listed = list(record) if isinstance(record, list | tuple) else [record]
     require(listed, "record", f"name at least one of {', '.join(NAMES)}", record)
@@ -172,7 +172,7 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
         outputs += [RECORDS[name] for name in LOADS]
     if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in outputs):
         outputs.append(ContactChecks())
-    # from which it is seen whether a motion has reached an orbit
+    # the strobes show whether a motion has reached an orbit
     if any(isinstance(one, LyapunovExponents) for one in outputs):
         outputs.append(LastStrobes(LAST))
     outputs = list(dict.fromkeys(outputs))  # each once, in order
@@ -181,11 +181,11 @@ def resolved_record(record: object, loads: bool | None = None) -> tuple[RecordSe
 
 
 OF_LOADS = {RECORDS[name] for name in (*LOADS, *SLIPPER_LOADS, "impact_impulse", "damping_ratio")}
-"""Records that look at contact loads."""
+"""Records that use contact loads."""
 
 
 def _outputs(record: object) -> tuple[AbstractOutput, ...]:
-    """Return the records and stages that a name stands for, or a record itself."""
+    """Return the records and stages that a name means, or a record itself."""
     if isinstance(record, AbstractOutput):
         return (record,)
     short = ", ".join((*OTHERS, *ALIASES))

@@ -1,4 +1,4 @@
-"""Many cases at work: chunks through their periods, on threads, with progress and Ctrl-C."""
+"""Running many cases: chunks through their periods, on threads, with progress and Ctrl-C."""
 
 import functools
 import threading
@@ -42,9 +42,9 @@ from .plan import Chunk, LastStrobes, OnProgress, Part, Plan
 from .schedule import Span
 
 TICK = 0.25
-"""Seconds between two checks of a run's threads, and for Ctrl-C."""
+"""Seconds between two checks of a run's threads and of Ctrl-C."""
 PATIENCE = 1.0
-"""Seconds for which threads are waited for after Ctrl-C: most calls are shorter, except where they compile."""
+"""Seconds of waiting for threads after Ctrl-C: most calls are shorter, unless they compile."""
 
 
 class ChunkRun(NamedTuple):
@@ -54,10 +54,10 @@ class ChunkRun(NamedTuple):
     status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
     # arrays of the plan's outputs, with a leading axis of lanes
     record: tuple[PyTree, ...]
-    probe: Float[np.ndarray, "lanes probes"]  # errors by half the step [1]
+    probe: Float[np.ndarray, "lanes probes"]  # errors, measured with half the step [1]
 
     def over(self, shape: tuple[int, ...]) -> "ChunkRun":
-        """Return the results of all cases over a grid, without the numbers of lost ones."""
+        """Return the results of all cases over a grid, without the numbers of lost cases."""
         known = without_lost(self._replace(state=None), self.status)
         return jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), known)
 
@@ -65,9 +65,9 @@ class ChunkRun(NamedTuple):
 def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = False) -> ChunkRun:
     """Run a chunk of cases through its schedule and the stages of its plan.
 
-    **Arguments:** `states`: at the start; `epoch`: forcing periods from the place where the plan begins to where this
-    run does, from where the times in records count; `first`: whether it is the first chunk of its run, whose programs
-    are compiled at the same time.
+    **Arguments:** `states`: at the start; `epoch`: forcing periods from the plan's beginning to the beginning of this
+    run, from which times in records count; `first`: whether it is the first chunk of its run; its programs are
+    compiled at the same time.
     """
     plan = part.plan
     records = plan.records
@@ -78,7 +78,7 @@ def run_chunk(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fa
     states = ride.states
     status = ride.judged
     strobe = next((a for r, a in zip(records.records, values, strict=True) if isinstance(r, LastStrobes)), None)
-    # each stage begins from the same states, and adds to the status what it finds
+    # each stage begins from the same states, and adds its findings to the status
     for stage in plan.stages:
         measured, status = stage.of_chunk(part, states, ride.period, status, strobe)
         values.append(measured)
@@ -96,9 +96,9 @@ class Ride:
         self.period = period
         self.status = np.zeros(len(part.index), int)
         self.errors: list[Float[np.ndarray, " lanes"]] = []
-        """What half the step changes, of each probe [1]."""
+        """Changes by half the step, at each place where the error is measured [1]."""
         self.judged = self.status
-        """The `Status` codes with what records and errors of the last stretch show."""
+        """The `Status` codes, with those that records and errors of the last stretch give."""
         self._records = RecordSet()
         self._carry: tuple[PyTree, ...] = ()
 
@@ -114,7 +114,7 @@ class Ride:
         for k, span in enumerate(spans, passed):
             seen = part.plan.seen(span)
             if seen != self._records:
-                # they begin where others saw what came before
+                # these records begin here; other records sampled the spans before
                 self._records = seen
                 self._carry = self._begun()
             part.on_progress(0)  # stops here after Ctrl-C
@@ -131,7 +131,7 @@ class Ride:
         return values
 
     def compile_ahead(self) -> None:
-        """Compile all programs but the first at the same time, by calls of no periods."""
+        """Compile all programs except the first at the same time, by calls of zero periods."""
         plan = self.part.plan
         # LAPACK must not be called from two threads
         if calls_lapack(plan.solver):
@@ -150,7 +150,7 @@ class Ride:
             ahead(functools.partial(self._advanced, *now, stepping, 0, records, carry))
 
     def _begun(self) -> tuple[PyTree, ...]:
-        """Return the carries of records that have seen nothing."""
+        """Return the carries of records before any period."""
         return initial_carry(self._records, self.part.scenes, self.states)
 
     def _pass(self, span: Span, samples: Samples) -> None:
@@ -165,13 +165,13 @@ class Ride:
             self.states = passed.state
             self._carry = passed.carried
             self.status = first_problem(self.status, passed.status)
-            # samples of periods beyond the used ones are cut off, in a copy that does not hold them
+            # samples of unused periods are cut off, by a copy that does not keep them in memory
             samples.add(self._records, jax.tree.map(lambda a, used=used: np.array(a[:, :used]), passed.samples))
             part.on_progress(used * share)
             self.period += used
 
     def _change(self, spans: Sequence[tuple[int, int]]) -> Float[np.ndarray, " lanes"]:
-        """Return what half the step changes over some periods, in multiples of `accuracy_scales` [1].
+        """Return the change by half the step over some periods, in multiples of `accuracy_scales` [1].
 
         **Arguments:** `spans`: steps in each period, and number of periods, one after the other.
         """
@@ -179,7 +179,7 @@ class Ride:
         scenes = part.scenes
         if self._records.feeds_back:
             scenes = _fed_back(scenes, self._carry, self.period, records=self._records)
-        # by the program of a transient, which may be there already
+        # with the program of a transient, which may already exist
         early = part.plan.early
         seen = early, initial_carry(early, scenes, self.states)
         ends = []
@@ -219,29 +219,29 @@ class Ride:
 
 @functools.partial(jit, static_argnames=("records",))
 def _fed_back(scenes: Batched[Scene], carry: PyTree, period: Real, *, records: RecordSet) -> Batched[Scene]:
-    """Return the scenes of a period, changed by what earlier periods have left in the carries of records."""
+    """Return the scenes of a period, changed by values that earlier periods left in the carries of records."""
     nothing = jax.tree.map(lambda _: None, carry)
     both = Batched((scenes.varied, carry), (scenes.shared, nothing))
-    # so that what does not change is shared
+    # so that unchanged values are shared
     return both.apply(lambda pair: records.feed_back(pair[0], pair[1], period))
 
 
 @jit
 def _distances(scenes: Batched[Scene], one: Motion, other: Motion) -> jax.Array:
-    """Return distances of two motions of each case in the scales by which errors are judged [1]."""
+    """Return distances of two motions of each case, in the scales by which errors are judged [1]."""
     size = lambda scene, a, b: scaled_size(jax.tree.map(jnp.subtract, a, b), accuracy_scales(scene))
     return scenes.map(size, one, other)
 
 
 def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> PyTree:
-    """Return the carries of records that have seen no period, with a leading axis of lanes."""
+    """Return the carries of records before any period, with a leading axis of cases."""
 
     def first(tree):
         # on the host, where an entry of another shape needs no compilation
         return jax.tree.map(lambda a: np.asarray(a)[0], tree)
 
     lanes = len(states.motion.y)
-    # shapes count and numbers do not, so one case stands for all
+    # only shapes count, not numbers, so that one case is enough
     one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
 
@@ -249,8 +249,8 @@ def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> 
 class Run(NamedTuple):
     """Cases after a run, or after an interrupt."""
 
-    # A named tuple of arrays with a leading axis of cases; unfinished cases have what `blank` gives.
-    # None where no case was finished.
+    # A named tuple of arrays with a leading axis of cases; unfinished cases have the values of `blank`. None where no
+    # case was finished.
     results: PyTree
     cases: int
     interrupted: bool
@@ -271,22 +271,22 @@ class Run(NamedTuple):
 def run_plan(
     plan: Plan, how: Mapping[str, Any], prepared: Callable[[Part], Batched[Scene]] = lambda part: part.scenes
 ) -> Run:
-    """Run all cases of a plan from their starts, and measure what its stages measure of all of them.
+    """Run all cases of a plan from their starts, with the measurements of its stages over all cases.
 
-    **Arguments:** `how`: options of `run_cases`; `prepared`: gives the scenes with which a chunk runs.
+    **Arguments:** `how`: options of `run_cases`; `prepared`: returns the scenes with which a chunk runs.
     """
 
     def work(part: Part) -> ChunkRun:
         part = part._replace(scenes=prepared(part))
         states = initial_states(part.scenes, part.starts, plan.epoch)
-        # the first chunk compiles the programs that most others use, too
+        # the first chunk compiles the programs that most other chunks also use
         return run_chunk(part, states, first=bool(part.row[0] == 0))
 
     results, cases, interrupted = run_cases(plan, work, periods=plan.periods, **how)
     if results is not None:
         values = list(results.record)
         status = results.status
-        # stages that measure only some of the cases cut these into chunks of their own; values of records come first
+        # stages that measure only some cases divide these into other chunks; values of records come first
         for k, stage in enumerate(plan.stages, len(plan.records.records)):
             values[k], status, interrupted = stage.of_all(values[k], status, plan, how, interrupted)
         results = results._replace(status=status, record=tuple(values))
@@ -307,14 +307,14 @@ def run_cases(
 ) -> Run:
     """Call `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
 
-    **Arguments:** `index`: indices of cases, of which one may come several times; others as for `run_chunks` and
+    **Arguments:** `index`: indices of cases, which may repeat; others as for `run_chunks` and
     `Plan.chunks`.
     """
     listed = np.arange(plan.cases.count) if index is None else index
     chunks, threads = replace(plan, which=plan.which[listed]).chunks(chunk, workers, tangents=tangents)
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> PyTree:
-        lanes = listed[chunk.index]  # chunks count within `index`, and parts in the list of all cases
+        lanes = listed[chunk.index]  # chunks have indices into `index`, and parts into the list of all cases
         cases = plan.cases.take(lanes)
         return work(Part(plan, *cases, lanes, *chunk, on_progress))
 
@@ -332,19 +332,19 @@ def run_chunks(
 ) -> Run:
     """Call `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
 
-    After Ctrl-C it returns with the chunks that are finished.
+    After Ctrl-C it returns the finished chunks.
 
     **Arguments:**
 
-    - `work`: returns a named tuple of arrays with a leading axis of lanes, one of them `status`. It calls
-      `on_progress(n)` after n forcing periods, which raises where another chunk failed or the user interrupted, so
-      that this chunk stops, too.
+    - `work`: returns a named tuple of arrays with a leading axis of cases, one of them `status`. It calls
+      `on_progress(n)` after n forcing periods. This call raises where another chunk failed or the user interrupted,
+      so that this chunk also stops.
     - `periods`: forcing periods of one case in all.
     - `progress`, `name`: of `progress_shown`.
     """
     parts: list[PyTree] = [None] * len(chunks)
     cases = sum(chunk.cases for chunk in chunks)
-    # the bar counts steps, to which time is proportional
+    # the bar counts steps, because time is proportional to steps
     total = periods * sum(chunk.schedule.mean_steps * chunk.cases for chunk in chunks)
     interrupted = False
 
@@ -374,10 +374,10 @@ def gather(
     done: Callable[[int], object] = lambda k: None,
     patience: float = PATIENCE,
 ) -> None:
-    """Run tasks on threads of this process, or by an executor, the first ones first.
+    """Run tasks on threads of this process, or by an executor, the first tasks first.
 
-    After Ctrl-C, or an error of a task, the others are cancelled; those that run end after the call that they are in,
-    where `heed_interrupts` raises. A warning says where they last longer than `patience`.
+    After Ctrl-C, or an error of a task, the others are cancelled. Running tasks end after their present call, where
+    `heed_interrupts` raises. A warning says where they last longer than `patience`.
 
     **Arguments:** `done`: called with the number of each task that has ended; `patience`: how long to wait for
     running threads after Ctrl-C or an error [s].
@@ -400,7 +400,7 @@ def gather(
                 future.result()  # raises the task's error
                 done(futures.pop(future))
             heed_interrupts()
-    except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
+    except BrokenExecutor:  # it ends all tasks itself, and fails where it finds a cancelled one
         raise
     except BaseException:
         running = [future for future in futures if not future.cancel()]
@@ -418,9 +418,9 @@ def gather(
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: bool) -> Run:
-    """Return the chunks' results in the order of the cases, without the lanes that fill chunks up.
+    """Return the chunks' results in the order of the cases, without the copies that fill up chunks.
 
-    **Arguments:** `parts`: the chunks' results; None for an unfinished one, whose cases become blank.
+    **Arguments:** `parts`: the chunks' results; None for an unfinished chunk, whose cases become blank.
     """
     cases = sum(chunk.cases for chunk in chunks)
     like = next((part for part in parts if part is not None), None)
@@ -441,17 +441,17 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[PyTree], interrupted: boo
 def progress_shown(
     total: float, cases: int, name: str, wanted: bool | None, **options: Any
 ) -> Iterator[Callable[..., None]]:
-    """Show how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
+    """Show the progress of a run: a bar on terminals and in notebooks, from time to time a line in files and pipes.
 
-    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: their number; `wanted`
-    and `options`: of `slipperjax.tools.progress.bar`.
+    **Arguments:** `total`: all work, in a unit to which time is proportional; `cases`: their number; `wanted` and
+    `options`: of `slipperjax.tools.progress.bar`.
 
-    **Yields:** `add(work, done)`, which threads call with the work just done and the number of cases just finished.
+    **Yields:** `add(work, done)`, which threads call with the finished work and the number of finished cases.
     """
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
     lock = threading.Lock()
     finished = 0
-    # most runs compile two programs: of the transient, and of what is recorded
+    # most runs compile two programs: for the transient, and for the recorded periods
     with progress_bar(wanted, programs=2, total=total, desc=name, bar_format=layout, **options) as bar:
 
         def add(work: float, done: int = 0) -> None:
@@ -459,7 +459,7 @@ def progress_shown(
             with lock:
                 finished += done
                 bar.set_postfix_str(f"{finished} of {cases} cases", refresh=False)
-                # rounding may bring the sum above the total, which tqdm warns of
+                # rounding may bring the sum above the total, of which tqdm would warn
                 bar.update(min(work, total - bar.n))
 
         yield add

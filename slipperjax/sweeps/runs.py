@@ -1,4 +1,4 @@
-"""Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
+"""Runs over a length of rail, one or many, at a speed that may change, with records of each window of distance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,23 +54,23 @@ from .windows import (
 )
 
 LEAST_STEPS_PER_WINDOW = 4
-"""Fewest integration steps in a window, from which its curves are made."""
+"""Fewest integration steps in a window; the curves of a window are made from its steps."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
 
 
 @dataclass(frozen=True)
 class RunCall(AbstractCall):
-    """Arguments of `run` besides its scene, grid and start."""
+    """Arguments of `run` other than scene, grid and start."""
 
     length: float
     begin: float
     window: float
     probe: int
     only: bool
-    """Whether it is one run, without a grid."""
+    """Whether there is only one run, without a grid."""
     worn: np.ndarray | None
-    """Play that earlier work has opened at each face [m]; None where slippers do not wear."""
+    """Play that earlier wear has opened at each face [m]; None where slippers do not wear."""
 
 
 def run(
@@ -104,41 +104,42 @@ def run(
 
     **Arguments:**
 
-    - `grid`: values by parameter name as for `sweep`, such as `{"track.seed": range(200)}`, "speed.scale" of a
-        programme, or none for one run.
-    - `length`: how far to travel [m], rounded up to whole windows; `begin`: where the run begins [m], by default
-        where the rail does.
-    - `speed`: a programme, or a constant speed [m/s]; by default that of the scene.
-    - `window`: length of rail of which each record is one value [m].
-    - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
-        `slipperjax.sweeps.windows.WINDOW_RECORDS`. By default what reports of track tests show, see below.
-    - `start`: as for `simulate`, at the place where the run begins, but by default "rest", on the rail, see
-        `AtRest`; or, without a store, an earlier run, which this one continues from its state at `begin`, by default
-        at its end.
-    - `steps_per_period`: integration steps per wavelength of the track, or per reference length of one without, the
-        same all the way; by default those that the least speed of each window needs, times `refine`.
-        Cases that need nearly the same steps share the larger ones, in one batch.
-    - `probe`: number of stretches at whose start the error is measured, by half the step over a wavelength of the
-        track or 8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
-        a tenth the status says so.
+    - `grid`: values by parameter name, as for `sweep`, such as `{"track.seed": range(200)}`; the scale of a speed
+        programme is "speed.scale". None for one run.
+    - `length`: distance to travel [m], rounded up to whole windows; `begin`: distance at which the run begins [m], by
+        default the beginning of the rail.
+    - `speed`: a programme, or a constant speed [m/s]; by default the speed of the scene.
+    - `window`: length of rail for which a record gives one value [m].
+    - `record`: records of numbers, or their names in `slipperjax.flow.RECORDS` and
+        `slipperjax.sweeps.windows.WINDOW_RECORDS`, kept for each window. By default the values that reports of track
+        tests show, see below.
+    - `start`: as for `simulate`, at `begin`, but by default "rest" on the rail, see `AtRest`. Without a store, also
+        an earlier run: the new run continues from the earlier run's state at `begin`, by default from its end.
+    - `steps_per_period`: integration steps per wavelength of the track (per 8 m on a track without waves), constant
+        along the run; by default the steps that the least speed of each window needs, times `refine`. Cases that need
+        nearly the same number of steps share the larger number, in one batch.
+    - `probe`: number of stretches at whose start half the step measures the error, over a wavelength of the track or
+        8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; the status reports an error above
+        a tenth.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
-    **Returns:** a `Result` over the grid with `status`, 0 where nothing is wrong, and
+    **Returns:** a `Result` over the grid with `status`, which is 0 where nothing is wrong, and
 
-    - over `distance`, the travel at the end of each window [m], with the coordinates `speed` in its middle [m/s] and
-      `seconds` since the beginning at its end [s], and where the programme says when the sled stands `window_status`,
-      `Status.TOO_SLOW` where it does: by default net loads of each slipper, those of greatest magnitude with their
-      signs, `peak_slipper_force` [N], its place `peak_slipper_distance` [m], `peak_slipper_moment` [N m] and with
-      gravity or a load `static_ratio` [1]; of each point `peak_force` [N], its place `peak_distance` [m],
-      `contact_fraction` [1], `impacts`, the number of touchdowns, and `impulse` [N s]; `drive_force` [N], greatest
-      accelerations, `peak_a_y` and others; with friction `friction_work` [J], with a sled `spring_force` [N];
+    - over `distance`, the travel at the end of each window [m], by default:
+      net loads of each slipper, the signed values of greatest magnitude: `peak_slipper_force` [N], its place
+      `peak_slipper_distance` [m], `peak_slipper_moment` [N m], and with gravity or a load `static_ratio` [1];
+      for each point `peak_force` [N], its place `peak_distance` [m], `contact_fraction` [1], the number of touchdowns
+      `impacts`, and `impulse` [N s]; `drive_force` [N]; greatest accelerations, `peak_a_y` and others; with friction
+      `friction_work` [J]; with a sled `spring_force` [N]. Coordinates are `speed` in the middle of the window [m/s]
+      and `seconds` from the beginning to the end of the window [s]. For a programme that gives times,
+      `window_status` is `Status.TOO_SLOW` where the sled is at rest or too slow;
     - over `stretch`, the travel at the end of each `STRETCH` windows [m]: root mean squares of accelerations,
-      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; of the
-      windows' highest forces `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from which a
-      run can go on; with wear `play` [m].
+      `rms_a_y` and others, and in third octaves `band_a_y` and `band_a_z` [m/s^2]; `impact_rate` [1/s]; percentiles
+      of the windows' highest forces, `peak_slipper_force_percentile` and `peak_force_percentile` [N]; `state`, from
+      which a run can continue; with wear `play` [m].
 
-    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted` after
-    Ctrl-C, with the finished runs.
+    **Raises:** `ValueError` that names the wrong argument, before anything is compiled; `Interrupted` after Ctrl-C,
+    with the finished runs.
     """
     scene = at_speed(scene, speed)
     origin, first = beginning(scene, known("begin", begin), "rest" if start is None else start)
@@ -211,9 +212,9 @@ def _computed(
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
-    """Return how many windows a run has.
+    """Return the number of windows of a run.
 
-    **Raises:** `ValueError` where the rail ends before the run. A warning says where the rail is known no further.
+    **Raises:** `ValueError` where the rail ends before the run. A warning says where the rail is not known further.
     """
     # rounding must not add a window, nor end the rail too early
     windows = int(np.ceil(length / window * (1 - 1e-12)))
@@ -227,7 +228,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 
 
 def _records(scene: Scene, record: object) -> RecordSet:
-    """Return the records that a user chose for each window, and those of each stretch and of the whole run."""
+    """Return the records that a user chose for each window, and the records of each stretch and of the whole run."""
     if record is None:
         record = default_records(scene)
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
@@ -239,7 +240,7 @@ def _records(scene: Scene, record: object) -> RecordSet:
         require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
     records: list[AbstractRecord] = list(map(PerWindow, known))
     names = {one.name for one in records}
-    # each variable once, of windows where the user asks for that
+    # each variable once, for windows where the user asks for this
     records += [RECORDS[name] for name in PER_STRETCH if name not in names]
     records += [ThirdOctaves(), StateNumbers()]
     if scene.wear is not None:
@@ -258,17 +259,17 @@ def _step_profiles(
     if call.steps_per_period is None:
         edges = call.begin + window * np.arange(windows + 1)
         needed = cases.of_each(_steps_along, jnp.asarray(edges))
-        # slow places of a run may take many, but not the fastest one
+        # slow places of a run may take many steps, but not the fastest place
         rounded_steps(needed.min(axis=1), cases.wavelengths())
         steps = call.refine * rounded_up(needed)
     else:
         steps = np.full((cases.count, windows), given_steps(call.steps_per_period))
-    # from steps per wavelength to steps per window; rounding must not add one
+    # from steps per wavelength to steps per window; rounding must not add a step
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
     profiles = np.maximum(per_window, LEAST_STEPS_PER_WINDOW)
     different, which = np.unique(profiles, axis=0, return_inverse=True)
     which = np.ravel(which)
-    # steps that are given are not changed
+    # given steps are not changed
     return joint_profiles(different, which) if call.steps_per_period is None else (different, which)
 
 
@@ -276,8 +277,8 @@ def _step_profiles(
 def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Array) -> jax.Array:
     """Return steps per reference length that each window needs, at its least speed, (cases, windows).
 
-    **Arguments:** `starts`: unused, but with an axis of cases even where the scenes are all the same; `edges`: places
-    between which the windows are [m].
+    **Arguments:** `starts`: unused, but with an axis of cases even where all scenes are the same; `edges`: places
+    between the windows [m].
     """
 
     def one(scene: Scene, start: Motion | State) -> jax.Array:
@@ -291,13 +292,13 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Arra
 
 def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
     """Return the same scenes with windows as their unit of travel."""
-    # the window is shared; `is_leaf` finds its place, which is None before
+    # the window is shared; `is_leaf` finds its place, where there was None
     put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
     return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
 
 def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
-    """Return the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
+    """Return the play that wear before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
         return None
     works = scene.friction is not None or not scene.wear.by_friction
@@ -306,22 +307,22 @@ def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     ds = getattr(earlier, "ds", earlier)
     if not (isinstance(ds, xr.Dataset) and "play" in ds):
         return nothing
-    # wear by distance follows from where the run is, so that only the rest is carried over
+    # wear by distance follows from the place of the run, so that only the rest is carried over
     by_distance = play_added(scene, jnp.asarray(nothing), begin)
     return ds["play"].sel(stretch=begin).values - np.asarray(scene.play) - np.asarray(by_distance)
 
 
 @jit
 def _opened(scenes: Batched[Scene], play: Numbers) -> Batched[Scene]:
-    """Return the same scenes with this play more at each face, (cases, *slippers, faces) [m]."""
+    """Return the same scenes with this additional play at each face, (cases, *slippers, faces) [m]."""
     plays = scenes.map(with_more_play, play)
-    # what is shared keeps no play, which differs from case to case
+    # shared values have no play, because it differs from case to case
     return Batched(scenes.varied.with_play(plays), scenes.shared.with_play(None))
 
 
 def _probed_length(scene: Scene) -> float:
-    """Return the length of travel over which errors are measured [m]: a wavelength of the track, or 8 m at most of
-    rails without, which may be one long wave that repeats."""
+    """Return the length of travel over which errors are measured [m]: a wavelength of the track. At most 8 m on rails
+    without waves, because these may be one long wave that repeats."""
     wavelength = float(np.max(scene.wavelength))
     return wavelength if hasattr(scene.track, "wavelengths") else min(wavelength, DEFAULT_WAVELENGTH)
 
@@ -352,7 +353,7 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     over = (*dims, "distance") if differ else "distance"
     joined = lambda a: of_grid(a) if differ else a[0]
-    name = "speed_along" if "speed" in cases.axes else "speed"  # which may be an axis of the grid
+    name = "speed_along" if "speed" in cases.axes else "speed"  # `speed` may be an axis of the grid
     coords[name] = column(over, joined(speed), "m/s", "travelling speed")
     coords["seconds"] = column(over, joined(seconds), "s", "time")
     if stands is not None:
@@ -367,8 +368,8 @@ def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
 def _times(
     scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Real
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
-    """Return speeds in the middle of windows [m/s], times at their ends [s], and whether the sled stands in them;
-    (cases, windows). The last is None where the programme has no times, by which sleds stand.
+    """Return speeds in the middle of windows [m/s], times at their ends [s], and whether the sled is at rest or too
+    slow in them; (cases, windows). The last is None where the programme has no times, because only times show this.
 
     **Arguments:** `ends`: the place where the run begins, and the end of each window [m].
     """
@@ -386,7 +387,7 @@ def _times(
 
 
 def _with_rates(ds: xr.Dataset) -> xr.Dataset:
-    """Add what follows from windows, stretch by stretch: rates of impacts, and percentiles of the highest forces."""
+    """Add values that follow from windows, for each stretch: rates of impacts, percentiles of highest forces."""
     which = np.arange(ds.sizes["distance"]) // STRETCH
     stretch = ds["distance"].copy(data=ds["stretch"].values[which]).rename("stretch")
     if "impacts" in ds:

@@ -1,4 +1,4 @@
-"""Schedules: what a batch of cases passes through, as spans of forcing periods with equal steps."""
+"""Schedules: the spans of forcing periods with equal steps through which a batch of cases passes."""
 
 import itertools
 from collections.abc import Collection
@@ -11,36 +11,36 @@ from jaxtyping import Int
 from .grid import batch_size
 
 FEW = 10
-"""Room of programs that record no more forcing periods: their arrays are shorter."""
+"""Capacity of programs that record no more forcing periods, with shorter arrays."""
 
 STEP_IN_LANES = 2
-"""Lanes that take as long as the rest of a step, whatever their number: measured with 8 to 128 lanes."""
+"""Number of cases whose time equals the constant part of a step's time: measured with 8 to 128 cases."""
 
 
 class Span(NamedTuple):
-    """Forcing periods one after the other, with equal steps."""
+    """Successive forcing periods with equal steps."""
 
     periods: int
     steps: int
-    """Integration steps in each."""
+    """Integration steps in each period."""
     recorded: bool = True
-    """Whether all records see them; otherwise those that sample a run from its start on."""
+    """Whether all records sample these periods; otherwise only records that sample a run from its start."""
     probed: int = 0
-    """Periods from its start on that are repeated with half the step, to measure the error; 0 for none."""
+    """Periods from the span's start that are repeated with half the step, to measure the error; 0 for none."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Stretches one after the other, of spans. Cases of one schedule run as one batch."""
+    """Successive stretches of spans. Cases of one schedule run as one batch."""
 
     stretches: tuple[tuple[Span, ...], ...]
-    """Records are finished at the end of each stretch, and begin anew after it."""
+    """Records are finished at the end of each stretch, and begin again after it."""
 
     @classmethod
     def of(cls, settled: int, recorded: int, steps: int, probed: int = 0) -> "Schedule":
-        """Return a transient, of which nothing is recorded, and a recorded span, all in equal steps.
+        """Return a transient without records, and a recorded span, with equal steps.
 
-        **Arguments:** `probed`: periods of the recorded span that are probed.
+        **Arguments:** `probed`: periods of the recorded span that are repeated with half the step.
         """
         return cls(((Span(settled, steps, recorded=False), Span(recorded, steps, probed=probed)),))
 
@@ -51,7 +51,7 @@ class Schedule:
         """Return recorded stretches from the integration steps in each forcing period.
 
         **Arguments:** `stretch`: periods in each stretch; `probed`: the stretches at whose start `length` periods are
-        probed.
+        repeated with half the step.
         """
         stretches = []
         for k, first in enumerate(range(0, len(profile), stretch)):
@@ -68,7 +68,7 @@ class Schedule:
 
     @property
     def settled(self) -> int:
-        """Forcing periods before the recorded ones."""
+        """Forcing periods before the recorded periods."""
         return sum(span.periods for span in self.spans if not span.recorded)
 
     @property
@@ -78,17 +78,17 @@ class Schedule:
 
     @property
     def periods(self) -> int:
-        """Forcing periods in all."""
+        """Total number of forcing periods."""
         return self.settled + self.recorded
 
     @property
     def steps(self) -> int:
-        """The most integration steps in a forcing period."""
+        """The greatest number of integration steps in a forcing period."""
         return max(span.steps for span in self.spans)
 
     @property
     def work(self) -> int:
-        """Integration steps in all."""
+        """Total number of integration steps."""
         return sum(span.periods * span.steps for span in self.spans)
 
     @property
@@ -102,7 +102,7 @@ class Schedule:
         return self.work / max(self.periods, 1)
 
     def following(self, first: int, periods: int) -> list[tuple[int, int]]:
-        """Return steps and number of the next forcing periods, from a span on; the last span goes on at the end."""
+        """Return steps and number of the next forcing periods, from a span on; the last span continues at the end."""
         parts = []
         for span in self.spans[first:]:
             parts.append((span.steps, min(span.periods, periods)))
@@ -112,9 +112,9 @@ class Schedule:
 
 
 def shared_capacity(most: int, steps: int) -> int:
-    """Return the steps that a recording program has capacity for: `most` / 8^k, the least that is not below `steps`.
+    """Return the capacity of a recording program for steps: the least `most` / 8^k that is at least `steps`.
 
-    So cases share one program unless their steps differ by more than a factor of 8.
+    Cases share one program unless their steps differ by more than a factor of 8.
     """
     while most // 8 >= steps:
         most //= 8
@@ -128,11 +128,11 @@ def joint_profiles(
 
     **Arguments:** `which`: the profile of each case.
     """
-    # time that a batch takes, in steps of one lane
+    # time of a batch, in steps of one case
     cost = lambda profile, cases: int(profile.sum()) * (STEP_IN_LANES + batch_size(len(cases)))
     order = np.argsort(profiles.sum(axis=1), kind="stable")
     groups = [(profiles[k], np.flatnonzero(which == k)) for k in order]
-    # each step joins the two neighbours that save most
+    # each step joins the two neighbours that save most time
     while len(groups) > 1:
         joint = []
         saved = []

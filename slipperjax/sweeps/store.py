@@ -1,8 +1,8 @@
 """Sweeps on disk: a zarr store whose tiles any executor computes, each complete or absent.
 
-A tile is a block of the grid: one task, and one chunk of every array. Its mark is a file beside the chunks of
-`status` that is written last: a tile with a mark is complete, and the mark says of which call. So the same call goes
-on where the last one ended, whatever ended it.
+A tile is a block of the grid: one task, and one chunk of every array. The tile's mark is a file next to the chunks of
+`status`, written last: a tile with a mark is complete, and the mark identifies the call. Therefore the same call
+continues where the last call ended, for any reason.
 """
 
 import errno
@@ -51,15 +51,15 @@ from .plan import LARGEST_CHUNK
 from .run import gather, progress_shown
 
 MARK = "slipperjax_store"
-"""Attribute by which a store of ours is known: JSON of the fields of `Archive`."""
+"""Attribute that identifies a store of slipperjax: JSON of the fields of `Archive`."""
 DESCRIPTION = "zarr.json"
-"""File of a store that says what it is."""
+"""File that says that a folder is a store."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
-_ALONE = threading.Lock()  # held by the one tile that is computed where two at a time are not allowed
+_ALONE = threading.Lock()  # held by the one computed tile, where two at a time are not allowed
 
 
 class StoreInUse(OSError):
-    """Error where another process writes to the store. Its lock ends with it, even where it is killed."""
+    """Error where another process writes to the store. The lock ends with its process, even if that is killed."""
 
 
 class WorkerLost(OSError):
@@ -68,9 +68,9 @@ class WorkerLost(OSError):
 
 @dataclass(frozen=True)
 class Store:
-    """A folder on disk, in zarr's format, into which a sweep writes tile by tile and from which it goes on.
+    """A folder on disk, in zarr's format, which a sweep writes tile by tile, and from which the sweep can continue.
 
-    All processes that compute it must see the same disk.
+    All processes that compute a store must see the same disk.
 
     ```python
     sj.sweep(scene, grid, store=sj.sweeps.Store("map.zarr", fresh=True))
@@ -79,11 +79,12 @@ class Store:
 
     path: Path
     tile: int | None = None
-    """Cases that are computed and written together, about: what a crash can lose; default from the grid."""
+    """Approximate number of cases that are computed and written together, and that a crash may lose; default from the
+    grid."""
     fresh: bool = False
-    """Whether to replace a store of slipperjax that exists at the path."""
+    """Whether to replace an existing store of slipperjax at the path."""
     share: tuple[int, int] | None = None
-    """(i, n): compute the i-th of n shares only, i from 1 to n, while other processes compute the others."""
+    """(i, n): compute only the i-th of n shares, i from 1 to n, while other processes compute the other shares."""
 
     def __post_init__(self):
         require(
@@ -92,7 +93,7 @@ class Store:
             "be a path that ends in .zarr",
             self.path,
         )
-        object.__setattr__(self, "path", user_path(self.path))  # frozen for others
+        object.__setattr__(self, "path", user_path(self.path))  # the class is frozen
         require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:
             whole("tile", self.tile, 1)
@@ -125,8 +126,8 @@ class Store:
 
     @property
     def free_bytes(self) -> float:
-        """Bytes that are free on its disk."""
-        # the store itself may not exist yet
+        """Free bytes on the store's disk."""
+        # the store may not exist yet
         folder = next(folder for folder in self.path.absolute().parents if folder.exists())
         return float(shutil.disk_usage(folder).free)
 
@@ -135,8 +136,8 @@ class Store:
 
 
 def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[str, object]:
-    """Return as plain data all that determines the numbers of a store."""
-    # sources of the package, and of the classes of others, such as a track or a record of the user
+    """Return all values that determine the numbers of a store, as plain data."""
+    # sources of the package, and of other classes, such as a user's track or record
     code = {"slipperjax": IMPORTED}
     code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, vars(call)])}
     asked = {
@@ -146,12 +147,12 @@ def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[
         "call": {name: _described(value) for name, value in vars(call).items()},
         "code": code,
     }
-    # as it is read back from a store: tuples become lists
+    # in the form that a store returns: tuples become lists
     return json.loads(json.dumps(asked))
 
 
 def _summary(values: np.ndarray) -> dict[str, object]:
-    """Return the few numbers of an axis that tell it from others."""
+    """Return the few numbers of an axis that distinguish it from other axes."""
     digest = _digest(np.ascontiguousarray(values, float).tobytes())
     return {"values": len(values), "first": float(values[0]), "last": float(values[-1]), "digest": digest}
 
@@ -162,7 +163,7 @@ def _described(value: object) -> object:
 
 
 def _digest(content: bytes) -> str:
-    """Return 16 hexadecimal digits that tell contents apart."""
+    """Return 16 hexadecimal digits that distinguish contents."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 
@@ -180,11 +181,11 @@ def _leaves(value: object, path: str = "") -> Iterator[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Archive:
-    """A store that exists: what its attribute `MARK` says, and where it is."""
+    """An existing store: the content of its attribute `MARK`, and its path."""
 
     path: Path
     digest: str
-    """Of its description on disk, which holds the call."""
+    """Digest of the store's description on disk, which contains the call."""
     call: dict[str, Any]
     versions: dict[str, str]
     dims: list[str]
@@ -192,7 +193,7 @@ class Archive:
     tile: list[int]
     coords: list[str]
     variables: dict[str, list[str]]
-    """Dimensions of the variables that tiles have a chunk of."""
+    """Dimensions of the variables of which each tile has a chunk."""
 
     @property
     def tiles(self) -> Tiling:
@@ -200,34 +201,34 @@ class Archive:
         return Tiling(tuple(self.shape), tuple(self.tile))
 
     def region(self, number: int) -> dict[str, slice]:
-        """Return slices of the dimensions that make up a tile."""
+        """Return the slices of the dimensions that give a tile."""
         return dict(zip(self.dims, self.tiles.region(number), strict=True))
 
     def files(self, number: int) -> list[Path]:
-        """Return the files of a tile, one of each variable."""
+        """Return the files of a tile, one for each variable."""
         at = dict(zip(self.dims, map(str, self.tiles.indices(number)), strict=True))
         files = []
         for name, dims in self.variables.items():
-            # zarr's file of a chunk is c/0/3/1; dimensions that are not the grid's have one chunk
+            # zarr's file of a chunk is c/0/3/1; dimensions that the grid does not have are one chunk
             chunk = [at.get(d, "0") for d in dims]
             files.append(self.path.joinpath(name, "c", *chunk))
         return files
 
     def mark(self, number: int) -> Path:
-        """Return the file that says that a tile is complete. Readers of zarr do not look at it."""
+        """Return the file that says that a tile is complete. Readers of zarr ignore it."""
         return self.path / "status" / "marks" / str(number)
 
     def mark_of(self, number: int) -> str:
-        """Return what tells a tile from those of other calls and places."""
+        """Return a text that distinguishes a tile from tiles of other calls and places."""
         return _digest(f"{self._called} {number}".encode())
 
     @functools.cached_property
     def _called(self) -> str:
-        """Digest of the call, which may hold a whole rail."""
+        """Digest of the call, which may contain a whole rail."""
         return _digest(json.dumps(self.call, sort_keys=True).encode())
 
     def is_complete(self, number: int) -> bool:
-        """Return whether all files of a tile are there, with the mark of this store."""
+        """Return whether all files of a tile exist, with the mark of this store."""
         mark = self.mark(number)
         there = all(file.is_file() for file in (mark, *self.files(number)))
         return there and mark.read_text().startswith(self.mark_of(number))
@@ -237,13 +238,13 @@ class Archive:
         return np.array([self.is_complete(k) for k in range(self.tiles.count)])
 
     def complete_cases(self) -> int:
-        """Return how many cases are in complete tiles."""
+        """Return the number of cases in complete tiles."""
         return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles()))
 
     def open(self) -> xr.Dataset:
-        """Return all of it, texts as they are stored.
+        """Return the whole store, with texts as they are stored.
 
-        **Raises:** `ValueError` where it cannot be read, or lacks a variable.
+        **Raises:** `ValueError` where it cannot be read, or where a variable is missing.
         """
         with readable(self.path, "zarr store"):
             ds = xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
@@ -260,13 +261,13 @@ class Archive:
         """Write the results of a tile, its mark last.
 
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then. `ValueError` where a store
-        of another call was put in this one's place.
+        of another call has replaced this store.
         """
         if _digest(content_of(self.path / DESCRIPTION)) != self.digest:
-            _open_archive(self.path, self.call)  # raises where a store of another call has taken its place
+            _open_archive(self.path, self.call)  # raises where a store of another call has replaced this one
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
-        # chunks of zeros and NaN are written, too, because a tile without all its files is absent
+        # chunks of zeros and NaN are also written, because a tile with a missing file is absent
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         mark = self.mark(number)
         mark.parent.mkdir(exist_ok=True)
@@ -274,7 +275,7 @@ class Archive:
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
-    """Return values as the store holds them: dimensions other than the grid's are filled up with NaN."""
+    """Return values in the store's form: dimensions other than the grid's are filled up with NaN."""
     missing = {d: capacity.get(str(d), n) - n for d, n in variable.sizes.items()}
     if any(n < 0 for n in missing.values()):
         raise ValueError(
@@ -286,12 +287,12 @@ def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr
 
 
 def _storable(variable: xr.Variable) -> xr.Variable:
-    """Return a variable with texts of any length, which zarr's specification knows."""
+    """Return a variable with texts of any length, which zarr's specification has."""
     return variable.astype(object) if variable.dtype.kind == "U" else variable
 
 
 def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
-    """Return the lengths of a variable's dimensions, with the grid's as given, and room for all crossings."""
+    """Return the lengths of a variable's dimensions: the grid's as given, and enough places for all crossings."""
     # the number of crossings differs from case to case
     crossings = variable.attrs.get("capacity") or variable.sizes.get("crossing")
     lengths = {**variable.sizes, "crossing": crossings, **grid}
@@ -299,7 +300,7 @@ def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
 
 
 def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], like: xr.Dataset) -> None:
-    """Write an empty store in the form of one case's results.
+    """Write an empty store in the form of the results of one case.
 
     **Arguments:** `like`: a dataset over a grid of one case.
     """
@@ -311,12 +312,12 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
     lengths = dict(zip(dims, tiles.shape, strict=True))
     pieces = dict(zip(dims, tiles.tile, strict=True))
     data = {name: _storable(v) for name, v in like.variables.items() if name not in axes}
-    # a fill value would be an attribute, too
+    # a fill value would also be an attribute
     plain = {"_FillValue": None}
     encoding: dict[Any, dict[str, Any]] = dict.fromkeys(data, plain)
     shapes = {}
     for name, variable in data.items():
-        # variables over the grid are filled tile by tile; others, such as labels, are the same in all tiles
+        # variables over the grid are filled tile by tile; other variables, such as labels, are the same in all tiles
         if set(dims) <= set(variable.dims):
             fill: Any = {"f": np.nan, "c": np.nan, "O": "", "b": False}.get(variable.dtype.kind, 0)
             fill = int(Status.NOT_RUN) if name == "status" else fill
@@ -335,7 +336,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
         "variables": {name: data[name].dims for name in sorted(shapes)},
     }
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
-    for name, whole_shape in shapes.items():  # afterwards, so that nothing of the size of the grid is in memory
+    for name, whole_shape in shapes.items():  # afterwards, so that no array of the grid's size is in memory
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
     ds = xr.Dataset(coords=axes, attrs=like.attrs)
     ds.to_zarr(path, mode="a", encoding=dict.fromkeys(axes, plain), **ZARR)
@@ -343,7 +344,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, object], l
 
 
 def _check_replaceable(path: Path) -> None:
-    """Raise `ValueError` where something is there but a store of ours, with nothing else in it."""
+    """Raise `ValueError` where the path has anything else than a store of slipperjax."""
     if not path.exists():
         return
     _open_archive(path)
@@ -354,14 +355,14 @@ def _check_replaceable(path: Path) -> None:
 
 
 def _make_archive(path: Path, *contents: object) -> Archive:
-    """Make an empty store, completely or not at all, in place of one of ours that may exist.
+    """Make an empty store, completely or not at all, in place of an older store of slipperjax, if any.
 
     **Arguments:** `contents`: as for `_create`.
 
-    **Raises:** `ValueError` where something else is there.
+    **Raises:** `ValueError` where the path has anything else.
     """
     _check_replaceable(path)
-    # made beside it and renamed, which a crash cannot leave half done
+    # made in a folder next to it and renamed, so that a crash leaves no incomplete store
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
         if path.exists():  # deleted with the folder
@@ -371,14 +372,15 @@ def _make_archive(path: Path, *contents: object) -> Archive:
 
 
 def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archive:
-    """Open a store that exists.
+    """Open an existing store.
 
-    **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
+    **Raises:** `ValueError` where it is no store of slipperjax, or where another call than `call` made it, with the
+    differences.
     """
     try:
         content = content_of(path / DESCRIPTION)
         archive = Archive(path, _digest(content), **json.loads(json.loads(content)["attributes"][MARK]))
-        archive.files(archive.tiles.count - 1)  # raises where shapes and dimensions do not suit each other
+        archive.files(archive.tiles.count - 1)  # raises where shapes and dimensions do not fit together
     except (OSError, KeyError, ValueError, TypeError, RecursionError, AttributeError, ZeroDivisionError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None
     if call is None:
@@ -402,29 +404,29 @@ def _open_archive(path: Path, call: Mapping[str, object] | None = None) -> Archi
 
 
 def open_store(path: object) -> xr.Dataset:
-    """Open a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
+    """Open a store as a dataset over its whole grid; values are read from disk when they are used.
 
-    It may be complete, or still growing: cases that are not there yet have `Status.NOT_RUN` and NaN.
+    The store may be complete or still growing: missing cases have `Status.NOT_RUN` and NaN.
 
-    **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
+    **Raises:** `ValueError` for a path that is no store of slipperjax, or for a store that lacks more than tiles.
     """
     archive = _open_archive(user_path(path))
     ds = archive.open()
     del ds.attrs[MARK]
-    # labels, such as those of points, as other datasets have them
+    # labels, such as the names of points, as in other datasets
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
     return ds.set_coords([n for n in archive.coords if n in ds.data_vars]).assign_coords(labels)
 
 
 class StoreStatus(NamedTuple):
-    """How far a store is."""
+    """Progress of a store."""
 
     tiles: int
     tiles_done: int
     cases: int
     cases_done: int
     bytes: int
-    """On disk."""
+    """Bytes on disk."""
 
     def __str__(self) -> str:
         return (
@@ -434,7 +436,7 @@ class StoreStatus(NamedTuple):
 
 
 def store_status(path: object) -> StoreStatus:
-    """Count the tiles and cases of a store that are done, and its bytes, without reading results.
+    """Count the finished tiles and cases of a store, and its bytes, without reading results.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
@@ -451,7 +453,7 @@ def store_status(path: object) -> StoreStatus:
 
 
 def check_store(path: object) -> list[int]:
-    """Read all of a store and delete the marks of damaged tiles, so that the same call computes them again.
+    """Read a whole store and delete the marks of damaged tiles, so that the same call computes them again.
 
     **Returns:** the numbers of these tiles.
 
@@ -474,7 +476,7 @@ def check_store(path: object) -> list[int]:
 
 def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
     """Return the lock of a store, or of a share of it."""
-    store = store.resolve()  # a store has one lock, whatever links lead to it
+    store = store.resolve()  # one lock for a store, even with links to it
     return store.with_name(store.name + (".lock" if share is None else f".{share[0]}-of-{share[1]}.lock"))
 
 
@@ -487,7 +489,7 @@ def _writing(store: Store) -> Iterator[None]:
     with _held(_lock_path(store.path, store.share)):
         if store.path.exists() and not os.access(store.path, os.W_OK):
             raise PermissionError(f"{store.path} is protected against writing")
-        # who writes to all of it must be alone: a lock that is free is taken and deleted
+        # a process that writes to the whole store must be alone: free locks of shares are taken and deleted
         shares = [] if store.share else store.path.resolve().parent.glob(f"{store.path.name}.*-of-*.lock")
         for other in shares:
             with _held(other):
@@ -497,7 +499,7 @@ def _writing(store: Store) -> Iterator[None]:
 
 @contextmanager
 def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
-    """Hold a lock and delete its file afterwards. **Arguments:** `seconds`: how long to wait for it."""
+    """Hold a lock and delete its file afterwards. **Arguments:** `seconds`: time to wait for the lock."""
     import filelock
 
     if not path.parent.is_dir():
@@ -515,7 +517,7 @@ def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)  # while it is held: who waits for it then looks for a new one
+        path.unlink(missing_ok=True)  # deleted while held: a waiting process then looks for a new file
         lock.release()
 
 
@@ -540,11 +542,11 @@ def run_or_store(
 
     - `compute(call, scene, grid, start, **how)`: returns a dataset over a grid, in which no case depends on another.
     - `estimate(grid)`: returns the estimate of all cases, before anything is compiled.
-    - `store`: a path or a `Store`; None computes all cases here.
+    - `store`: a path or a `Store`; None: all cases are computed here.
     - `executor`: computes the tiles; None for threads of this process.
     - `how`: `chunk`, `workers` and `progress`.
 
-    **Raises:** `ValueError` where the store is of another call, with the differences; `StoreInUse` where another
+    **Raises:** `ValueError` where the store belongs to another call, with the differences; `StoreInUse` where another
     process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
     """
     if store is None:
@@ -552,7 +554,7 @@ def run_or_store(
         return compute(call, scene, grid, start, **how)
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
-    # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
+    # the start method of a ProcessPoolExecutor: JAX's programs wait for threads that a fork does not copy
     start_method = getattr(getattr(executor, "_mp_context", None), "get_start_method", lambda: "")()
     spawn = "mp_context=multiprocessing.get_context('spawn')"
     need = f"start new processes, as slipperjax.sweeps.processes() or {spawn} does"
@@ -576,20 +578,20 @@ def _stored(
     workers: int | None,
     progress: bool | None,
 ) -> xr.Dataset:
-    """Compute the tiles that are missing in a store, and open it. Arguments as for `run_or_store`."""
+    """Compute the missing tiles of a store, and open it. Arguments as for `run_or_store`."""
     steps = call.steps_per_period
     grid.check_steps(steps)
     workers = None if workers is None else whole("workers", workers, 1)
     asked = _fingerprint(call, grid, start)
-    # asked twice: before and after the lock is taken
+    # called twice: before and after the lock is taken
     is_made = lambda: store.path.exists() and not store.fresh
     if is_made() and _open_archive(store.path, asked).complete_tiles().all():
         return open_store(store.path)  # without a lock, because the disk may be read-only
-    # threads of this process compute a tile each; other processes may have several cores
+    # threads of this process compute one tile each; other processes may have several cores
     alone = executor is None
     threads = workers or cores() if alone else 1
     how = dict(
-        chunk=chunk or LARGEST_CHUNK,  # of one size, so that a worker compiles its programs once
+        chunk=chunk or LARGEST_CHUNK,  # all of one size, so that a worker compiles its programs once
         workers=1 if alone else workers or 1,
         progress=False,  # one bar shows the tiles
     )
@@ -601,9 +603,9 @@ def _stored(
         return functools.partial(compute, of_part, grid.scene, grid.part(index), start, **how)
 
     with _writing(store):
-        # a share waits until another one has made the store
+        # a share waits until another share has made the store
         with _held(_lock_path(store.path), 60.0) if store.share else nullcontext():
-            # looked at again, for another process may have made it
+            # read again, because another process may have made the store
             if is_made():
                 archive = _open_archive(store.path, asked)
             else:
@@ -624,7 +626,7 @@ def _stored(
         # workers of an executor may have another working directory
         archive = replace(archive, path=store.path.absolute())
         if store.share is None:
-            for part in archive.path.rglob("*.partial"):  # of a process that was killed
+            for part in archive.path.rglob("*.partial"):  # left by a killed process
                 part.unlink()
         _warn_of_versions(archive)
         # LAPACK must not be called from two threads, and a device computes one batch at a time
@@ -632,7 +634,7 @@ def _stored(
         one_by_one = calls_lapack(solver, True) or jax.default_backend() != "cpu"
         share, shares = store.share or (1, 1)
         missing = np.flatnonzero(~archive.complete_tiles())
-        # shares take tiles in turn, which are about equally long
+        # each share computes every n-th tile, because neighbouring tiles take about equally long
         own = missing[missing % shares == share - 1].tolist()
         tiles = archive.tiles
         task = lambda k: functools.partial(_compute_tile, archive, k, work_on(tiles.region(k)), one_by_one)
@@ -641,7 +643,7 @@ def _stored(
         try:
             with progress_shown(total, total, "", progress) as shown:
                 done = lambda k: shown(sizes[k], sizes[k])
-                # the end of calls that threads are in is waited for, as they write to the store
+                # wait for the end of the present calls of threads, because they write to the store
                 gather(list(map(task, own)), threads, _pool_of(executor), done, patience=10.0)
         except KeyboardInterrupt:
             raise Interrupted(open_store(archive.path), archive.complete_cases(), grid.count) from None
@@ -652,7 +654,7 @@ def _stored(
 
 
 def _warn_of_versions(archive: Archive) -> None:
-    """Warn where a store was begun with other versions of packages, whose last digits may differ."""
+    """Warn where a store was begun with other versions of packages, because last digits may differ."""
     before = archive.versions
     now = versions()
     other = [f"{name} {before.get(name)} and not {now[name]}" for name in now if before.get(name) != now[name]]
@@ -667,11 +669,11 @@ def _warn_of_versions(archive: Archive) -> None:
 
 
 def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset], one_by_one: bool) -> None:
-    """Compute a tile of a store and write it. Calling it again is harmless: it writes the same bytes.
+    """Compute a tile of a store and write it. A repeated call is harmless: it writes the same bytes.
 
-    **Arguments:** `one_by_one`: whether a process may compute one tile at a time only.
+    **Arguments:** `one_by_one`: whether a process may compute only one tile at a time.
     """
-    # tiles of two versions must not stand in one store
+    # a store must not contain tiles of two versions
     if archive.call["code"]["slipperjax"] != IMPORTED:
         raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
     if TOLD.get() is None:  # in another process
@@ -690,22 +692,22 @@ def _pool_of(executor: object) -> object:
     """Return an executor with the interface of `concurrent.futures`, also for a client of dask."""
     if type(executor).__module__.split(".")[0] != "distributed":
         return executor
-    # tasks of one function and argument are the same to dask unless they are said to be impure
+    # for dask, tasks of one function and argument are the same unless they are marked as impure
     return executor.get_executor(pure=False, retries=3)
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
     """Return an executor of new processes that compute the tiles of a `store`, by default one per core.
 
-    They share the compiled programs on disk of the process that made them, and end with it. In a script the call
-    belongs under `if __name__ == "__main__":`, because new processes import it.
+    They use the compiled programs on disk of the process that made them, and end with this process. In a script the
+    call must be under `if __name__ == "__main__":`, because new processes import the script.
 
     ```python
     with sj.sweeps.processes(2) as pool:
         ds = sj.sweep(scene, grid, store="map.zarr", executor=pool)
     ```
 
-    **Raises:** `ValueError` for fewer than one.
+    **Raises:** `ValueError` for a count below one.
     """
     count = cores() if count is None else whole("count", count, 1, 4096)
     folders = kept_folder(), jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
@@ -716,7 +718,7 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
 def _begin(kept: Path | None, of_jax: str | None) -> None:
     """Prepare a new process, before JAX starts its threads.
 
-    **Arguments:** folders of programs that are kept whole, and of JAX's cache; None where there is none.
+    **Arguments:** folders of whole programs, and of JAX's cache; None where there is none.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that waits for the results handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -726,7 +728,7 @@ def _begin(kept: Path | None, of_jax: str | None) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it has ended."""
+    """End this process when the process that started it has ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,4 +1,4 @@
-"""Records of runs: each value is that of a window of distance, not of a forcing period.
+"""Records of runs: each value belongs to a window of distance, not to a forcing period.
 
 A run over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
 """
@@ -34,11 +34,11 @@ from ..tools.columns import column
 from ..tools.types import AnyArray, Real
 
 STRETCH = 100
-"""Windows in a stretch: spectra and rates are taken over one, and states are kept at its end."""
+"""Windows in a stretch: spectra and rates are over one stretch, and states are kept at its end."""
 
 
 def touchdowns(course: Course) -> Float[Array, "*slippers 2 points"]:
-    """Return how often the gap of each contact point closed [1], by its sign at the ends of steps."""
+    """Return how often the gap of each contact point closed [1], from its sign at the ends of steps."""
     closed = course.gap.values < 0
     return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
 
@@ -52,7 +52,7 @@ def _peak(k: int, q: Quantity) -> Record:
 
 @dataclass(frozen=True)
 class AccelerationHistory(AbstractNumber):
-    """Accelerations of the body at equal distances, from which `slipperjax.environment` makes those of any place."""
+    """Accelerations of the body at equal distances; `slipperjax.environment` computes those of any place."""
 
     samples: int = 64
     """Samples in each window of distance."""
@@ -113,20 +113,20 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }
-"""Records of numbers for runs, besides those of `RECORDS`."""
+"""Records of numbers for runs, in addition to `RECORDS`."""
 DEFAULT = (
     *("peak_slipper_force", "peak_slipper_moment", "peak_slipper_distance"),
     *("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force"),
     *(f"peak_{name}" for name in ACCELERATIONS),
 )
-"""Records of each window by default; with gravity or a load `static_ratio`, with friction `friction_work`, with a
-mass on it `spring_force`, and of a sled `slipper_force` and `slipper_roll`, too."""
+"""Records of each window by default; with gravity or a load also `static_ratio`, with friction `friction_work`, with
+a mass on the slipper `spring_force`, and for a sled `slipper_force` and `slipper_roll`."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
 """Records of each stretch."""
 
 
 def default_records(scene: Scene) -> list[str]:
-    """Return the names of the records that a run keeps of each window by default."""
+    """Return the names of the records that a run keeps for each window by default."""
     names = list(DEFAULT)
     names += ["static_ratio"] * (scene.gravity is not None or scene.load is not None)
     names += ["friction_work"] * (scene.friction is not None)
@@ -136,12 +136,12 @@ def default_records(scene: Scene) -> list[str]:
 
 
 def named_records(name: object) -> tuple[object, ...]:
-    """Return the names that a name of several records stands for, and anything else by itself."""
+    """Return the names that a name of several records means; any other value alone."""
     return ALIASES.get(name, (name,)) if isinstance(name, str) else (name,)
 
 
 def run_record(name: Any) -> AbstractNumber | None:
-    """Return the record of numbers of a name, or one that is given itself; None for an unknown one."""
+    """Return the record of numbers with a name, or a given record; None for an unknown name."""
     found = WINDOW_RECORDS.get(name, RECORDS.get(name)) if isinstance(name, str) else name
     return found if isinstance(found, AbstractNumber) else None
 
@@ -173,7 +173,7 @@ class PerWindow(AbstractQuantityRecord):
 
 @dataclass(frozen=True)
 class StateNumbers(AbstractRecord):
-    """All numbers of the state at the end, from which a run can go on."""
+    """All numbers of the state at the end, from which a run can continue."""
 
     name = "state"
     inside = False
@@ -197,10 +197,10 @@ class StateNumbers(AbstractRecord):
 
 
 class Worn(NamedTuple):
-    """The work of friction at each face since the start, and the play that it opened; of a sled of each slipper."""
+    """Work of friction at each face since the start, and the play that it opened; for a sled at each slipper."""
 
     work: Float[AnyArray, "*cases faces"]  # [J]
-    play: Float[AnyArray, "*cases faces"]  # that wear has added [m]
+    play: Float[AnyArray, "*cases faces"]  # play added by wear [m]
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ class Wearing(AbstractRecord):
 
     def add(self, carried, course):
         work, scene = carried.work, course.scene
-        # without friction, wear depends on the distance alone
+        # without friction, wear depends only on the distance
         if scene.friction is not None:
             faces = scene.section.face_of_point
             work = work.at[..., faces].add(jnp.sum(course.friction_power.integral, axis=-2))
@@ -229,7 +229,7 @@ class Wearing(AbstractRecord):
         return scene.with_play(scene.play + play_added(scene, carried.work, epoch * scene.wavelength))
 
     def finish(self, carried, samples, span):
-        assert span.scenes is not None  # of a chunk
+        assert span.scenes is not None  # a chunk has scenes
         return np.asarray(span.scenes.map(with_more_play, carried.play))
 
     def label(self, scene, dims, values):
@@ -240,7 +240,7 @@ class Wearing(AbstractRecord):
 
 
 def with_more_play(scene: Scene, more: Array) -> Array:
-    """Return the play of each face with what wear has added [m]."""
+    """Return the play of each face including the play added by wear [m]."""
     return jnp.asarray(scene.play) + more
 
 
@@ -248,27 +248,27 @@ def play_added(scene: Scene, work: Array, distance: Real) -> Array:
     """Return the play that wear has added to each face [m], after a distance [m] and friction's `work` [J], as
     `Scene.play`."""
     wear = scene.wear
-    assert wear is not None  # looked at before
+    assert wear is not None  # checked before
     slippers = scene.mounted
     each = zip(slippers, work.reshape(len(slippers), -1), strict=True)
     return jnp.stack([wear.added(s.section, s.length, distance, own) for s, own in each]).reshape(work.shape)
 
 
 def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distance") -> xr.DataArray:
-    """Return a number of whole runs from that of each of their windows.
+    """Return a number of whole runs from the numbers of their windows.
 
     ```python
     whole_run(ds, "contact_load", over="time")
     ```
 
-    Greatest values, sums and least values are those of all windows together. At a speed that changes, a mean or a
-    root mean square is one over the distance, to which each window counts the same, or one over time, to which slow
-    ones count more.
+    Greatest values, least values and sums are those of all windows together. Where the speed changes, a mean or a
+    root mean square is over the distance, to which each window contributes equally, or over time, to which slow
+    windows contribute more.
 
-    **Arguments:** `ds`: of `run`, with the record of each window, or a part of it along the distance; `record`: its
-    name, or the record itself; `over`: "distance" or "time".
+    **Arguments:** `ds`: of `run`, with the record of each window, or a part of it along the distance; `record`: the
+    record or its name; `over`: "distance" or "time".
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the wrong argument.
     """
     instance("ds", ds, xr.Dataset, "a dataset of slipperjax.run")
     known = run_record(record)
@@ -281,13 +281,13 @@ def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distanc
 
 
 def lasting(ds: xr.Dataset) -> xr.DataArray:
-    """Return how long each window of a run lasts [s], also of a part of a run."""
+    """Return the duration of each window of a run [s], also for a part of a run."""
     seconds = ds["seconds"]
     return seconds - seconds.shift(distance=1).fillna(begins(ds))
 
 
 def begins(ds: xr.Dataset) -> xr.DataArray:
-    """Return the time at which the first window begins [s]: zero, unless windows before it were left out."""
+    """Return the time at which the first window begins [s]: zero, unless earlier windows were left out."""
     window = float(ds.attrs["window [m]"])
     seconds = ds["seconds"].isel(distance=0, drop=True)
     if float(ds["distance"][0]) - window <= json.loads(ds.attrs["call"])["begin"] + 1e-6 * window:
@@ -302,7 +302,7 @@ def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
 
 
 SAMPLES_PER_WINDOW = 16
-"""Filtered accelerations of each window from which spectra are made."""
+"""Filtered accelerations in each window, from which spectra are made."""
 BANDS = 1000.0 * 10 ** (np.arange(-20, 11) / 10)
 """Middles of third octaves [Hz], 10 Hz to 10 kHz, IEC 61260-1."""
 
@@ -315,14 +315,14 @@ def _cubic_spline(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ThirdOctaves(AbstractRecord):
-    """Root mean squares of the lateral and the vertical acceleration in third octaves, of a stretch.
+    """Root mean squares of the lateral and the vertical acceleration in third octaves, for a stretch.
 
-    From a periodogram with Hann's window. Each window of distance gives `SAMPLES_PER_WINDOW` equidistant samples,
-    which are means of the acceleration weighted by a cubic B-spline. This filter suppresses aliases of frequencies
-    that are too high for the samples; its own effect is divided out (doi:10.1109/79.799930).
+    They come from a periodogram with Hann's window. Each window of distance gives `SAMPLES_PER_WINDOW` equidistant
+    samples, which are means of the acceleration weighted by a cubic B-spline. This filter suppresses aliases of
+    frequencies that are too high for the samples; its own effect is divided out (doi:10.1109/79.799930).
 
-    Bands narrower than the resolution are NaN, and bands above a quarter of the sampling frequency. There aliases
-    have 1.5e-4 of the power of a white spectrum, and less below.
+    Bands narrower than the resolution are NaN, and so are bands above a quarter of the sampling frequency. At this
+    frequency aliases have 1.5e-4 of the power of a white spectrum, and less below it.
     """
 
     name = "third_octaves"
@@ -335,8 +335,8 @@ class ThirdOctaves(AbstractRecord):
         return 2 * (SAMPLES_PER_WINDOW + 3) * periods
 
     def sample(self, course):
-        # the window's share of each sample: of the first and the last three, neighbours have the rest
-        # two places in each step, of the most that a window may have
+        # the window's share of each sample: neighbours have the rest of the first three and the last three samples
+        # two places in each step, for the greatest number of steps in a window
         each = -(-max(2 * course.capacity, 4 * SAMPLES_PER_WINDOW) // SAMPLES_PER_WINDOW)
         places = (np.arange(SAMPLES_PER_WINDOW * each) + 0.5) / each
         weights = _cubic_spline(places[None] - np.arange(-1, SAMPLES_PER_WINDOW + 2)[:, None]) / each
@@ -359,11 +359,11 @@ class ThirdOctaves(AbstractRecord):
 
 
 def _joined(shares: Float[np.ndarray, "cases windows shares 2"]) -> Float[np.ndarray, "cases samples 2"]:
-    """Return the samples of a stretch from the shares of them in each window, without incomplete ones at its ends."""
+    """Return the samples of a stretch from their shares in each window, without incomplete samples at its ends."""
     cases, windows, count, _ = shares.shape
     each = count - 3
     signal = np.zeros((cases, windows * each + 3, 2))
-    # the first and the last three of a window add to those of its neighbours
+    # the first three and the last three samples of a window are added to those of its neighbours
     for k in range(count):
         signal[:, k : k + windows * each : each] += shares[:, :, k]
     return signal[:, 3:-3]

@@ -50,13 +50,13 @@ class Batched(eqx.Module, Generic[Tree]):
             return True
 
         def part(varied: Tree, wanted: bool) -> PyTree:
-            # the results that are shared, or those that are not, and None in place of the others
+            # shared results, or all other results, with None in place of the rest
             leaves = jax.tree.leaves(result(varied))
             return structure.unflatten(
                 [leaf if same == wanted else None for leaf, same in zip(leaves, shared, strict=True)]
             )
 
-        # shared results are computed from the first case; where all are shared there is nothing to map
+        # the first case gives the shared results; nothing is mapped where all results are shared
         first = jax.tree.map(lambda leaf: leaf[0], self.varied)
         structure = jax.tree.structure(jax.eval_shape(result, first))
         nothing_varies = not jax.tree.leaves(self.varied)

@@ -21,11 +21,11 @@ WHOLE, OF_JAX = "-whole", "-cache"
 
 
 class CacheWarning(UserWarning):
-    """The cache of compiled programs cannot be used; programs are compiled in each process."""
+    """The cache of compiled programs cannot be used; each process compiles its programs."""
 
 
 class Chosen:
-    """The folder in which this process keeps its programs whole; until it is chosen, that of the user."""
+    """The folder in which this process keeps whole programs; the user's cache folder until another one is chosen."""
 
     path: Path | None = None
     is_known = False
@@ -33,19 +33,19 @@ class Chosen:
 
 
 def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """Keep all compiled programs on disk from here on, those of your own `jax.jit`, too: call it once, at the start.
+    """Keep all compiled programs on disk from this call on, also programs of your own `jax.jit`. Call it once, first.
 
-    Without this call the package keeps the programs of its own functions, in the same folder, and finds them again
-    before JAX traces them; JAX's cache, which this call switches on, keeps the work of XLA for all others. The
-    command line calls it. Several processes may share a folder. Its programs are executed, so that it must belong to
-    the user, and nobody else may write there.
+    Without this call the package keeps only the programs of its own functions, in the same folder, and finds them
+    before JAX traces them. This call also switches on JAX's cache, which saves XLA's work for all other programs. The
+    command line makes this call. Several processes may share a folder. Programs in the folder are executed, so that
+    the folder must belong to the user, and nobody else may write there.
 
-    **Arguments:** `folder`: by default that of the environment variable `SLIPPERJAX_CACHE`, which may also be "off",
-    or else the user's cache folder (on Linux ~/.cache/slipperjax).
+    **Arguments:** `folder`: by default the environment variable `SLIPPERJAX_CACHE`, which may also be "off", or else
+    the user's cache folder (on Linux ~/.cache/slipperjax).
 
     **Returns:** the folder of programs for this kind of processor. None where the cache is off, or where the folder
-    cannot be used, which gives one `CacheWarning`. A cache folder that JAX has already (`jax_compilation_cache_dir`)
-    stays.
+    cannot be used; the latter gives one `CacheWarning`. A cache folder that JAX already has
+    (`jax_compilation_cache_dir`) stays in use.
     """
     root = _root(folder)
     if root is None:
@@ -64,7 +64,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 
 def kept_folder() -> Path | None:
-    """Return the folder in which this process keeps its programs whole; None where it keeps none."""
+    """Return the folder in which this process keeps whole programs; None where it keeps none."""
     if not Chosen.is_known:
         with Chosen.lock:
             if not Chosen.is_known:
@@ -79,14 +79,14 @@ def kept_folder() -> Path | None:
 
 
 def keep_in(path: Path | None) -> None:
-    """Keep programs whole in a folder of `compile_cache` from here on; None: nowhere."""
+    """Keep whole programs in a folder of `compile_cache` from this call on; None: nowhere."""
     with Chosen.lock:
         Chosen.path = path
         Chosen.is_known = True
 
 
 def _root(folder: str | os.PathLike[str] | None) -> Path | None:
-    """Return the folder that is asked for, by default that of the environment or the user's; None where it is off."""
+    """Return the given folder, by default the environment's or the user's; None where the cache is off."""
     chosen = os.environ.get("SLIPPERJAX_CACHE", "") if folder is None else str(user_path(folder, "folder"))
     if chosen.lower() == "off":
         return None
@@ -112,24 +112,24 @@ def _opened(root: Path) -> Path:
 
 
 def keep_programs(place: Path) -> None:
-    """Switch on JAX's cache in a folder of `compile_cache`, from here on."""
+    """Switch on JAX's cache in a folder of `compile_cache`, from this call on."""
     silence_loader()
-    # an entry that cannot be read or written is compiled, of which JAX would warn each time
+    # a program whose entry cannot be read or written is compiled; without this line JAX would warn each time
     warnings.filterwarnings(
         "ignore",
         message="Error (reading|writing) persistent compilation cache entry",
     )
-    # all programs, small ones, too
+    # all programs, also small ones
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_dir", str(place))
 
 
 def silence_loader() -> None:
-    """Silence XLA's log, whose loader of programs logs errors that are none."""
-    # On processors with AVX-512, XLA logs an error for each program that it takes from the cache, and takes it all
-    # the same (jax #38445). The first line silences XLA's log. The second restores Python's loggers, but XLA's log
-    # only to a level that the user has chosen: the default leaves it as it is.
+    """Silence XLA's log: the part of XLA that loads programs logs false errors."""
+    # On processors with AVX-512, XLA logs an error for each program that it takes from the cache, but uses the
+    # program (jax #38445). The first line silences XLA's log. The second line restores Python's loggers. XLA's log
+    # gets a level back only where the user has chosen one.
     level = jax.config.jax_logging_level
     jax.config.update("jax_logging_level", "CRITICAL")
     jax.config.update("jax_logging_level", level)
@@ -157,29 +157,29 @@ class Entry(NamedTuple):
     """A file of the cache."""
 
     used: float
-    """When it was used last [s since 1970]."""
+    """Time of the last use [s since 1970]."""
     size: int
     """Bytes."""
     path: Path
 
 
 def entries(place: Path) -> list[Entry]:
-    """Return the files of a folder of programs, the one used last first."""
+    """Return the files of a folder of programs, the last used file first."""
     found = []
     for path in place.iterdir():
-        # another process may delete one
+        # another process may delete a file
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
-            # many disks do not keep the time of the last reading: then that of writing counts
+            # many disks do not record the time of reading; then the time of writing counts
             found.append(Entry(max(status.st_mtime, status.st_atime), status.st_size, path))
     return sorted(found, reverse=True)
 
 
 def _prune(place: Path, most: float = 1e9) -> None:
-    """Delete empty entries, as crashes leave them, and the longest unused ones if all have more bytes than `most`.
+    """Delete the empty entries that crashes leave, and, above `most` bytes in all, the entries unused for longest.
 
-    JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
-    #39880), and lets threads wait for one another.
+    JAX's own limit, `jax_compilation_cache_max_size`, stops all writing where the time of one entry is missing (jax
+    #39880), and makes threads wait for each other.
     """
     found = entries(place)
     is_full = sum(entry.size for entry in found) > most

@@ -23,11 +23,11 @@ from .units import in_unit, unmasked
 
 Value = TypeVar("Value")
 LATEST = 1e6
-"""Time from which one is that of a clock, and none since a run began [s]."""
+"""Time from which a time counts as one of a clock, and not as one since the beginning of a run [s]."""
 
 
 def hint(wrong: object, names: Iterable[str]) -> str:
-    """Return a question after the most similar of some names, for the end of an error; empty where none is."""
+    """Return a question with the most similar of some names, for the end of an error; empty if none is similar."""
     import difflib  # here, because only errors need it
 
     if not isinstance(wrong, str):
@@ -44,8 +44,8 @@ def require(
     """Raise `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
-    positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value; `names`:
-    of which the value may be a misspelt one.
+    positive"; after the verb "have" the message ends with "but has `value`"; `shown`: words in place of the value;
+    `names`: possible names, of which the value may be a misspelt one.
     """
     if ok:
         return
@@ -57,7 +57,7 @@ def require(
 
 
 def converted(name: str, unit: str) -> Callable[[object], Any]:
-    """Return a field converter of what `in_unit` takes to numbers in a unit, which checks nothing else."""
+    """Return a field converter from the values that `in_unit` takes to numbers in a unit, without further checks."""
 
     def convert(value: object):
         try:
@@ -72,24 +72,24 @@ def converted(name: str, unit: str) -> Callable[[object], Any]:
 class Check:
     """Field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass.
 
-    What has a unit of its own is converted to `unit`, see `in_unit`; masked numbers are missing.
+    A value with its own unit is converted to `unit`, see `in_unit`; masked numbers are missing.
     """
 
     name: str
     unit: str = ""
     need: str = "finite"
     is_good: Callable[[Any], Any] = lambda x: abs(x) < np.inf
-    """Tells of each number whether it is good."""
+    """Returns for each number whether it is good."""
     optional: bool = False
     whole: bool = False
-    """Whether the numbers are whole: they cannot change by little, so that nothing is differentiated by them."""
+    """Whether the numbers are whole: they have no small changes, so that there are no derivatives by them."""
     plausible: tuple[float, float] | None = None
     """Range [unit] outside of which an `ImplausibleWarning` says that the unit may be wrong."""
 
     def __call__(self, value: object) -> Any:
         if self.optional and value is None:
             return None
-        # Whether a traced value is good is not known yet. A bad one becomes NaN, which gives the result a status.
+        # Whether a traced value is good is not known here. A bad one becomes NaN, which gives the result a status.
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
             return jnp.where(self.is_good(value), value, jnp.nan)
@@ -101,7 +101,7 @@ class Check:
             raise self._error(f"{brief(value)}, not {kind}: {error}") from None
         try:
             array = np.asarray(value)
-            # only integers and floats: NumPy would also make numbers of bools and of texts such as "1.5"
+            # integers and floats only: NumPy would also make numbers of bools and of texts such as "1.5"
             if array.size and array.dtype.kind not in "fiu":
                 raise TypeError
             array = array.astype(float)
@@ -135,7 +135,7 @@ def number(check: Callable[[str, str], Check], name: str, value: object, unit: s
     """Return a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     array = check(name, unit)(known(name, value))
     require(np.ndim(array) == 0, name, "be one number", value)
-    # from the value itself, because inside jit the checked array is traced
+    # from `value`, because inside jit the checked array is traced
     return float(np.asarray(in_unit(value, unit), float))
 
 
@@ -146,7 +146,7 @@ def yes_or_no(name: str, value: object) -> bool:
 
 
 def instance(name: str, value: Any, kind: type[Value] | tuple[type[Value], ...], text: str) -> Value:
-    """Return `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
+    """Return `value`, which must be of a class; the `ValueError` otherwise calls the class `text`."""
     require(isinstance(value, kind), name, f"be {text}", value)
     return value
 
@@ -154,8 +154,8 @@ def instance(name: str, value: Any, kind: type[Value] | tuple[type[Value], ...],
 def tuple_of(
     name: str, value: Any, kind: type[Value] | tuple[type[Value], ...], text: str, *, shown: str = ""
 ) -> tuple[Value, ...]:
-    """Return a sequence of some of a class, called `text` in the `ValueError` otherwise, as a tuple."""
-    # a text is one, although its letters are texts
+    """Return a sequence of instances of a class as a tuple; the `ValueError` otherwise calls the class `text`."""
+    # a text is a sequence, too, whose letters are texts
     try:
         parts = None if isinstance(value, str) else tuple(value)
     except TypeError:
@@ -166,7 +166,7 @@ def tuple_of(
 
 
 def _kind(value: object) -> str:
-    """Return NumPy's letter for the type of numbers, such as "f", and "O" for what makes no array of numbers."""
+    """Return NumPy's letter for the type of numbers, such as "f"; "O" for values that make no array of numbers."""
     if hasattr(value, "magnitude"):  # a quantity, which NumPy would strip of its unit
         return "O"
     try:
@@ -176,9 +176,9 @@ def _kind(value: object) -> str:
 
 
 def numbers(name: str, value: object, axes: int = 0, unit: str | None = None) -> np.ndarray:
-    """Return an array of numbers with at least so many axes, NaN for masked ones; raises `ValueError` otherwise.
+    """Return an array of numbers with at least `axes` axes, NaN for masked ones; raises `ValueError` otherwise.
 
-    **Arguments:** `unit`: to which what has a unit of its own is converted; None for numbers of any unit.
+    **Arguments:** `unit`: unit to which values with their own units are converted; None for numbers of any unit.
     """
     need = "be numbers"
     if axes:
@@ -191,13 +191,13 @@ def numbers(name: str, value: object, axes: int = 0, unit: str | None = None) ->
 
 
 def check_no_clock(name: str, time: np.ndarray) -> None:
-    """Raise `ValueError` for times of a clock [s], in place of those since a run began."""
+    """Raise `ValueError` for times of a clock [s] where times since the beginning of a run are needed."""
     need = "count from the beginning of the run, and not be times of a clock: subtract the first one"
     require(np.all(np.abs(time) < LATEST), name, need, shown=f"{np.max(np.abs(time)):.10g} s")
 
 
 def is_real(value: object) -> bool:
-    """Tell whether a value is a real number, or an array of them."""
+    """Return whether a value is a real number, or an array of real numbers."""
     return _kind(value) in "fiu"
 
 
@@ -208,15 +208,15 @@ def real(name: str, value: Value) -> Value:
 
 
 TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
-"""Warnings that a run has given, without their numbers: none is given twice. None outside of runs."""
+"""Texts of warnings that a run has given, without numbers: no text is given twice. None outside of runs."""
 
 
 class ImplausibleWarning(UserWarning):
-    """Warning of a value that is allowed, but so implausible that its unit may be wrong."""
+    """Warning of an allowed value that is so implausible that its unit may be wrong."""
 
 
 def warn_unless_within(name: str, value: object, low: float, high: float, unit: str) -> None:
-    """Warn where a value, or the farthest of several, lies outside a plausible range, unless it is traced."""
+    """Warn where a value, or the farthest of several values, is outside a plausible range, unless it is traced."""
     if value is None or is_traced(value):
         return
     array = np.atleast_1d(np.asarray(value, float))
@@ -231,7 +231,7 @@ def warn_unless_within(name: str, value: object, low: float, high: float, unit: 
 def warn(text: str) -> None:
     """Give an `ImplausibleWarning` that points at the caller's line outside the package, once in a run (`TOLD`)."""
     told = TOLD.get()
-    # texts that differ in their numbers count as one, but not those of files whose names have numbers
+    # texts that differ only in their numbers count as one, but not texts with files whose names have numbers
     kind = re.sub(r"(?<![\w./])-?\d[\d.]*(e[-+]?\d+)?(?![\w/])", "", text)
     if told is not None:
         if kind in told:
@@ -239,7 +239,7 @@ def warn(text: str) -> None:
         told.add(kind)
     depth = 2
     frame = sys._getframe(1)
-    # past the frames of the package, and of those that call it from within, to the user's own line
+    # past the frames of the package, and of libraries that call it, to the user's own line
     while frame.f_back is not None and re.match(r"(slipperjax|equinox|jax)\b", frame.f_globals.get("__name__", "")):
         depth += 1
         frame = frame.f_back

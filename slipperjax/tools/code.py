@@ -1,4 +1,4 @@
-"""Digests of code and values, which tell whether a function, a class or a value is what it was in another process."""
+"""Digests of code and values, which show whether a function, class or value is the same as in another process."""
 
 import dataclasses
 import enum
@@ -18,17 +18,17 @@ COMPUTE_NOTHING = ("bench", "cli", "plots", "studies")
 """Rooms of the package that compute no numbers of a sweep: their source is not part of `IMPORTED`."""
 LIBRARIES = {"slipperjax", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "jaxtyping", "beartype"}
 LIBRARIES |= {"numpy", "scipy"} | sys.stdlib_module_names
-"""Packages whose version tells their code."""
+"""Packages whose version identifies their code."""
 PLAIN = (type(None), bool, int, float, complex, str, bytes, range, slice, type(...), type(NotImplemented))
-"""Classes of values that their text tells."""
+"""Classes whose values are identified by their text."""
 BUILTIN: tuple[Any, ...] = (tuple, list, dict, int, float, complex, str, bytes)
-"""Classes that are told with the classes that inherit from them."""
+"""Classes that are identified together with all classes that inherit from them."""
 MADE_BY_PYTHON = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__", "__replace__"}
-"""Methods that dataclasses get."""
+"""Methods that Python adds to dataclasses."""
 
 
 def _source_digest() -> str:
-    """Return a digest of this package's own source, as far as numbers depend on it."""
+    """Return a digest of those parts of this package's source on which numbers depend."""
     root = Path(__file__).parents[1]
     total = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
@@ -45,14 +45,14 @@ IMPORTED = _source_digest()
 def code_digest(thing: object) -> str:
     """Return a digest of a function, a class or a value, with the functions, classes and constants that it uses.
 
-    Code of libraries and of this package counts by its name alone: stores keep their versions and `IMPORTED`
-    separately. A thing whose content cannot be told, such as a lock, has another digest in each process.
+    Code of libraries and of this package counts by its name only: stores keep its versions and `IMPORTED`
+    separately. A thing whose content cannot be read, such as a lock, has another digest in each process.
     """
     return _digest(texts_of(thing))[:12]
 
 
 def stable_digest(thing: object) -> str | None:
-    """Return the digest of `code_digest` at full length, or None where it differs in another process."""
+    """Return the digest of `code_digest` at full length; None where it would differ in another process."""
     try:
         texts = texts_of(thing)
     except (RecursionError, jax.errors.JAXTypeError):
@@ -66,7 +66,7 @@ def texts_of(thing: object) -> list[str]:
 
 
 def classes_of(value: object) -> Iterator[type]:
-    """Yield the user's own classes of dataclasses, modules among them, in a value and its parts."""
+    """Yield the user's own classes, of dataclasses and modules, in a value and its parts."""
     parts = value if isinstance(value, tuple | list) else ()
     if isinstance(value, Mapping):
         parts = value.values()
@@ -83,11 +83,11 @@ def _digest(texts: list[str]) -> str:
 
 
 def _of_library(thing: object) -> bool:
-    """Tell whether a module, class or function belongs to this package or a library, whose version tells its code."""
+    """Return whether a thing belongs to this package or a library, whose version identifies its code."""
     if isinstance(thing, types.ModuleType):
         module = thing.__name__
     elif isinstance(thing, types.FunctionType):
-        # a wrapper has the module of what it wraps in `__module__`, but its own globals
+        # the `__module__` of a wrapper is that of the wrapped function, but its globals are its own
         module = thing.__globals__.get("__name__")
     else:
         module = getattr(thing, "__module__", None)
@@ -96,7 +96,7 @@ def _of_library(thing: object) -> bool:
 
 
 def _is_found_in_library(thing: object) -> bool:
-    """Tell whether a library has a function or class under its name, so that the name tells its code."""
+    """Return whether a library has a function or class under its name, so that the name identifies its code."""
     if not callable(thing) or isinstance(thing, functools.partial):
         return False
     # such as the function inside jax.jit
@@ -106,7 +106,7 @@ def _is_found_in_library(thing: object) -> bool:
     found = sys.modules.get(getattr(thing, "__module__", None) or "")
     for name in getattr(thing, "__qualname__", "<locals>").split("."):
         found = getattr(found, name, None)
-    # or one that is decorated, such as the function inside `jit`
+    # or a decorated function, such as the function inside `jit`
     while found is not thing and hasattr(found, "__wrapped__"):
         found = getattr(found, "__wrapped__")  # noqa: B009
     return found is thing
@@ -115,8 +115,8 @@ def _is_found_in_library(thing: object) -> bool:
 def _texts(thing: object, seen: dict[int, object], known: Mapping[str, object]) -> Iterator[str]:
     """Yield the texts that make up a value's digest, the same in any process; each piece of code once.
 
-    **Arguments:** `seen`: what was met before by its id, which is kept so that no other thing gets this id; `known`:
-    global values by name, as the function sees them that `thing` is a part of.
+    **Arguments:** `seen`: things met before, by id, kept so that no other thing gets the same id; `known`: global
+    values by name, as seen by the function that `thing` is a part of.
     """
     kind = type(thing)
     if kind in PLAIN or isinstance(thing, np.dtype | PurePath):
@@ -133,10 +133,10 @@ def _texts(thing: object, seen: dict[int, object], known: Mapping[str, object]) 
         return
     seen[id(thing)] = thing
     if isinstance(thing, set | frozenset):
-        # its order differs between processes
+        # the order of a set differs between processes
         parts = sorted("\n".join(_texts(part, dict(seen), known)) for part in thing)
     else:
-        # such as a vmapped function, whose module is that of the function, and the globals those of JAX
+        # such as a vmapped function: its module is that of the function, its globals are those of JAX
         known = thing.__globals__ if isinstance(thing, types.FunctionType) else known
         parts = _parts(thing, known)
     yield f"{kind.__module__}.{kind.__qualname__} of {len(parts)}"
@@ -145,18 +145,18 @@ def _texts(thing: object, seen: dict[int, object], known: Mapping[str, object]) 
 
 
 def _parts(thing: object, known: Mapping[str, object]) -> list:
-    """Return what makes up a thing: names, code and values."""
+    """Return the parts of a thing: names, code and values."""
     if _is_found_in_library(thing):
         return [thing.__module__, thing.__qualname__]
     if isinstance(thing, enum.Enum):
         return [type(thing), thing.name]
     for kind in BUILTIN:
         if isinstance(thing, kind):
-            # a named tuple may have methods of the user
+            # the user may have added methods to a named tuple
             own = [] if type(thing) is kind else [type(thing), getattr(thing, "__dict__", None)]
             return own + _of_builtin(kind(thing))
     if isinstance(thing, types.CodeType):
-        # The instructions, and the global values that they name. File and line numbers change no result.
+        # The instructions, and the global values that they name; file and line numbers change no result.
         return [thing.co_code, thing.co_names, thing.co_consts, _used(thing, known)]
     if isinstance(thing, functools.partial):
         return [thing.func, thing.args, thing.keywords]
@@ -172,7 +172,7 @@ def _parts(thing: object, known: Mapping[str, object]) -> list:
         return _of_function(thing)
     in_python = isinstance(type(thing).__init__, types.FunctionType)
     if hasattr(thing, "__wrapped__") and not in_python:
-        # the function inside jax.jit and the like
+        # the function inside `jax.jit` or a similar wrapper
         return [thing.__wrapped__]
     if isinstance(thing, types.BuiltinFunctionType | np.ufunc):
         return [getattr(thing, "__module__", None), thing.__name__, _owner(thing)]
@@ -181,7 +181,7 @@ def _parts(thing: object, known: Mapping[str, object]) -> list:
     if hasattr(thing, "__dict__"):
         return [type(thing), vars(thing)]
     name = _name_of_mark(thing) if type(thing) is object else None
-    # else with its address, which no other process knows
+    # otherwise with its address, which is different in another process
     return [object.__repr__(thing) if name is None else name]
 
 
@@ -193,12 +193,12 @@ def _of_builtin(value: object) -> list:
 
 
 def _of_function(thing: types.FunctionType) -> list:
-    """Return what makes up a function: code, defaults, and the variables of an enclosing function."""
+    """Return the parts of a function: code, defaults, and variables of an enclosing function."""
     cells = [_content(cell) for cell in thing.__closure__ or ()]
     own = [thing.__defaults__, thing.__kwdefaults__, cells]
     if not _of_library(thing):
         return [thing.__qualname__, thing.__code__, vars(thing), *own]
-    # two functions of one name, such as lambdas, differ in their code; global values belong to the library
+    # functions of one name, such as lambdas, differ in their code; global values belong to the library
     code = thing.__code__
     inner = [part.co_code for part in code.co_consts if isinstance(part, types.CodeType)]
     numbers = [part for part in code.co_consts if not isinstance(part, types.CodeType)]
@@ -206,7 +206,7 @@ def _of_function(thing: types.FunctionType) -> list:
 
 
 def _of_class(thing: type) -> list:
-    """Return what makes up a class: its name, and the members of the user's classes that it inherits from."""
+    """Return the parts of a class: its name, and the members of the user's classes that it inherits from."""
     parts = [thing.__module__, thing.__qualname__]
     for kind in thing.__mro__:
         members = {} if _of_library(kind) else vars(kind)
@@ -215,11 +215,11 @@ def _of_class(thing: type) -> list:
 
 
 def _used(code: types.CodeType, known: Mapping[str, object]) -> list:
-    """Return the values that code may use by its names: global ones, and those in the user's modules among them."""
+    """Return the values that code may use by its names: global values, and values of the user's modules."""
     found = {name: known[name] if name in known else sys.modules.get(name) for name in code.co_names}
     values = list(found.values())
     searched = []
-    for value in values:  # which grow
+    for value in values:  # the list grows in this loop
         if isinstance(value, types.ModuleType) and not _of_library(value) and value not in searched:
             searched.append(value)
             values += [vars(value).get(name) for name in code.co_names]
@@ -232,7 +232,7 @@ def _of_array(array: np.ndarray) -> str:
 
 
 def _is_key(thing: object) -> bool:
-    """Tell whether a value is an array of JAX's random keys, which NumPy cannot hold."""
+    """Return whether a value is an array of JAX's random keys, which NumPy cannot hold."""
     return isinstance(thing, jax.Array) and jax.dtypes.issubdtype(thing.dtype, jax.dtypes.extended)
 
 
@@ -244,7 +244,7 @@ def _owner(thing: object) -> object:
 
 @functools.cache
 def _name_of_mark(thing: object) -> str | None:
-    """Return the name of an `object()` by which a library marks that nothing was given, such as an axis name."""
+    """Return the name of an `object()` by which a library marks a missing argument, such as an axis name."""
     for module in sorted(set(sys.modules) - {"__main__"}):
         if module.partition(".")[0] in LIBRARIES:
             for name, value in list(vars(sys.modules[module]).items()):
@@ -256,12 +256,12 @@ def _name_of_mark(thing: object) -> str | None:
 def _content(cell: types.CellType) -> object:
     try:
         return cell.cell_contents
-    except ValueError:  # empty as yet
+    except ValueError:  # not yet assigned
         return "empty"
 
 
 def _is_own(name: str, member: object) -> bool:
-    """Tell whether a member of a class was written by its author, not added by Python, `abc` or dataclasses."""
+    """Return whether the author of a class wrote a member, and not Python, `abc` or dataclasses."""
     if name.startswith("__"):
         return isinstance(member, types.FunctionType) and name not in MADE_BY_PYTHON
     return not name.startswith("_abc_")

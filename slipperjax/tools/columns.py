@@ -1,4 +1,4 @@
-"""The one labeller of datasets: what xarray takes as a variable, with its unit and its description."""
+"""The one function that labels variables of datasets, with unit and description, in the form that xarray takes."""
 
 from collections.abc import Sequence
 from typing import TypeVar

@@ -20,9 +20,9 @@ from .tracing import is_traced, is_transformed
 
 
 def ahead(call: Callable[[], object]) -> threading.Thread:
-    """Call a function on a thread of its own, so that its program is compiled while other work goes on.
+    """Call a function on a thread of its own, so that its program compiles while other work continues.
 
-    Errors are ignored here: the call that needs the program meets them again.
+    Errors are ignored here, because the call that needs the program raises them again.
 
     **Returns:** the thread, which is running.
     """
@@ -31,14 +31,14 @@ def ahead(call: Callable[[], object]) -> threading.Thread:
         with suppress(Exception):
             call()
 
-    # with the context variables of this thread, such as the notices
+    # the thread gets the context variables of this thread, such as the notices
     thread = threading.Thread(target=copy_context().run, args=(compiled,))
     thread.start()
     return thread
 
 
 def jit(fun: Callable, **kwargs: object) -> Callable:
-    """Return `jax.jit` of a function with `compiler_options` of the backend in use, whose programs are kept on disk.
+    """Return `jax.jit` of a function, with `compiler_options` of the backend in use; its programs are kept on disk.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
@@ -50,8 +50,8 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
-    # made at the first call, because asking for the backend at import would fix which one is used; one for each form,
-    # whose options differ, and name
+    # Made at the first call, because asking for the backend at import would fix the backend. One for each form,
+    # because options and name differ.
     @functools.cache
     def outermost(backend: str, plain: bool, name: str) -> Callable:
         named = with_standard_promotion(fun)
@@ -79,7 +79,7 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
         try:
             return compiled()
         except (jax.errors.JaxRuntimeError, NotImplementedError) as error:
-            # other errors of XLA, such as too little memory, have nothing to do with the form
+            # other errors of XLA, such as too little memory, do not depend on the form
             has_no_code = isinstance(error, NotImplementedError) or str(error).startswith("UNIMPLEMENTED")
             if not has_no_code or not fall_back(error):
                 raise
@@ -92,16 +92,17 @@ def jit(fun: Callable, **kwargs: object) -> Callable:
 
 
 PROGRAMS: WeakKeyDictionary[Callable, Programs] = WeakKeyDictionary()
-"""Programs by what `jit` returns, and not among its variables, which are part of a function's digest."""
+"""Programs of each function that `jit` returned. They are kept here, and not as its variables, because variables are
+part of a function's digest."""
 
 
 at_once = functools.partial(jax.jit, inline=True)
-"""`jax.jit` of a function of a few operations: called on its own, these are one small program, not one each; inside
-another program they are a part of it."""
+"""`jax.jit` of a function of a few operations. A call of its own is one small program, not one program per
+operation; inside another program the operations are a part of it."""
 
 
 def with_standard_promotion(fun: Callable) -> Callable:
-    """Return a function inside which JAX promotes types as by default, even where the user asks it to be strict."""
+    """Return a function inside which JAX promotes types as by default, even where the user has made JAX strict."""
 
     @functools.wraps(fun)
     def call(*args: object, **options: object) -> PyTree:
@@ -112,21 +113,21 @@ def with_standard_promotion(fun: Callable) -> Callable:
 
 
 def as_argument(value: ArrayLike) -> jax.Array:
-    """Return an array of 64-bit numbers; one that is not traced is made by NumPy, without compiling a program."""
+    """Return an array of 64-bit numbers; NumPy makes it unless the value is traced, so that nothing compiles."""
     return jnp.asarray(value, float) if is_traced(value) else jnp.asarray(np.asarray(value, float))
 
 
 def need_64_bits() -> None:
     """Raise `ValueError` if JAX runs with 32-bit numbers.
 
-    They are too few for the phase epoch + t, and for penetrations of micrometres beside metres.
+    32 bits are too few for the phase epoch + t, and for penetrations of micrometres in coordinates of metres.
     """
     if not jax.config.jax_enable_x64:
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
 
 
 def call_compiled(fun: Callable, functions: PyTree, static: tuple, *arrays: PyTree) -> PyTree:
-    """Call `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
+    """Call `fun(functions, static, *arrays)`, compiled; inside another transformation the call is a part of it.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
     of the compiled program, so that new values need no compilation. `static`: hashable; each new value is compiled

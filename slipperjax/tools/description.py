@@ -1,4 +1,4 @@
-"""Modules as plain data, such as JSON and TOML hold, and back: without running code that a file names."""
+"""Modules as plain data for JSON and TOML, and modules from such data, without running code that a file names."""
 
 import dataclasses
 import functools
@@ -25,11 +25,11 @@ OPAQUE = "opaque"
 NORMS = {
     f"optimistix.{norm.__name__}": norm for norm in (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)
 }
-"""Functions that solvers of diffrax hold, by the names that descriptions give them."""
+"""Functions in diffrax's solvers, by their names in descriptions."""
 
 
 def type_name(kind: type) -> str:
-    """Return the name of a class in descriptions, for other packages with the package, as in diffrax.Tsit5."""
+    """Return the name of a class in descriptions, for other packages with the package's name: diffrax.Tsit5."""
     package = kind.__module__.split(".")[0]
     return kind.__name__ if package in (__name__.split(".")[0], "__main__") else f"{package}.{kind.__name__}"
 
@@ -44,10 +44,10 @@ def subclasses(base: type) -> Iterator[type]:
 def describe(value: object) -> Any:
     """Return a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
-    Arrays become lists of numbers; 64-bit numbers come back to the last bit. Quantities of pint become numbers in SI
-    units. A module that holds a value which is not plain, such as a function, but equals the one that is made without
-    arguments, is described by its name alone. One that its arguments do not make again, such as a network that was
-    trained, is described by a digest of its arrays.
+    Arrays become lists of numbers; 64-bit numbers are restored to the last bit. Quantities of pint become numbers in
+    SI units. A module that holds a value which is not plain, such as a function, is described by its name alone where
+    it equals the module that is made without arguments. A module that its arguments cannot make again, such as a
+    trained network, is described by a digest of its arrays.
     """
     if isinstance(value, StaticFunction):
         return describe(value.function)
@@ -75,13 +75,13 @@ def describe(value: object) -> Any:
     for name, norm in NORMS.items():
         if norm is value:
             return name
-    if callable(value) and hasattr(value, "__qualname__"):  # those of JAX, too, which are no functions of Python
+    if callable(value) and hasattr(value, "__qualname__"):  # functions of JAX, too, which are no Python functions
         return {OPAQUE: f"{value.__module__}.{value.__qualname__}, {code_digest(value)}"}
     return {OPAQUE: brief(value)}
 
 
 def _of_arguments(module: eqx.Module) -> bool:
-    """Tell whether the arguments of a class make a module again; those of this package do."""
+    """Return whether a module can be made again from the arguments of its class; modules of this package can."""
     kind = type(module)
     names = arguments_of(kind)
     others = [getattr(module, field.name) for field in dataclasses.fields(kind) if field.name not in names]
@@ -103,15 +103,15 @@ def _digest(module: eqx.Module) -> str:
 
 @functools.cache
 def arguments_of(kind: type) -> dict[str, object]:
-    """Return the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
-    # an `__init__` may take less than there are fields, or more
+    """Return the fields of a class that its `__init__` takes, with their defaults: these fields describe it."""
+    # an `__init__` may take fewer arguments than there are fields, or more
     names = {field.name for field in dataclasses.fields(kind)}
     parameters = inspect.signature(kind.__init__).parameters
     return {name: parameter.default for name, parameter in parameters.items() if name in names}
 
 
 def _opaque(description: object) -> bool:
-    """Tell whether a description has a value anywhere that plain data cannot hold."""
+    """Return whether plain data cannot hold some value in a description."""
     if isinstance(description, dict):
         return OPAQUE in description or any(_opaque(part) for part in description.values())
     return isinstance(description, list) and any(_opaque(part) for part in description)
@@ -127,7 +127,7 @@ def _is_default(module: eqx.Module) -> bool:
 def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
     """Return the module of a description.
 
-    **Arguments:** `bases`: only they and their subclasses can be built, of those that this process has defined;
+    **Arguments:** `bases`: only these classes and their subclasses can be built, if defined in this process;
     `where`: what is described, for errors.
 
     **Raises:** `ValueError` for an unknown class, fields that it does not have, or values that it refuses.
@@ -161,15 +161,15 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
 def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
     """Return the class of a name in descriptions, with or without its package: the one defined last.
 
-    **Raises:** `ValueError` where no concrete subclass of `bases` has it.
+    **Raises:** `ValueError` where no concrete subclass of `bases` has this name.
     """
     classes = {}
-    # a class that was defined again, as in a notebook, replaces the one of that name
+    # a class that is defined again, as in a notebook, replaces the earlier class of the same name
     for base in bases:
         for kind in (base, *subclasses(base)):
             if not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None):
                 classes[type_name(kind)] = kind
-    # a class of a user's module is known by its bare name, too, where no other one has it
+    # the bare name is enough for a class of a user's module, unless another class has it
     fitting = [full for full in classes if full == name or full.endswith(f".{name}")]
     if len(fitting) == 1:
         name = fitting[0]

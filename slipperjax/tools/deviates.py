@@ -1,8 +1,8 @@
 """Random numbers of a seed, which are the same in every program, on every device and with every setting of JAX.
 
 The generator is Threefry-2x32 with 20 rounds (doi:10.1145/2063384.2063405) as a hash of a key and a count. Neither
-`jax_default_prng_impl` nor `jax_threefry_partitionable` changes it: `jax.random.split` and `jax.random.normal` would
-follow them.
+`jax_default_prng_impl` nor `jax_threefry_partitionable` changes the numbers. Both options would change the results of
+`jax.random.split` and `jax.random.normal`.
 """
 
 import math
@@ -26,7 +26,7 @@ def uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
 
 def normal(key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
     """Return normal deviates of mean 0 and variance 1."""
-    low = np.nextafter(-1.0, 0.0)  # of -1 the deviate would be infinite
+    low = np.nextafter(-1.0, 0.0)  # the deviate of -1 would be infinite
     return np.sqrt(2) * jax.lax.erf_inv(jnp.maximum(low, uniform(key, shape) * (1 - low) + low))
 
 

@@ -29,6 +29,6 @@ def compiler_options(backend: str | None = None) -> dict[str, bool]:
         "xla_cpu_fast_math_honor_infs": True,
         "xla_cpu_fast_math_honor_division": True,
         "xla_cpu_fast_math_honor_functions": True,
-        # Batches are too small for one kernel to gain from several threads; chunks of the batch use the cores.
+        # Batches are too small for several threads in one kernel; the parts of a batch use the cores.
         "xla_cpu_multi_thread_eigen": False,
     }

@@ -1,11 +1,11 @@
-"""Fields of modules that declare their numbers: unit, check, plausible range and labels are told there, once.
+"""Fields of modules that declare their numbers: each field states unit, check, plausible range and labels once.
 
 ```python
 class Slipper(ShapeChecked):
     mass: Float[Array, ""] = field("kg", positive, plausible=(0.1, 1e4), symbol="m")
 ```
 
-Errors, `repr`, scene files, parameters, datasets, axes and options of the command line read them there.
+Errors, `repr`, scene files, parameters, datasets, axes and options of the command line read these declarations.
 """
 
 import dataclasses
@@ -39,9 +39,9 @@ def field(
 
     **Arguments:** `unit`: SI unit, "" or "1" for pure numbers; `check`: `positive`, `finite`, ... of
     `slipperjax.tools.checks`; `plausible`: values outside this range [unit] give an `ImplausibleWarning`;
-    `optional`: whether None is allowed, as it is where it is the default; `text`: description in a few words, by
-    default the names that lead to the field; `symbol`: in LaTeX; `shown_unit`: unit in pictures and on the command
-    line, by default `unit`; `more`: as for `equinox.field`.
+    `optional`: whether None is allowed, as it always is where None is the default; `text`: description in a few
+    words, by default the names that lead to the field; `symbol`: in LaTeX; `shown_unit`: unit in pictures and on the
+    command line, by default `unit`; `more`: as for `equinox.field`.
     """
     optional = optional or more.get("default", 0) is None
     converter = dataclasses.replace(check("", unit), plausible=plausible, optional=optional)
@@ -59,7 +59,7 @@ class StaticFunction(eqx.Module):
 
 
 def with_static_functions(tree: PyTree) -> PyTree:
-    """Return a pytree whose leaves that are functions, such as the activations of a network, are static."""
+    """Return a pytree in which leaves that are functions, such as a network's activations, are static."""
     if not any(callable(leaf) for leaf in jax.tree.leaves(tree)):
         return tree
     return jax.tree.map(lambda leaf: StaticFunction(leaf) if callable(leaf) else leaf, tree)
@@ -68,13 +68,13 @@ def with_static_functions(tree: PyTree) -> PyTree:
 class ShapeChecked(eqx.Module):
     """Base of modules that check on construction that their array fields have the shapes of their annotations.
 
-    Functions in their fields become static, see `with_static_functions`, so that all their leaves are numbers. Their
-    `repr` is one line, with units; fields of None are left out.
+    Functions in the fields become static, see `with_static_functions`, so that all leaves are numbers. `repr` gives
+    one line, with units, without the fields that are None.
     """
 
     def __init_subclass__(cls, **more: object):
         super().__init_subclass__(**more)
-        # `field` cannot know the name that it is assigned to, which errors of its check must tell
+        # a field's check must name the field in errors, but `field` does not know the name
         for name, declared in vars(cls).items():
             check = getattr(declared, "metadata", {}).get("converter")
             if isinstance(check, Check):
@@ -100,7 +100,7 @@ class ShapeChecked(eqx.Module):
             if not part.metadata.get("static", False) and (fixed := with_static_functions(value)) is not value:
                 # equinox freezes modules before this check
                 object.__setattr__(self, part.name, fixed)
-            # some fields take a module, such as a table, in place of an array
+            # some fields take a module in place of an array, such as a table
             absent = value is None or isinstance(value, eqx.Module)
             if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):
                 raise ValueError(
@@ -122,7 +122,7 @@ def declared_check(kind: type, name: str) -> Check | None:
 
 
 def labels_of(kind: type, name: str) -> dict[str, str]:
-    """Return text, symbol and shown unit of a field that `field` made; all empty for another."""
+    """Return text, symbol and shown unit of a field made by `field`; all are empty for other fields."""
     return dict(_metadata(kind, name).get("labels", {"text": "", "symbol": "", "shown_unit": ""}))
 
 
@@ -133,8 +133,8 @@ def axes_of(kind: type, name: str, default: int) -> int:
 
 
 def check_table(table: ShapeChecked, rows: str, *columns: str, least: int = 1) -> None:
-    """Raise `ValueError` unless the field `rows` has `least` numbers or more, which increase, and each of the fields
-    `columns` a value for each."""
+    """Raise `ValueError` unless the field `rows` has at least `least` increasing numbers, and each of the fields
+    `columns` has one value for each number."""
     places = getattr(table, rows)
     listed = places.ndim == 1 and len(places) >= least
     require(listed, rows, f"be {least} or more numbers", shown=f"of shape {places.shape}")

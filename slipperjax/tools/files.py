@@ -1,4 +1,4 @@
-"""Files: paths, what is read, and what is written whole or not at all."""
+"""Files: paths, reading, and writing of whole files only."""
 
 import os
 import secrets
@@ -13,29 +13,29 @@ from .checks import require
 Content = bytes | memoryview
 """Content of a file."""
 STANDARD_INPUT = Path("standard input")
-"""Path at which the readers of a command find its standard input, and by which their errors name it."""
+"""Path under which a command reads its standard input, and which errors name."""
 NAMED = 5
-"""Most of many things that a message names."""
+"""Greatest number of items that a message lists by name."""
 GIVEN: ContextVar[bytes | None] = ContextVar("GIVEN", default=None)
-"""What was read from standard input; None where nothing was, as outside of commands."""
+"""Content of standard input; None where nothing was read from it, as outside of commands."""
 
 
 def user_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     """Return a path; one that begins with ~ is in the user's home.
 
-    **Arguments:** `name`: the argument's, for the error.
+    **Arguments:** `name`: the argument's name, for the error.
 
-    **Raises:** `ValueError` for what is no path.
+    **Raises:** `ValueError` for values that are no path.
     """
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
-    # 4096 is Linux's PATH_MAX; a longer one would fail later, in words that name no argument
+    # 4096 is Linux's PATH_MAX; a longer path would fail later with an error that names no argument
     good = isinstance(text, str) and len(text) <= 4096 and "\0" not in text
     require(good, name, "be a path", path)
     return Path(os.path.expanduser(text))
 
 
 def check_file(path: Path) -> None:
-    """Raise `OSError` where there is no file, and `ValueError` for another thing, such as a device or a pipe."""
+    """Raise `OSError` where there is no file, and `ValueError` for other things, such as a device or a pipe."""
     if not path.exists():
         raise FileNotFoundError(f"No such file: {path}")
     if not path.is_file():
@@ -43,7 +43,7 @@ def check_file(path: Path) -> None:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the content of a file, or of standard input where that was read; raises as `check_file`."""
+    """Return the content of a file, or of standard input if it was read; raises as `check_file`."""
     given = GIVEN.get()
     if given is not None and path == STANDARD_INPUT:
         return given
@@ -54,7 +54,7 @@ def content_of(path: Path) -> bytes:
 def read_standard_input() -> Path:
     """Read standard input, and return the path at which `content_of` finds it in this context.
 
-    **Raises:** `ValueError` where it was read before.
+    **Raises:** `ValueError` where standard input was read before.
     """
     if GIVEN.get() is not None:
         raise ValueError("Standard input, -, must stand for one file only.")
@@ -64,9 +64,9 @@ def read_standard_input() -> Path:
 
 @contextmanager
 def readable(path: object, kind: str) -> Iterator[None]:
-    """Turn all errors of a `with` block that reads a file by another package into one `ValueError`.
+    """Turn all errors of a `with` block, in which another package reads a file, into one `ValueError`.
 
-    Damaged files raise errors of many classes there.
+    Other packages raise errors of many classes for damaged files.
 
     **Arguments:** `kind`: what the file should be, as in "netCDF file".
 
@@ -80,42 +80,42 @@ def readable(path: object, kind: str) -> Iterator[None]:
 
 
 def write_whole(path: Path, content: Content) -> None:
-    """Write a file under a temporary name in its folder, and move it into place when all of it is on the disk.
+    """Write a file under a temporary name in its folder, and rename it when all content is on the disk.
 
-    So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
-    have it open keep reading what they opened. A killed process may leave a file `.NAME.RANDOM.part`.
+    After a full disk, an interrupt or a lost process an earlier file is unchanged, and programs that have the earlier
+    file open continue to read it. A killed process may leave a file `.NAME.RANDOM.part`.
 
-    **Raises:** `OSError` where the file cannot be written; then nothing is left behind.
+    **Raises:** `OSError` where the file cannot be written; then no new file is left.
     """
-    path = Path(os.path.realpath(user_path(path)))  # the file that a link leads to, not the link
+    path = Path(os.path.realpath(user_path(path)))  # the target of a link, not the link
     exists = path.exists()
     if exists and not os.access(path, os.W_OK):
         raise PermissionError(f"{path} is protected against writing")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        # "x" refuses a name that exists, and so a link that somebody else has put there
+        # mode "x" refuses an existing name, and so also a link that another user has made there
         with open(part, "xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # the permissions of the file that it replaces
+        # the permissions of the replaced file
         if exists:
             os.chmod(part, path.stat().st_mode & 0o7777)
         os.replace(part, path)
-    # Ctrl-C is no `Exception`, and leaves no part either
+    # Ctrl-C is no `Exception`, and must also leave no part of a file
     except BaseException:
         part.unlink(missing_ok=True)
         raise
 
 
 def write_each(contents: Mapping[Path, Callable[[], Content]]) -> str:
-    """Write several files whole, each whether or not the others can be written.
+    """Write several whole files, each also where others cannot be written.
 
-    **Arguments:** `contents`: by path, functions that make the content.
+    **Arguments:** `contents`: functions that make the content, by path.
 
-    **Returns:** what was written, in words: "wrote a.nc and b.png".
+    **Returns:** a text that names the written files: "wrote a.nc and b.png".
 
-    **Raises:** `OSError` that names the files which could not be written, after all others were written.
+    **Raises:** `OSError` that names the files which could not be written, after all other files were written.
     """
     done = []
     failures = []
@@ -139,7 +139,7 @@ def listed(names: list[str]) -> str:
 
 
 def first_ones(names: list[str]) -> str:
-    """Return the first names joined, and how many there are beside: "a, b and 7 more"."""
+    """Return the first names joined, with the number of further names: "a, b and 7 more"."""
     more = len(names) - NAMED
     return listed(names[:NAMED] + [f"{more} more"] * (more > 0))
 

@@ -1,8 +1,8 @@
-"""Tricks for speed, each in a fast form on private ground of JAX and in a plain form of public JAX alone.
+"""Tricks for speed, each in a fast form that uses internals of JAX, and in a plain form that uses public JAX only.
 
-All have the plain form where the environment variable `SLIPPERJAX_PLAIN` is 1, where a self-test finds at the first
-use that this version of JAX breaks a fast form, and from a program on that JAX cannot compile in the fast form. So a
-new version of JAX may make the package slower, but neither wrong nor broken.
+All tricks have the plain form where the environment variable `SLIPPERJAX_PLAIN` is 1; where a self-test at the first
+use finds that this version of JAX breaks a fast form; and after JAX could not compile a program in the fast form.
+Therefore a new version of JAX may make the package slower, but cannot break it or make its results wrong.
 """
 
 import os
@@ -29,20 +29,20 @@ class _Choice:
 
 
 def compiler_options(backend: str | None = None) -> dict[str, bool]:
-    """Return XLA's options for a backend, by default the one in use: in the fast form some for CPUs."""
+    """Return XLA's options for a backend, by default the backend in use; only the fast form has some, for CPUs."""
     return _form().compiler_options(backend)
 
 
 def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
     """Call `fun(*args)`; in the fast form as one kernel of the compiled program, see `one_kernel`.
 
-    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
+    **Arguments:** `fun`: function of pytrees that returns a pytree of arrays.
     """
     return _form().in_one_kernel(fun, *args)
 
 
 def sums(*operands):
-    """Return the sum of each operand over its last axis, in the fast form in one pass; the operands share one shape.
+    """Return the sum of each operand over its last axis, in the fast form in one pass; operands have one shape.
 
     **Arguments:** arrays of shape `(*batch, n)` and of one floating-point type.
 
@@ -74,30 +74,30 @@ def store_cotangent(tree):
 
 
 def store_if_differentiated(tree):
-    """Return the same values, which are stored, as `store` does, where they are differentiated."""
+    """Return the same values; where they are differentiated, they are stored as `store` does."""
     return _form().store_if_differentiated(tree)
 
 
 def circle(angle):
-    """Return cosine and sine of an angle [rad], from which the fast form takes derivatives of all orders."""
+    """Return cosine and sine of an angle [rad]; derivatives of all orders use both values in the fast form."""
     return _form().circle(angle)
 
 
 def is_plain() -> bool:
-    """Tell whether the tricks have their plain form; the first call may run the self-test."""
+    """Return whether the tricks have their plain form; the first call may run the self-test."""
     return _form() is plain
 
 
 def fall_back(error: Exception) -> bool:
-    """Take the plain form from here on, and tell whether that is new.
+    """Use the plain form from this call on, and return whether this is new.
 
-    **Arguments:** `error`: of JAX, which has no code for a program.
+    **Arguments:** `error`: JAX's error, that it has no code for a program.
     """
     with _Choice.lock:
         if is_plain():
             return False
         _use_plain(f"JAX {jax.__version__} cannot compile a program: {_first_line(error)}")
-        # programs that are kept are in the fast form
+        # programs that were kept have the fast form
         jax.clear_caches()
         return True
 
@@ -105,7 +105,7 @@ def fall_back(error: Exception) -> bool:
 def _form() -> ModuleType:
     """Return the module of the form in use."""
     if _Choice.form is None:
-        # other threads wait for the self-test
+        # other threads wait until the self-test has ended
         with _Choice.lock:
             if _Choice.form is None:
                 _choose()
@@ -114,14 +114,14 @@ def _form() -> ModuleType:
 
 
 def _choose() -> None:
-    """Choose the form: by the environment, or by the self-test."""
+    """Choose the form by the environment, or by the self-test."""
     wanted = os.environ.get("SLIPPERJAX_PLAIN", "")
     if wanted not in ("", "0", "1"):
         raise ValueError(f"Environment variable SLIPPERJAX_PLAIN must be 0 or 1, but is {wanted!r}.")
     if wanted == "1":
         return _use_plain("SLIPPERJAX_PLAIN is 1")
     try:
-        from . import fast, self_test  # here, because a name that JAX no longer has must not stop the import
+        from . import fast, self_test  # here, because the import must not fail where JAX no longer has a name
 
         fault = self_test.fault()
     except Exception as error:

@@ -1,10 +1,10 @@
 """Sums over one axis fused into one pass, and values stored so that XLA does not recompute them.
 
-XLA on a CPU computes five sums of products of one force by computing that force five times, once inside each
-sum. One reduction of five operands computes it once. JAX defines no transpose of that reduction, and its derivative
-is far too slow. Here the reduction is a linear primitive, and so are the broadcast that is its transpose and the
-storing of values. Their derivatives in both modes are again such operations on all operands at once: one by one, each
-would compute all that the operands have in common anew, and programs of derivatives would be five times as long.
+On a CPU XLA computes five sums of products of one force by computing the force five times, once inside each sum. One
+reduction of five operands computes the force once. JAX defines no transpose of such a reduction, and its derivative
+is far too slow. Here the reduction is a linear primitive; so are its transpose, a broadcast, and the storing of
+values. Derivatives in both modes are again such operations on all operands at once. Separate operations would each
+compute again what the operands have in common, and programs of derivatives would be five times as long.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from jax.interpreters import ad, batching, mlir
 
 
 def sums(*operands):
-    """Return the sum of each operand over its last axis; the operands share one shape.
+    """Return the sum of each operand over its last axis; all operands have one shape.
 
     **Arguments:** arrays of shape `(*batch, n)` and of one floating-point type.
 
@@ -41,8 +41,8 @@ def spread(n: int, *scalars):
 def store(tree):
     """Return the same values, each computed once and stored.
 
-    XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work where many do, as in
-    an elimination without loops.
+    XLA computes an elementwise value again in each kernel that uses it. This multiplies the work where many kernels
+    use a value, as in an elimination without loops.
 
     **Arguments:** a pytree of floating-point arrays. **Returns:** the same values.
     """
@@ -50,7 +50,7 @@ def store(tree):
 
 
 def _of_leaves(primitive: Primitive, tree):
-    """Call a primitive of a pytree's leaves, those of one shape together; one that occurs twice is passed once."""
+    """Call a primitive on a pytree's leaves, together for leaves of one shape; a repeated leaf is passed once."""
     leaves, structure = jax.tree.flatten(tree)
     once = {id(x): jnp.asarray(x, float) for x in leaves}
     of = {}
@@ -67,15 +67,15 @@ def _broadcast(arrays):
 
 
 def store_cotangent(tree):
-    """Return the same values, whose cotangents are stored: reverse mode computes them once for all inputs."""
+    """Return the same values, and store their cotangents: reverse mode computes each once for all inputs."""
     return _of_leaves(_with_stored_cotangents, tree)
 
 
 def _linear(name: str, implementation: Callable, shape: Callable, transpose: Callable) -> Primitive:
-    """Return a linear primitive of operands of one shape, with one result for each, which depends on it alone.
+    """Return a linear primitive of operands of one shape; each operand has one result that depends on it alone.
 
     **Arguments:** `shape`: gives a result's shape from an operand's; `transpose`: gives the operands' cotangents from
-    those of the results and the operands' shape. Operands without tangent or cotangent are left out.
+    the results' cotangents and the operands' shape. Operands without tangent or cotangent are left out.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True
@@ -93,11 +93,11 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
         return results, out
 
     def transposed(cotangents, *operands, **parameters):
-        # JAX expects None for operands that the result is not linear in, here those that are known
+        # JAX expects None for the operands that are known, in which the result is not linear
         out: list[jax.Array | ad.Zero | None] = [
             ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands
         ]
-        # only operands whose cotangent is asked for and is not zero
+        # only operands whose cotangent is needed and is not zero
         live = [k for k, zero in enumerate(out) if zero is not None and type(cotangents[k]) is not ad.Zero]
         if live:
             pulled = transpose([cotangents[k] for k in live], operands[live[0]].aval.shape)
@@ -107,7 +107,7 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
 
     def batch(operands, axes, **parameters):
         size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
-        # all operands get the axis of cases as their first, so that they have one shape again
+        # the axis of cases becomes the first axis of all operands, so that they have one shape again
         moved = [batching.bdim_at_front(x, a, size) for x, a in zip(operands, axes, strict=True)]
         return primitive.bind(*moved, **parameters), [0] * len(moved)
 
@@ -129,7 +129,7 @@ def _summed(*operands):
 
 
 def _add(a, b):
-    # named, because JAX keeps the compiled reduction of eager calls by this function
+    # a named function, because JAX finds the compiled reduction of eager calls by it
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
@@ -138,8 +138,8 @@ def _repeated(*operands, n):
 
 
 def _reduced(*operands):
-    """Store on any backend: XLA never recomputes a sum, here of the value and a zero."""
-    # a selection, not a product with (1, 0), keeps NaN and infinity out of the zero
+    """Store on any backend: XLA never computes a sum again, here the sum of the value and a zero."""
+    # a selection keeps NaN and infinity out of the zero; a product with (1, 0) would not
     twice = _repeated(*operands, n=2)
     shape = twice[0].shape
     first = jnp.broadcast_to(np.array([True, False]), shape)
@@ -148,11 +148,11 @@ def _reduced(*operands):
 
 
 def _passed_on(context, *operands):
-    """Store on a CPU: a call that XLA does not inline, of a function that returns its arguments.
+    """Store on a CPU: call a function that returns its arguments, and that XLA does not inline.
 
-    LLVM gets some four instructions for each value, where it gets fifty for the reduction.
+    LLVM gets about four instructions for each value, and fifty with the reduction.
     """
-    # one function for each call, which the symbol table gives a name of its own
+    # one function for each call; the symbol table gives each its own name
     types = [x.type for x in operands]
     module = context.module_context
     with ir.InsertionPoint.at_block_begin(module.module.body):
@@ -166,7 +166,7 @@ def _passed_on(context, *operands):
     return list(call.results)
 
 
-# each is the transpose of the other one
+# each primitive is the transpose of the other
 _sums = _linear(
     "slipperjax_sums",
     _summed,
@@ -197,7 +197,7 @@ mlir.register_lowering(_stored, _passed_on, platform="cpu")
 
 @jax.custom_jvp
 def store_if_differentiated(tree):
-    """Return the same values, which are stored, as `store` does, where they are differentiated."""
+    """Return the same values; where they are differentiated, they are stored as `store` does."""
     return tree
 
 
@@ -208,7 +208,7 @@ def _store_if_differentiated_jvp(primals, tangents):
 
 @jax.custom_jvp
 def circle(angle):
-    """Return cosine and sine of an angle [rad], stored, so that derivatives of all orders take them from there."""
+    """Return cosine and sine of an angle [rad], stored, so that derivatives of all orders use the stored values."""
     return store((jnp.cos(angle), jnp.sin(angle)))
 
 

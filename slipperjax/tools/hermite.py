@@ -43,9 +43,10 @@ class Cubic(NamedTuple):
     def turn(self, sign: Real) -> Array:
         """Return the x in [0, 1] at which the slope changes its sign. Pure.
 
-        **Arguments:** `sign`: 1 for the greatest value, where the slope falls through zero, -1 for the least.
+        **Arguments:** `sign`: 1 for the greatest value, where the slope changes from positive to negative; -1 for the
+            least.
         """
-        # the root of the quadratic slope, in the form that also holds for parabolas, whose cube is 0
+        # the root of the quadratic slope, in a form that is also valid for parabolas (cube = 0)
         root = jnp.sqrt(jnp.maximum(self.square**2 - 3 * self.cube * self.slope, 0.0))
         return jnp.clip(self.slope / (sign * root - self.square), 0.0, 1.0)
 
@@ -66,8 +67,8 @@ def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> t
     """Return x in [0, 1] and value of the highest point of `Cubic.through` these values and slopes. Pure."""
     cubic = Cubic.through(start, slope, end, end_slope)
     inside = (slope > 0) & (end_slope < 0)
-    # The zero of the slope, real because the slope changes its sign. The constants 1 keep NaN out of derivatives of
-    # cubics that are highest at an end.
+    # The zero of the slope is real, because the slope changes its sign. The constants 1 keep NaN out of derivatives
+    # of cubics whose highest point is an end.
     root = jnp.sqrt(jnp.where(inside, cubic.square * cubic.square - 3 * cubic.cube * slope, 1.0))
     x = jnp.where(inside, slope / jnp.where(inside, root - cubic.square, 1.0), jnp.where(end > start, 1.0, 0.0))
     return x, jnp.where(inside, cubic.value(x), jnp.maximum(start, end))
@@ -75,17 +76,19 @@ def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> t
 
 @jax.custom_jvp
 def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
-    """Return the x in [0, 1] at which cubics cross from the side of zero where they start to that where they end.
+    """Return the x in [0, 1] at which cubics cross from the side of zero where they start to the side where they end.
 
-    Cubics may have further zeros, at which they cross back: one that starts at zero, that moves away from it first,
-    or that turns after the crossing. The first guess is the zero, in the right direction, of the parabola through the
-    start, its slope, and the end; the second that of the parabola that osculates there; then follows a step of
-    Halley's method. Both corrections are of third order, and the parabola's goes over a turn to the zero beyond.
+    A cubic may have further zeros at which it crosses back: a cubic that starts at zero, that first moves away from
+    zero, or that turns after the crossing. The first guess is the zero, in the right direction, of the parabola
+    through the start, its slope, and the end. The second guess is the zero of the parabola that osculates at the
+    first guess. A step of Halley's method follows. Both corrections are of third order, and the parabola's correction
+    also finds a zero beyond a turn of the cubic.
 
-    Over 800,000 touchdowns and openings of a sled on random rails at default steps, the error of the gap's rate at
-    the zero is 2e-16 m/s in 99 % of them, 3e-13 in 0.1 %, above 1e-3 in 5, and 0.024 at most. With two steps of
-    Newton's method it is 7e-9, 3e-6, in 90, and 0.11, where gaps nearly touch zero before they cross: those are
-    latched as touchdowns without any rate, with forces up to ten times too high.
+    In 800,000 touchdowns and openings of a sled on random rails at default steps, the error of the gap's rate at the
+    zero is 2e-16 m/s in 99 % of them, 3e-13 in 0.1 %, above 1e-3 in 5, and 0.024 at most. With two steps of Newton's
+    method the error is 7e-9, 3e-6, above 1e-3 in 90, and 0.11 at most. The largest errors occur where gaps nearly
+    touch zero before they cross it: these gaps are latched as touchdowns without any rate, with forces up to ten
+    times too high.
 
     Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not cross zero.
 
@@ -104,11 +107,11 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
 
 
 def _to_zero(value: Array, slope: Array, bend: Array, falls: Bool[Array, "..."]) -> Array:
-    """Return the distance to the zero of value + slope d + bend d^2 at which it falls, or rises."""
+    """Return the distance d to the zero of value + slope d + bend d^2 at which it falls, or otherwise rises."""
     root = jnp.sqrt(jnp.maximum(slope * slope - 4 * bend * value, 0.0))
-    # the slope at that zero; without one it is no matter, the next guess is twice as far as Newton's
+    # the slope at this zero; if there is no zero, the next guess is twice as far as Newton's
     root = jnp.where(falls, -root, root)
-    # two forms of one solution, of which one has no cancellation
+    # two forms of one solution; one of them has no cancellation
     away = slope * root < 0
     return jnp.where(away, root - slope, -2 * value) / jnp.where(away, 2 * bend, slope + root)
 

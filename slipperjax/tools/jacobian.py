@@ -1,7 +1,7 @@
 """Derivatives by Jacobians of forward mode, for functions of few numbers.
 
-Reverse mode through the steps of an integration is a program of three times the size of forward mode's, which takes
-as much longer to compile. Where few numbers are differentiated, the product with a Jacobian is the same derivative.
+The program of reverse mode through the steps of an integration is three times as large as the program of forward
+mode, and takes three times as long to compile. For few numbers the product with a Jacobian is the same derivative.
 """
 
 from collections.abc import Callable
@@ -15,19 +15,19 @@ from jaxtyping import PyTree
 MOST_FORWARD = 8
 """Numbers up to which a derivative is a product with the Jacobian.
 
-Over three periods of 100 steps a gradient by one number then takes half as long as by reverse mode, and one by ten
-numbers 1.4 times as long. Forward mode along one direction in which eight numbers change takes 2.5 times as long.
+Over three periods of 100 steps, a gradient by one number then takes half as long as in reverse mode, and a gradient
+by ten numbers 1.4 times as long. Forward mode along one direction that changes eight numbers takes 2.5 times as long.
 """
 
 
 def by_jacobian(fun: Callable, *args: PyTree, most: float | None = None) -> PyTree:
     """Call `fun(*args)`, whose derivatives of any order and in both modes are products with its Jacobian.
 
-    Where more than `most` numbers are differentiated, those that `fun` closes over included, derivatives go through
+    Where more than `most` numbers are differentiated, including numbers that `fun` closes over, JAX differentiates
     `fun` itself.
 
-    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays; `most`: by default `MOST_FORWARD`; infinite
-    for a function that reverse mode cannot go through, such as one with a while loop.
+    **Arguments:** `fun`: function of pytrees that returns a pytree of arrays; `most`: by default `MOST_FORWARD`;
+    infinite for a function without reverse mode, such as one with a while loop.
     """
     return _called(eqx.filter_closure_convert(fun, *args), args, MOST_FORWARD if most is None else most)
 
@@ -46,7 +46,7 @@ def _(primals, tangents):
     linearised = _Linearised(tuple(jax.tree.leaves(moves)))
     if along.size > most:
         return linearised.pushed(primals, along)
-    # `_called` again, so that second derivatives go the same way
+    # `_called` again, so that second derivatives are also products with a Jacobian
     value, jacobian = _called(linearised, primals, most)
     return value, jax.tree.map(lambda columns: jnp.tensordot(along, columns, axes=1), jacobian)
 

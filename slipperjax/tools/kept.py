@@ -1,6 +1,6 @@
-"""Programs that are kept whole: a call finds its program on disk by what it is called with, before JAX traces it.
+"""Programs that are kept whole: a call finds its program on disk by the call's arguments, before JAX traces.
 
-JAX's own cache of compiled programs saves the work of XLA; tracing and lowering come before it can be asked.
+JAX's own cache of compiled programs saves only the work of XLA, because JAX must trace and lower a program first.
 """
 
 import hashlib
@@ -40,9 +40,9 @@ CHANGE_NO_PROGRAM = (
     "jax_pprint",
     "jax_explain",
 )
-"""Beginnings of the names of JAX's options that change messages and files alone."""
+"""Beginnings of the names of those options of JAX that change only messages and files."""
 NEED_TRACING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
-"""JAX's options under which a call goes the way that JAX goes."""
+"""Options of JAX under which JAX handles a call without kept programs."""
 
 
 class _Program:
@@ -63,16 +63,16 @@ class Programs:
         names = [] if not (static_argnums or static_argnames) else list(inspect.signature(fun).parameters)
         numbers = (static_argnums,) if isinstance(static_argnums, int) else tuple(static_argnums)
         by_name = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
-        # as in JAX, an argument that is static by number is static by name, too
+        # as in JAX, an argument that is static by its number is also static by its name
         self.static_names = by_name | {names[number] for number in numbers}
         self.static_numbers = set(numbers) | {k for k, name in enumerate(names) if name in by_name}
         self.found: dict[object, _Program] = {}
         _ALL.add(self)
 
     def __call__(self, form: str, jitted: Callable[[], Callable], args: tuple, options: dict[str, object]) -> PyTree:
-        """Return the function's result, by a program that is kept where it can be.
+        """Return the function's result, from a kept program where there can be one.
 
-        **Arguments:** `form`: what a program depends on besides its signature; `jitted`: makes the function as
+        **Arguments:** `form`: what a program depends on in addition to its signature; `jitted`: makes the function as
         `jax.jit` returns it.
         """
         folder = kept_folder()
@@ -84,9 +84,9 @@ class Programs:
             signature = (form, static, tree, tuple(map(_kind, leaves)), _context())
             program = self.found.get(signature) or self.found.setdefault(signature, _Program())
         except (TypeError, AttributeError):
-            # static arguments that have no hash, of which JAX tells; or a JAX without the names used here
+            # static arguments without a hash, for which JAX raises an error; or a JAX without the names used here
             return jitted()(*args, **options)
-        # which is free but at the first call
+        # the lock is free after the first call
         with program.lock:
             if not program.is_known:
                 path = self._path(folder, (form, static, tree), leaves)
@@ -112,9 +112,9 @@ class Programs:
         return static, dynamic, {name: value for name, value in options.items() if name not in self.static_names}
 
     def _path(self, folder: Path, parts: tuple, leaves: list) -> Path | None:
-        """Return the file of a program; None where it cannot be told from others, or where JAX must trace it.
+        """Return the file of a program; None where the program cannot be identified, or where JAX must trace it.
 
-        **Arguments:** `parts`: of the signature besides its arrays.
+        **Arguments:** `parts`: parts of the signature other than its arrays.
         """
         if not all(_is_simple(leaf) for leaf in leaves) or jax.process_count() > 1:
             return None
@@ -125,7 +125,7 @@ class Programs:
             # such as ~float64[3], where ~ is a weak type
             kinds = [str(jax.typeof(leaf)) for leaf in leaves]
         except TypeError:
-            # what JAX does not take, of which it tells in its own words
+            # values that JAX does not take, for which JAX raises its own error
             return None
         texts = {name: repr(value) for name, value in options.items()}
         digest = stable_digest((_environment(), self.fun, *parts, kinds, texts))
@@ -136,16 +136,16 @@ _ALL: weakref.WeakSet[Programs] = weakref.WeakSet()
 
 
 def forget() -> None:
-    """Let the programs of this process go, as `jax.clear_caches` does; those on disk stay."""
+    """Forget the programs of this process, as `jax.clear_caches` does; programs on disk stay."""
     for programs in list(_ALL):
         programs.found.clear()
 
 
 def own_name(name: str) -> str:
-    """Return the name under which a program goes to XLA, by which JAX's cache finds it.
+    """Return the name under which a program goes to XLA, and by which JAX's cache finds it.
 
-    What comes out of JAX's cache has lost what it takes to be kept whole. Where the cache was switched on by this
-    package, another source of the package asks it for other programs.
+    A program from JAX's cache cannot be kept whole. Therefore, where this package switched the cache on, the name
+    depends on the package's source, so that a changed source finds no program of the former source there.
     """
     folder = kept_folder()
     is_ours = folder is not None and jax.config.jax_compilation_cache_dir == str(folder)  # type: ignore[attr-defined]
@@ -155,29 +155,29 @@ def own_name(name: str) -> str:
 def _first(
     path: Path, tree: Any, lowered: Callable[[], jax.stages.Lowered], call: Callable[[Callable], PyTree]
 ) -> tuple[Callable, PyTree]:
-    """Return a program and its first result: that of the disk, or else one that is compiled and kept.
+    """Return a program and its first result: a program from disk, or else one that is compiled and kept.
 
-    Only a program that has been read back and has run is kept, and one of the disk that does not run is replaced:
-    what comes out of JAX's cache, for one, cannot be written again, which shows when it runs.
+    A program is kept only after it was read back and has run, and a program from disk that does not run is replaced.
+    For example, a program from JAX's cache cannot be written again, and fails only when it runs.
     """
     found = _tried(_read(path), tree, call)
     if found is not None:
         with suppress(OSError):
-            os.utime(path)  # the longest unused ones go first
+            os.utime(path)  # pruning deletes the programs that were unused for longest
         return found
     compiled = lowered().compile()
     content = _written(compiled)
     found = _tried(content, tree, call)
     if found is None:
         return compiled, call(compiled)
-    # a full disk, for one
+    # such as a full disk
     with suppress(OSError):
         write_whole(path, hashlib.sha256(content).digest() + content)
     return found
 
 
 def _tried(content: bytes, tree: Any, call: Callable[[Callable], PyTree]) -> tuple[Callable, PyTree] | None:
-    """Return the program that is made of some bytes, and its result; None where it is none, or does not run."""
+    """Return the program of some bytes, and its result; None where there is no program, or it does not run."""
     if content:
         with suppress(Exception):
             from jax.experimental.serialize_executable import deserialize_and_load  # here, because it may vanish
@@ -187,7 +187,7 @@ def _tried(content: bytes, tree: Any, call: Callable[[Callable], PyTree]) -> tup
             if calls_lapack:
                 from jaxlib import lapack
 
-                # JAX fetches LAPACK where it lowers a program; without it, a program that is read calls an address 0
+                # JAX loads LAPACK when it lowers a program; without this, a program that is read calls the address 0
                 lapack.prepare_lapack_call("getrf_ffi", np.float64)
             run = deserialize_and_load(
                 program,
@@ -200,22 +200,22 @@ def _tried(content: bytes, tree: Any, call: Callable[[Callable], PyTree]) -> tup
 
 
 def _written(compiled: jax.stages.Compiled) -> bytes:
-    """Return a program as bytes; none of one that cannot be written.
+    """Return a program as bytes; no bytes for a program that cannot be written.
 
-    Such as one that calls back into Python, and one with results of classes that nobody can import.
+    Examples: a program that calls Python, and a program whose results have classes that nobody can import.
     """
     with suppress(Exception):
         from jax.experimental.serialize_executable import serialize
 
         program, _, out = serialize(compiled)
-        # a tree of modules is kept by an example, which is pickled by the names of its classes
+        # a tree of modules is kept by an example, which pickle stores by the names of its classes
         example = jax.tree.unflatten(out, [0] * out.num_leaves)
         return pickle.dumps((program, example, "lapack" in (compiled.as_text() or "")))
     return b""
 
 
 def _read(path: Path) -> bytes:
-    """Return the bytes of a file; none where there is no file, and where it is damaged or not the user's."""
+    """Return the bytes of a file; none where there is no file, and where it is damaged or belongs to another user."""
     with suppress(OSError), open(path, "rb") as file:
         if hasattr(os, "getuid") and os.fstat(file.fileno()).st_uid != os.getuid():
             return b""
@@ -227,7 +227,7 @@ def _read(path: Path) -> bytes:
 
 
 def _kind(leaf: object) -> object:
-    """Return what a program takes an argument for, in this process."""
+    """Return the kind of argument that a program takes this argument for, in this process."""
     if isinstance(leaf, jax.Array):
         return leaf.aval, leaf.sharding
     return type(leaf), getattr(leaf, "shape", None), getattr(leaf, "dtype", None)
@@ -235,23 +235,23 @@ def _kind(leaf: object) -> object:
 
 @cache
 def _names() -> tuple[str, ...]:
-    """Return the names of JAX's options that may change a program, and that a context may change."""
+    """Return the names of the options of JAX that may change a program, and that a context may change."""
     return tuple(name for name in jax.config.values if _counts(name) and hasattr(jax.config, name))
 
 
 @cache
 def _reader() -> attrgetter:
-    """Return what reads these options in one call: each call of a program reads them."""
+    """Return a function that reads these options in one call, because each call of a program reads them."""
     return attrgetter(*_names())
 
 
 def _context() -> tuple:
-    """Return what tells one state of JAX's options from another in this process."""
+    """Return values that distinguish one state of JAX's options from another in this process."""
     return _reader()(jax.config)
 
 
 def _options() -> dict[str, object]:
-    """Return the values in this thread of all options of JAX that may change a program."""
+    """Return this thread's values of all options of JAX that may change a program."""
     fixed = {name: value for name, value in jax.config.values.items() if _counts(name)}
     return fixed | dict(zip(_names(), _context(), strict=True))
 
@@ -262,7 +262,7 @@ def _counts(name: str) -> bool:
 
 @cache
 def _environment() -> tuple[str, ...]:
-    """Return what programs depend on that does not change while a process runs."""
+    """Return values on which programs depend and that are constant while a process runs."""
     versions = [importlib.metadata.version(name) for name in COMPUTING]
     device = _device()
     flags = [os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS")]
@@ -271,13 +271,13 @@ def _environment() -> tuple[str, ...]:
 
 
 def _device() -> Any:
-    """Return the device on which JAX computes where it is not told one."""
+    """Return the device on which JAX computes by default."""
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
     return chosen if isinstance(chosen, jax.Device) else jax.devices(chosen)[0]
 
 
 def _is_simple(leaf: object) -> bool:
-    """Tell whether an argument is where JAX computes: on one device, and there in its usual memory."""
+    """Return whether an argument is where JAX computes: on one device, and there in the usual memory."""
     if not isinstance(leaf, jax.Array):
         return True
     usual = jax.sharding.SingleDeviceSharding(_device())

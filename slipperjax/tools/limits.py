@@ -1,4 +1,4 @@
-"""Limits of memory and time: impossible runs are refused before they begin, very long ones warned of."""
+"""Limits of memory and time: impossible runs are refused before they begin, and very long runs give a warning."""
 
 import os
 from collections.abc import Iterator
@@ -11,8 +11,8 @@ LONGEST = 365.25 * 86400
 
 
 def available_memory(root: Path = Path("/")) -> int | None:
-    """Return the bytes of memory that can be had without swapping, within the limit of a container; None where the
-    system does not tell.
+    """Return the bytes of memory that are available without swapping, within the limit of a container; None where the
+    system does not report them.
 
     **Arguments:** `root`: where the files of Linux are.
     """
@@ -22,7 +22,7 @@ def available_memory(root: Path = Path("/")) -> int | None:
             return min(free, *_free_in_groups(root), free)
     except (OSError, StopIteration, ValueError):
         pass
-    # not on Linux: all of the memory
+    # not on Linux: the whole memory
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
@@ -30,7 +30,7 @@ def available_memory(root: Path = Path("/")) -> int | None:
 
 
 def _free_in_groups(root: Path) -> Iterator[int]:
-    """Yield what each limit of the process's control groups leaves of memory [bytes], of both versions of these."""
+    """Yield the memory [bytes] that each limit of the process's control groups leaves, for both their versions."""
     try:
         groups = (root / "proc/self/cgroup").read_text().splitlines()
     except OSError:
@@ -46,11 +46,11 @@ def _free_in_groups(root: Path) -> Iterator[int]:
             continue
         base = root / "sys/fs/cgroup" / base
         own = base / path.lstrip("/")
-        # limits of groups around it hold, too; a container sees its own as the base
+        # limits of the groups above also hold; a container sees its own group as the base
         for folder in (one for one in (own, *own.parents) if one.is_relative_to(base)):
             for limit in limits:
                 try:
-                    # files that are cached give way
+                    # the system frees the memory of cached files
                     stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
                     used = int((folder / usage).read_text()) - int(stat[cache])
                     yield max(int((folder / limit).read_text()) - used, 0)
@@ -60,12 +60,12 @@ def _free_in_groups(root: Path) -> Iterator[int]:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    # a scheduler may give a process fewer cores than there are; not all systems tell
+    # a scheduler may give a process fewer cores than the machine has; not all systems report this
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
 def refuse_impossible(what: str, needed: float, seconds: float) -> None:
-    """Refuse a run that needs more memory than there is or more than a year; warn of one of more than a day.
+    """Refuse a run that needs more memory than there is, or more than a year; warn of a run of more than a day.
 
     **Arguments:** `what`: the run in words, a plural; `needed`: memory of its result [bytes]; `seconds`: an estimate
     of its time.
@@ -93,7 +93,7 @@ def shown_bytes(count: float) -> str:
 
 def shown_time(seconds: float) -> str:
     """Return a duration as text, with three digits at most: "40 s", "2.08 min", "3.33 h", "5.2 days", "17 years"."""
-    # a unit serves up to two of the next one
+    # a unit is used up to two of the next unit
     size = 1.0
     for unit, next_size in (("s", 60.0), ("min", 3600.0), ("h", 86400.0), ("days", LONGEST)):
         if seconds < 2 * next_size:

@@ -1,4 +1,4 @@
-"""Notices that programs are being compiled, for the progress bar of a run."""
+"""Notices on the progress bar of a run, while programs compile."""
 
 import threading
 from collections.abc import Callable
@@ -11,8 +11,8 @@ class CompileNotices:
     """Notices, for the progress bar of a run, that programs which step through time are being compiled."""
 
     def __init__(self, expected: int, show: Callable[[str], None], first: Callable[[], object] = lambda: None):
-        """**Arguments:** `expected`: number of programs; `show`: is called with each text, and at the end with "";
-        `first`: is called when the first program begins."""
+        """**Arguments:** `expected`: number of programs; `show`: called with each text, and at the end with "";
+        `first`: called when the first program begins."""
         self.expected = expected
         self.show = show
         self.first = first
@@ -22,9 +22,9 @@ class CompileNotices:
         self.lock = threading.Lock()
 
     def begin(self) -> None:
-        """Show that this thread compiles a program; further calls before its `end` change nothing."""
+        """Show that this thread compiles a program; further calls before `end` change nothing."""
         thread = threading.get_ident()
-        # several threads compile at once
+        # several threads may compile at the same time
         with self.lock:
             if thread not in self.threads:
                 self.threads.add(thread)
@@ -43,7 +43,7 @@ class CompileNotices:
                 self._tell()
 
     def _tell(self) -> None:
-        """Show which program is waited for: of several that are compiled at once, the next one to be there."""
+        """Show which program the run waits for: of several that compile, the next one to be ready."""
         of = f"{self.ended + 1} of {max(self.begun, self.expected)}"
         self.show(f"compiling program {of}" if self.threads else "")
 
@@ -53,7 +53,7 @@ NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
 
 
 def note_compiling() -> None:
-    """Show on the run's progress bar that a program which steps through time is being traced."""
+    """Show on the run's progress bar that JAX traces a program which steps through time."""
     notices = NOTICES.get()
     if notices is not None and is_transformed():
         notices.begin()

@@ -1,13 +1,13 @@
-"""Parts of a program that XLA compiles to one kernel on a CPU, their loops included.
+"""Parts of a program that XLA compiles to one kernel on a CPU, loops included.
 
-By default XLA starts each of the some hundred kernels in a step of an integration on its own, which takes longer than
-a batch of 30 cases needs to compute. A call that it must not inline and that bears the attribute `xla_cpu_small_call`
-becomes one kernel; no other program of the process is changed by it.
+A step of an integration has some hundred kernels. By default XLA starts each kernel separately, and these starts take
+longer than the computation of a batch of 30 cases. XLA compiles a call to one kernel where the call has the attribute
+`xla_cpu_small_call` and must not be inlined. The attribute changes no other program of the process.
 
-The part is a `jax.jit` inside the program, whose rules for derivatives and batches are JAX's own. Its results pass
-through a primitive that does nothing but set the attributes on the call which they come from, when the program is
-lowered. The transpose of that primitive is one for arguments and vice versa, so that calls of reverse mode are marked
-by what are their results.
+Such a part is a `jax.jit` inside the program, so that JAX's own rules for derivatives and batches apply. The results
+of the part pass through a primitive. When the program is lowered, this primitive sets the attributes on the call that
+computes the results; it does nothing else. A second primitive does the same for arguments. Each primitive is the
+transpose of the other: in reverse mode arguments become results, and the call of reverse mode is marked, too.
 """
 
 import math
@@ -26,33 +26,33 @@ from .tracing import split_arrays
 ATTRIBUTES = "mhlo.frontend_attributes"
 """Name by which XLA finds the attributes of a call."""
 LARGEST = 32 << 10
-"""Numbers of an only result from which on there is no kernel; with twice as many some could not be compiled."""
+"""Size [numbers] from which a call's only result prevents a kernel; at twice this size some calls did not compile."""
 
 
 def in_one_kernel(fun: Callable, *args: PyTree) -> PyTree:
-    """Call `fun(*args)`: on a CPU one kernel of the compiled program, unless a LAPACK call, scatter or sort is in it,
-    or its only result is an array of `LARGEST`.
+    """Call `fun(*args)` as one kernel of the compiled program on a CPU. There is no such kernel where `fun` contains
+    a LAPACK call, a scatter or a sort, or where its only result is an array of `LARGEST` numbers or more.
 
-    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
+    **Arguments:** `fun`: function of pytrees that returns a pytree of arrays.
     """
     note_compiling()
     call, arrays = split_arrays(fun, args)
-    # a traced value that the function closes over must be an argument of the call, too
+    # a traced value that the function closes over must also be an argument of the call
     of_arrays, closed_over = jax.closure_convert(call, arrays)
-    # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
-    # operands, and fails where one is without use. Those of a second call inside it are all operands. Derivatives
-    # leave the outermost of several calls with arguments that the next one does not get: then that one is the kernel.
-    # The last one is the whole program where the function is called outside of any.
+    # XLA fails where an argument of the call that becomes the kernel is not an operand inside this call. Therefore
+    # the call contains a second call, of which all arguments are operands. Derivatives may give the outermost call
+    # arguments that it does not pass to the next call; then the next call becomes the kernel. The outermost `jax.jit`
+    # is the whole program where the function is called outside of any program.
     kernel = _called(_called(of_arrays, kernel=False), kernel=True)
     return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
 
 
 def _called(fun: Callable, kernel: bool) -> Callable:
-    """Return a function that calls `fun` by a call that XLA does not inline, and compiles as a kernel if asked to."""
+    """Return a function that calls `fun` by a call that XLA does not inline; with `kernel` the call is one kernel."""
     inner = jax.jit(fun)
 
     def call(*args: PyTree) -> PyTree:
-        # The marks on results lead the lowering to the call. Those on arguments are results of the transposed call.
+        # The lowering finds the call by its marked results. Marked arguments are results of the transposed call.
         args = jax.tree.map(lambda x: _argument.bind(x, kernel=kernel), args)
         return jax.tree.map(lambda x: _result.bind(x, kernel=kernel), inner(*args))
 
@@ -60,9 +60,9 @@ def _called(fun: Callable, kernel: bool) -> Callable:
 
 
 def _mark(context: mlir.LoweringRuleContext, x: ir.Value, kernel: bool) -> list[ir.Value]:
-    """Set the attributes on the call that a value comes from, once; empty ones where it cannot be a kernel."""
+    """Set the attributes, once, on the call that computes a value; empty ones where the call cannot be a kernel."""
     call = getattr(x.owner, "operation", x.owner)
-    # another result of the call may have marked it; after transformations a value may come from elsewhere
+    # another result may have marked the call before; after transformations a value may not come from a call
     if getattr(call, "name", "") != "func.call" or ATTRIBUTES in call.attributes:
         return [x]
     marks = {"inlineable": ir.StringAttr.get("false")}
@@ -82,7 +82,7 @@ def _mark(context: mlir.LoweringRuleContext, x: ir.Value, kernel: bool) -> list[
 def _hide_constants(call: ir.Operation) -> None:
     """Pass the operands of a call through a barrier.
 
-    XLA would fold constants into the called function, whose arguments would have no use then, so that it fails.
+    Without the barrier XLA would fold constants into the called function, and fail at the arguments without use.
     """
     with ir.InsertionPoint(call), call.location:
         barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
@@ -91,11 +91,12 @@ def _hide_constants(call: ir.Operation) -> None:
 
 
 def _hide_from_library(operations: list[ir.Operation]) -> None:
-    """Rewrite products of matrices, and large sums and extremes, so that XLA does not recognise them.
+    """Rewrite products of matrices, large sums and large extremes, so that XLA does not recognise them.
 
-    Since JAX 0.11 it computes those it recognises by a library (YNNPACK), and has no code for that inside a kernel.
+    Since JAX 0.11 XLA leaves the operations that it recognises to a library (YNNPACK), which it cannot call inside a
+    kernel.
     """
-    large = 1024  # numbers; from 4096, as measured, they are left to the library
+    large = 1024  # numbers; by measurement XLA uses the library from 4096 numbers on
     for operation in operations:
         if operation.name == "stablehlo.dot_general":
             operation = _written_out(operation)
@@ -107,17 +108,17 @@ def _hide_from_library(operations: list[ir.Operation]) -> None:
         if simple and math.prod(kind.shape) >= large:
             step, end = block.operations
             with ir.InsertionPoint(end), end.location:
-                # "v if v is NaN else the sum": the same for all numbers, NaN included, because it has v as a term
+                # "v if v is NaN, else the sum" equals the sum, also for NaN, because v is a term of the sum
                 value = block.arguments[1]
                 is_nan = stablehlo.compare(value, value, stablehlo.ComparisonDirectionAttr.get("NE"))
                 end.operands[0] = stablehlo.select(is_nan, value, step.results[0])
 
 
 def _written_out(product: ir.Operation) -> ir.Operation:
-    """Replace a product of matrices by a sum of products of their numbers; return the sum."""
+    """Replace a product of matrices by a sum of products of numbers; return the sum."""
     numbers = stablehlo.DotDimensionNumbers(product.attributes["dot_dimension_numbers"])
     kind = ir.RankedTensorType(product.results[0].type)
-    axes = []  # of each factor, in the array of all products: those of the result, then those that are summed over
+    axes = []  # places of each factor's axes in the array of all products: axes of the result, then summed axes
     free = len(numbers.lhs_batching_dimensions)
     last = kind.rank
     sides = (
@@ -157,19 +158,19 @@ def _callee(call: ir.Operation) -> str:
 
 
 def _only_calls(call: ir.Operation, functions: ir.SymbolTable) -> bool:
-    """Tell whether the called function only calls another one, which is marked, and passes all its arguments on."""
+    """Return whether the called function only calls a second, marked function, and passes all its arguments on."""
     block = functions[_callee(call)].entry_block
     inner, *others = [operation.operation for operation in block.operations]
     if inner.name != "func.call" or len(others) > 1:
         return False
-    # XLA shares the work of a large only result among threads, for which it has no code inside a kernel
+    # where a large result is the only one, XLA divides its work among threads, which it cannot do inside a kernel
     if len(inner.results) == 1 and math.prod(ir.RankedTensorType(inner.results[0].type).shape) >= LARGEST:
         return False
     return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
 
 def _operations(name: str, functions: ir.SymbolTable, seen: set[str]) -> list[ir.Operation]:
-    """Return the operations of a function, and of those that it calls, each once."""
+    """Return the operations of a function and of the functions that it calls, each once."""
     found = []
 
     def visit(operation):
@@ -184,22 +185,22 @@ def _operations(name: str, functions: ir.SymbolTable, seen: set[str]) -> list[ir
 
 
 def _fits(operation: ir.Operation) -> bool:
-    """Tell whether an operation can be inside a kernel."""
+    """Return whether an operation can be inside a kernel."""
     if operation.name == "stablehlo.scatter":
         return _updates_once(operation)
     if operation.name == "stablehlo.dot_general":
-        # one that can be written out
+        # `_written_out` takes floating-point numbers of one type
         types = {ir.RankedTensorType(x.type).element_type for x in (*operation.operands, *operation.results)}
         return len(types) == 1 and isinstance(types.pop(), ir.FloatType)
-    # for these XLA on a CPU calls a library, or has no code inside a kernel
+    # for these operations XLA calls a library on a CPU, or has no code inside a kernel
     others = "chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort"
     return operation.name not in others
 
 
 def _updates_once(scatter: ir.Operation) -> bool:
-    """Tell whether a scatter has one index, so that XLA makes a slice's update of it.
+    """Return whether a scatter has one index, so that XLA replaces the scatter by the update of a slice.
 
-    Of windows that are added it makes none: these are in derivatives of a batch by samples of a rail.
+    XLA does not replace a scatter that adds windows; derivatives of a batch by samples of a rail have such scatters.
     """
     numbers = stablehlo.ScatterDimensionNumbers(scatter.attributes["scatter_dimension_numbers"])
     combines = len(list(scatter.regions[0].blocks[0].operations)) > 1
@@ -211,12 +212,12 @@ def _updates_once(scatter: ir.Operation) -> bool:
 
 _argument = Primitive("slipperjax_argument")
 _result = Primitive("slipperjax_result")
-# both leave an array as it is, and are the transposes of each other
+# both primitives return their array unchanged, and are the transposes of each other
 for primitive, other in ((_argument, _result), (_result, _argument)):
     primitive.def_impl(lambda x, kernel: x)
     primitive.def_abstract_eval(lambda x, kernel: x)
     ad.deflinear2(primitive, lambda cotangent, x, kernel, other=other: [other.bind(cotangent, kernel=kernel)])
     batching.defvectorized(primitive)
     mlir.register_lowering(primitive, lambda context, x, kernel: [x])
-# a lowering that JAX keeps for several calls would not see where its operand comes from
+# JAX must not reuse the lowering of another call, because the operand of each comes from another place
 mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)

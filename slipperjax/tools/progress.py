@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 DELAY = 1.0
-"""Time after which a bar appears that nobody asked for, or that may be in vain [s]; where it compiles, at once."""
+"""Time [s] after which a bar appears that nobody asked for, or that may be unnecessary; at once if it compiles."""
 LONGEST_SILENCE = 60.0
-"""Time after which a bar in a file or pipe is written again, though nothing was done [s]."""
+"""Time [s] after which a bar in a file or pipe is written again without progress."""
 
 
 def is_live() -> bool:
-    """Tell whether standard error shows a bar that changes: on a terminal, or in a notebook."""
+    """Return whether standard error shows a bar that changes: on a terminal, or in a notebook."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
@@ -29,13 +29,12 @@ def is_live() -> bool:
 def bar(
     wanted: bool | None, *, programs: int = 1, meanwhile: Callable[[], object] | None = None, **options: Any
 ) -> "Iterator[tqdm]":
-    """Show tqdm's bar, with its `options`; in files and pipes, a line every ten seconds at most, and
-    every minute at least.
+    """Show tqdm's bar, with its `options`; in files and pipes a line every 10 s at most, every minute at least.
 
-    It tells when a program that steps through time is being compiled.
+    The bar shows when a program that steps through time is being compiled.
 
-    **Arguments:** `wanted`: whether it is shown; None shows it on terminals and in notebooks until it has ended;
-    `programs`: how many programs the run is expected to compile; `meanwhile`: is called when the first of them
+    **Arguments:** `wanted`: whether the bar is shown; None shows it on terminals and in notebooks until it has ended;
+    `programs`: number of programs that the run is expected to compile; `meanwhile`: called when the first program
     begins, also where no bar is shown.
 
     **Raises:** `ValueError` for another `wanted`.
@@ -50,7 +49,7 @@ def bar(
     elif wanted is None or not yes_or_no("progress", wanted):
         shown |= dict(disable=True)
     name = options.pop("desc", "")
-    colon = ": " if "bar_format" in options else ""  # which tqdm's own format adds
+    colon = ": " if "bar_format" in options else ""  # tqdm's own format adds the colon
 
     def described(*parts: str) -> str:
         text = ", ".join(part for part in parts if part)
@@ -59,11 +58,11 @@ def bar(
     def show(notice: str) -> None:
         if progress.disable:
             return
-        progress.delay = 0  # tqdm wipes a bar out at the end only if its delay is over
+        progress.delay = 0  # tqdm removes a bar at the end only after its delay
         progress.set_description_str(described(name, notice))
 
     with tqdm(desc=described(name), **(shown | options)) as progress:
-        if progress.disable and meanwhile is None:  # a bar around it shows the notices
+        if progress.disable and meanwhile is None:  # an enclosing bar shows the notices
             yield progress
             return
         token = NOTICES.set(CompileNotices(programs, show, meanwhile or (lambda: None)))
@@ -75,7 +74,7 @@ def bar(
 
 
 class _Lines:
-    """Standard error for a bar in files and pipes, where each of its states gets a line of its own."""
+    """Standard error for a bar in files and pipes, where each state of the bar gets its own line."""
 
     def __init__(self):
         self.written = time.monotonic()
@@ -86,7 +85,7 @@ class _Lines:
 
     @contextmanager
     def kept_up(self, progress: "tqdm") -> Iterator[None]:
-        """Write a bar's state after each `LONGEST_SILENCE`, by a thread, because this one may compile for minutes."""
+        """Write a bar's state after each `LONGEST_SILENCE` by another thread, as this one may compile for minutes."""
         ended = threading.Event()
         left = lambda: self.written + LONGEST_SILENCE - time.monotonic()
 

@@ -1,6 +1,6 @@
-"""The self-test of the fast forms: one small program that uses each, compared with NumPy.
+"""The self-test of the fast forms: one small program that uses all of them, compared with NumPy.
 
-It takes half as long as importing JAX, and no time where programs are kept and it has passed before.
+The test takes half as long as importing JAX, and no time where programs are kept and an earlier test has passed.
 """
 
 import hashlib
@@ -27,18 +27,18 @@ WEIGHTS = np.linspace(0.5, 1.5, 8)
 
 
 def fault() -> str:
-    """Return what is wrong with the fast forms, "" where nothing is; raises what JAX raises."""
+    """Return what is wrong with the fast forms, "" where nothing is wrong; raises JAX's own errors."""
     file = _file()
     if file is not None:
         with suppress(OSError):
             if file.read_bytes() == PASSED:
                 return ""
-    # a thread of its own is outside of transformations, and of contexts such as `jax.disable_jit`
+    # a new thread is outside of transformations, and of contexts such as `jax.disable_jit`
     with ThreadPoolExecutor(1) as pool:
         found = pool.submit(_computed).result()
     of_batch = lambda x: _by_numpy(x) + _by_numpy(2 * x)
     right = _by_numpy(X), _slope(_by_numpy), _slope(of_batch)
-    # measured: 1e-10, of the differences
+    # the differences measure 1e-10
     if not all(np.allclose(one, other, rtol=1e-7) for one, other in zip(found, right, strict=True)):
         return "it gives wrong numbers"
     if file is not None:
@@ -48,7 +48,7 @@ def fault() -> str:
 
 
 def _file() -> Path | None:
-    """Return the file beside kept programs that tells of the self-test; None where no programs are kept."""
+    """Return the file next to kept programs that records a passed self-test; None where no programs are kept."""
     folder = kept_folder()
     if folder is None:
         return None
@@ -57,8 +57,8 @@ def _file() -> Path | None:
 
 
 def _computed() -> tuple[Array, Array, Array]:
-    """Return the value of `_run`, its gradient by forward mode, and in reverse mode that of the sum over a batch."""
-    # the least effort of LLVM, because what may break comes before it
+    """Return the value of `_run`, its gradient in forward mode, and in reverse mode the gradient of a batch's sum."""
+    # the least effort of LLVM, because errors occur before LLVM begins
     options = fast.compiler_options() | {"xla_backend_optimization_level": 0}
     of_batch = lambda x: jnp.sum(jax.vmap(_run)(jnp.stack([x, 2 * x])))
     every = lambda x: (_run(x), jax.jacfwd(_run)(x), jax.grad(of_batch)(x))

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MISSING = ("", "-", "nan", "na", "n/a", "#n/a", "null", "none", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind")
-"""Cells that stand for no number, in small letters."""
+"""Cells that mean "no number", in small letters."""
 MISSING_NUMBERS = (-9999.0, -99999.0)
-"""Numbers that stand for none."""
+"""Numbers that mean "no number"."""
 OVERLOAD = ("ol", "ovl", "ovld", "over", "overload", "overrange", "inf", "+inf", "-inf", "1.#inf", "-1.#inf")
-"""Cells that stand for a number which the instrument could not measure, in small letters."""
+"""Cells that mean a number which the instrument could not measure, in small letters."""
 OVERLOADED = 1e30
-"""Magnitude from which numbers stand for one that could not be measured: instruments write 9.9E37, netCDF files
-9.97e36 for none."""
+"""Magnitude from which a number means "not measured": instruments write 9.9E37, and netCDF files write 9.97e36 for a
+missing number."""
 STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
-"""What one counts before the plus of a station such as 129+773, in its unit, by that unit [m] and the digits
-behind."""
+"""Value of one count before the plus of a station such as 129+773, in the station's unit, by this unit [m] and the
+number of digits after the plus."""
 MOST_SHOWN = 10
-"""Faults, and other names of columns, that an error shows."""
+"""Number of faults, and of other names of columns, that an error shows."""
 WAYS = {
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "save its sheet as CSV"),
     **dict.fromkeys((".gz", ".zip", ".xz", ".7z"), "unpack it first"),
@@ -39,15 +39,15 @@ WAYS = {
     **dict.fromkeys((".unv", ".uff"), "load_modes reads its modes"),
     **dict.fromkeys((".f06", ".op2", ".rst", ".odb"), "export its modes as CSV, with the modal masses"),
 }
-"""What to do with files of other kinds, by their endings."""
+"""Advice for files of other kinds, by their endings."""
 Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
-"""SI units of columns by name, or a function that returns them for the names of all columns of a file."""
+"""SI units of columns by name, or a function that returns the units for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
 _FILE = -1  # in place of a row: the file as a whole
 
 
 def without_marks(values: np.ndarray, name: str) -> np.ndarray:
-    """Return numbers with NaN in place of marks of overload, of which a warning tells; `name` is their name there."""
+    """Return numbers with NaN in place of marks of overload, with a warning; `name` is the numbers' name in it."""
     marks = np.abs(values) >= OVERLOADED
     if not marks.any():
         return values
@@ -56,28 +56,28 @@ def without_marks(values: np.ndarray, name: str) -> np.ndarray:
 
 
 class TableError(ValueError):
-    """Faults of a table: one line for one, else a line that counts them and a line for each."""
+    """Faults of a table: one line for one fault; otherwise a line with their number, and a line for each."""
 
 
 class Column(NamedTuple):
-    """A column as its file has it."""
+    """A column as it is in its file."""
 
     name: str
     unit: str | None
     """None where the file has none."""
     values: np.ndarray
-    """Numbers in that unit; NaN where there is none."""
+    """Numbers in this unit; NaN where there is no number."""
 
 
 class Table:
     """Columns of a file by the names under which they are wanted, and the faults found so far.
 
-    A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm]`, or with units in
-    the line below, and a line for each row. Lines above the names are left out, and what follows #. Columns stand
-    between commas, or between semicolons or tabs, where decimals may have commas; distances may be stations such as
-    129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not; a MAT file has
-    them with their units in a struct `units`, as in units.distance = 'ft'. Capitals do not count in names, nor
-    whether words are joined by spaces or underscores. Columns that are not wanted are left out, and a warning names
+    A CSV file has a line of names and a line for each row. Units are in brackets after the names, such as
+    `chainage [ft], lateral [mm]`, or in the line below the names. Lines above the names and text after # are ignored.
+    Commas separate columns; so do semicolons or tabs, and then decimals may have commas. Distances may be stations
+    such as 129+773 [m]. A netCDF file has variables of these names with an attribute `units`, packed or not. A MAT
+    file has variables of these names, with units in a struct `units`, as in units.distance = 'ft'. Names may have
+    capitals, and spaces or underscores between words. Columns that are not wanted are left out, and a warning names
     them.
     """
 
@@ -92,11 +92,11 @@ class Table:
         labels: str = "",
     ):
         """**Arguments:** `content`: of the file `path`; `wanted`: SI units of the columns by name, "" for pure
-        numbers, or a function that returns them for the names that a file has; `aliases`: names of columns by other
-        names. Names here are in small letters, with underscores between words; `holes`: whether numbers may be
-        missing, which are NaN then, and no fault; `labels`: name of a column of words, which a text may have.
+        numbers, or a function that returns the units for the names in a file; `aliases`: names of columns by other
+        names. All these names are in small letters, with underscores between words. `holes`: whether numbers may be
+        missing; they are NaN then, and no fault. `labels`: name of a column of words that a text may have.
 
-        **Raises:** `TableError` for a file that has no table. Other faults are raised by `si`.
+        **Raises:** `TableError` for a file without a table. `si` raises the other faults.
         """
         self.path = path
         self._wanted_of = wanted if callable(wanted) else lambda names: wanted
@@ -108,10 +108,10 @@ class Table:
         self._of_labels = labels
         self.labels: list[str] = []
         self.faults: list[tuple[int, str]] = []
-        # what a row is called in errors, and the number of each
+        # the word for a row in errors, and the number of each row
         self.row = "line"
         self.numbers: list[int] = []
-        # line of the units
+        # number of the line with the units
         self.header = _FILE
         read = self._read_text
         if content.startswith((_HDF5, b"CDF")):
@@ -123,13 +123,13 @@ class Table:
             warn(f"File {path} has columns that are not read: {listed(unread)}.")
 
     def fault(self, text: str, number: int = _FILE) -> None:
-        """Note a fault of the row with a number, or else of the file."""
+        """Note a fault of the row with this number, or else of the file."""
         self.faults.append((number, text))
 
     def check_rising(self, name: str, *, gaps: bool = False, also: str = "") -> None:
-        """Note where a column does not increase, and with `gaps` where its steps are more than three usual ones.
+        """Note where a column does not increase, and with `gaps` where a step is more than three usual steps.
 
-        **Arguments:** `also`: what to do besides reversing the rows of a column that falls.
+        **Arguments:** `also`: advice in addition to reversing the rows of a column that falls.
         """
         column = self.columns[name]
         known = np.flatnonzero(np.isfinite(column.values))
@@ -137,12 +137,12 @@ class Table:
         if len(values) < 2:
             return
         steps = np.diff(values)
-        # the median, which a few gaps do not change
+        # the median, because a few gaps do not change it
         typical = np.median(steps)
         if typical < 0:
             self.fault(f"`{column.name}` falls from row to row: reverse the rows{also}")
             return
-        # neither rows whose number is missing nor the way back from one that fell are a gap
+        # a row without a number is no gap, and the way back from a number that fell is none
         wide = gaps & (steps > 3 * typical * np.diff(known)) & (np.append(typical, steps[:-1]) > 0)
         unit = f" {column.unit}" if column.unit else ""
         numbers = [self.numbers[k] for k in known]
@@ -160,7 +160,7 @@ class Table:
         """
         found = {}
         for name, column in self.columns.items():
-            # a column without a unit is a fault of its own, or a pure number
+            # a column without a unit is a fault of its own, or has pure numbers
             try:
                 factor = 1.0 if column.unit is None else unit_factor(column.name, column.unit, self.wanted[name])
                 values = column.values
@@ -188,7 +188,7 @@ class Table:
         return TableError("\n  ".join(lines))
 
     def _plain(self, text: str) -> str:
-        """Return a name in small letters with underscores between words, or the one that it is an alias of."""
+        """Return a name in small letters with underscores between words, or the name of which it is an alias."""
         plain = "_".join(text.lower().replace("_", " ").split())
         return self.aliases.get(plain, plain)
 
@@ -198,7 +198,7 @@ class Table:
         return name if name in self.wanted else ""
 
     def _add(self, name: str, column: Column) -> None:
-        """Add a column, unless there is one of its meaning."""
+        """Add a column, unless there is already one of the same meaning."""
         if name in self.columns:
             self.fault(f"{self.columns[name].name} and {column.name} are both {name}: leave one out", self.header)
         else:
@@ -208,7 +208,7 @@ class Table:
         """Read the columns of a text, and return the names of those that are not wanted."""
         lines = self._decoded(content).splitlines()
         above, delimiter, heads = self._heads(lines)
-        # of each wanted column its place in a row
+        # place in a row of each wanted column
         at = {i: Column(head.written, head.unit, np.empty(0)) for i, head in enumerate(heads) if head.name}
         rows = []
         for k, line in enumerate(lines[above:], above + 1):
@@ -219,7 +219,7 @@ class Table:
             row = _cells(sample, delimiter)
             self.numbers.append(k)
             self.labels += [cell.strip() for cell, head in zip(row, heads, strict=False) if self._is_label(head)]
-            # cells at the end that are not wanted may be left out
+            # unwanted cells at the end of a row may be missing
             if max(at) < len(row) <= len(heads):
                 rows.append({i: row[i].strip() for i in at})
                 continue
@@ -236,26 +236,26 @@ class Table:
         return [head.written for head in heads if head.written and not head.name and not self._is_label(head)]
 
     def _is_label(self, head: "_Head") -> bool:
-        """Whether a column has the labels of the rows."""
+        """Return whether a column has the labels of the rows."""
         return self._of_labels != "" and self._plain(head.written) == self._of_labels
 
     def _decoded(self, content: bytes) -> str:
-        """Return a text in UTF-8 or Windows-1252, or in UTF-16 that says so."""
+        """Return a text in UTF-8 or Windows-1252, or in UTF-16 with a byte order mark."""
         wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        # Windows-1252, with Latin-1 in it, takes nearly any bytes: control characters show what is no text
+        # Windows-1252 (with Latin-1) accepts nearly any bytes, so that control characters show that a file is no text
         for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
             with contextlib.suppress(UnicodeDecodeError):
                 text = content.decode(encoding)
-                if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
+                if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # no table has these characters
                     return text
         kinds = "neither a text in UTF-8, UTF-16 or Windows-1252 nor a netCDF or MAT file"
         raise TableError(f"{self.path} is {kinds}{self._way()}.")
 
     def _heads(self, lines: list[str]) -> tuple[int, str, list["_Head"]]:
-        """Return the number of lines above the rows, the mark between columns, and the heads of these.
+        """Return the number of lines above the rows, the mark between columns, and the heads of the columns.
 
-        The line of names may come after lines of other words, and has the units, or the line below it. It may stand
-        behind #, where no other line has names.
+        The line of names may come after lines of other words, and has the units, or the next line has them. The line
+        of names may begin with # where no other line has names.
         """
         for behind_mark in (False, True):
             for k, line in enumerate(lines[:200], 1):
@@ -266,7 +266,7 @@ class Table:
                 written = [_written(cell) for cell in _cells(words, delimiter)]
                 self.wanted = self._wanted_of({self._plain(name) for name, _ in written})
                 heads = [_Head(self._name(name), name, unit) for name, unit in written]
-                # other words above the table may name one column by chance
+                # other words above the table may be the name of one column by chance
                 if sum(head.name != "" for head in heads) > 1:
                     return self._with_units(heads, lines, k, delimiter)
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
@@ -276,14 +276,14 @@ class Table:
         raise TableError(f"{self.path} has no line of {need}{others}. {begins}.")
 
     def _way(self) -> str:
-        """Return what to do with a file that is no table, by its ending; empty where that is unknown."""
+        """Return advice for a file that is no table, by its ending; empty where the ending is unknown."""
         way = WAYS.get(self.path.suffix.lower())
         return f": {way}" if way else ""
 
     def _with_units(
         self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
     ) -> tuple[int, str, list["_Head"]]:
-        """Return what `_heads` does, with the units of the line below the names, the k-th, where that has them."""
+        """Return what `_heads` does, with units from the line below the names, the k-th, if it has units."""
         measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
         below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
         below += [""] * (len(heads) - len(below))
@@ -301,8 +301,8 @@ class Table:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
 
     def _number(self, column: Column, words: str | None, decimal: str, line: int) -> float:
-        """Return the number in a cell, a station's as `STATIONS` says; NaN where there is none, which is a fault
-        unless there is no cell."""
+        """Return the number in a cell, for a station by `STATIONS`; NaN where there is none, which is a fault unless
+        there is no cell."""
         if words is None:
             return np.nan
         if words.lower() in MISSING:
@@ -345,7 +345,7 @@ class Table:
         return np.inf
 
     def _before_plus(self, column: Column, digits: int) -> float:
-        """Return what one before the plus of a station counts in the column's unit; NaN where it is unknown."""
+        """Return the value of one count before a station's plus, in the column's unit; NaN where it is unknown."""
         with contextlib.suppress(ValueError):
             return STATIONS.get((round(unit_factor(column.name, column.unit or "", "m"), 4), digits), np.nan)
         return np.nan
@@ -356,7 +356,7 @@ class Table:
 
         self.row = "sample"
         engine = {"engine": "h5netcdf", "phony_dims": "sort"} if content.startswith(_HDF5) else {"engine": "scipy"}
-        # the bytes, and not the file again, which may have changed
+        # from `content`, because the file may have changed since
         opened = lambda: xr.open_dataset(io.BytesIO(content), decode_times=False, **engine)
         with readable(self.path, "netCDF file"), opened() as ds:
             names = {self._plain(str(key)) for key in ds.variables}
@@ -388,14 +388,14 @@ class Table:
         return [key for key in named if key not in arrays]
 
     def _take(self, arrays: Mapping[str, "xr.DataArray"]) -> None:
-        """Take the columns of a file from arrays with an attribute `units`, by the names that they have there."""
+        """Take the columns of a file from arrays with an attribute `units`, by the arrays' names."""
         for key, array in arrays.items():
             fault = self._fault_of(self._name(key), array)
             if fault:
                 self.fault(f"`{key}` must {fault}")
         if len({array.size for array in arrays.values()}) > 1:
             self.fault(f"{', '.join(arrays)} must have one length")
-        # without columns there is nothing else to find
+        # without columns there are no other faults to find
         if self.faults:
             raise self._error()
         for key, array in arrays.items():
@@ -409,7 +409,7 @@ class Table:
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
 
     def _fault_of(self, name: str, array: "xr.DataArray") -> str:
-        """Return what a variable of a netCDF file must have or be, empty where it is good."""
+        """Return what is wrong with a variable of a netCDF file; empty where it is good."""
         if self.wanted[name] and not array.attrs.get("units"):
             return "have an attribute `units`, but has none"
         if array.ndim != 1 or not array.size or array.dtype.kind not in "fiu":
@@ -422,10 +422,10 @@ class Table:
 def read_rows(
     file: str | Path, axes: Mapping[str, str], values: Mapping[str, str], aliases: Mapping[str, str]
 ) -> tuple[str, dict[str, np.ndarray]]:
-    """Read a table whose rows go by one of several axes, of which the first that it has counts and must increase.
+    """Read a table whose rows go along one of several axes: the first axis that it has, which must increase.
 
-    **Arguments:** `axes`, `values`: SI units of the columns by name; of `values` one is enough; `aliases`: as for
-    `Table`.
+    **Arguments:** `axes`, `values`: SI units of the columns by name; one column of `values` is enough; `aliases`: as
+    for `Table`.
 
     **Returns:** the axis and the columns.
 
@@ -446,7 +446,7 @@ def read_rows(
 class _Head(NamedTuple):
     """The head of a column."""
 
-    name: str  # that under which it is wanted; empty for another
+    name: str  # name under which the column is wanted; empty for others
     written: str
     unit: str | None
 
@@ -458,7 +458,7 @@ def _written(cell: str) -> tuple[str, str | None]:
 
 
 _REMARK = re.compile(r"(?<!1\.)#(?!N/A)")
-"""The mark of remarks, which is none in 1.#INF and #N/A."""
+"""The mark of remarks; # in 1.#INF and #N/A is no such mark."""
 _UNIT = re.compile(r"\s*[\[(]?\s*(?:[^\W\d_][\w/^*.·\s-]*|°)\s*[\])]?\s*")
 """A cell of the line of units."""
 
@@ -469,7 +469,7 @@ def _delimiter(line: str) -> str | None:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line; none where one is longer than any name."""
+    """Return the cells of a line; no cells where one is longer than any name."""
     with contextlib.suppress(csv.Error):
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return []

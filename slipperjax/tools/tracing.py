@@ -1,4 +1,4 @@
-"""What is being traced: whether a call is inside a transformation of JAX, and what of its arguments JAX traces."""
+"""What is traced: whether a call is inside a transformation of JAX, and which of its arguments JAX traces."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,17 +14,17 @@ with ThreadPoolExecutor(1) as _pool:
 
 
 def is_transformed() -> bool:
-    """Tell whether the call is inside a JAX transformation, even if none of its arguments is a tracer."""
+    """Return whether the call is inside a JAX transformation, even if none of its arguments is a tracer."""
     return get_opaque_trace_state() != _TOP_LEVEL
 
 
 def is_traced(tree: PyTree) -> bool:
-    """Tell whether any leaf is a tracer: a value that is not known before the program runs."""
+    """Return whether any leaf is a tracer: a value that is not known before the program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[PyTree], PyTree], PyTree]:
-    """Split `fun(*args)` into a function of arrays alone, and the pytree of the arrays in `fun` and `args`."""
+    """Split `fun(*args)` into a function of arrays only, and the pytree of the arrays in `fun` and `args`."""
     arrays, others = eqx.partition((fun, args), eqx.is_array)
 
     def call(arrays: PyTree) -> PyTree:

@@ -1,4 +1,4 @@
-"""Names of what arguments and results may be, for annotations."""
+"""Names for the kinds of arguments and results, for annotations."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,7 @@
-"""Units: of numbers in texts, as pint knows them, and of whatever brings a unit of its own.
+"""Units: of numbers in texts, as pint knows them, and of objects that have their own unit.
 
-A frequency counts cycles and an angular rate radians, which pint takes for the same: 1 Hz is 1 rad/s there. Here
-1 Hz is 2 pi rad/s, and so are all units that differ by cycles and radians.
+Frequencies count cycles, and angular rates count radians. For pint both are the same: 1 Hz is 1 rad/s. Here 1 Hz is
+2 pi rad/s, and the same holds for all units that differ by cycles and radians.
 """
 
 import datetime
@@ -40,9 +40,9 @@ def _number(words: re.Match[str]) -> float:
 
 
 MEANT = {("g", "m/s^2"): "g", ("g0", "m/s^2"): "g", ("mil", "m"): "thou", ("lb", "N"): "lbf", ("kg", "N"): "kgf"}
-"""Units that are written for others, in small letters and without a plural, by these and the SI unit."""
+"""Units meant by other spellings, in small letters and without a plural, by spelling and SI unit."""
 STANDARD_GRAVITY = 9.80665
-"""g, in which accelerations are given [m/s^2]."""
+"""g, the unit of accelerations [m/s^2]."""
 
 
 def _as_pint_reads(unit: str) -> str:
@@ -56,7 +56,7 @@ def _as_pint_reads(unit: str) -> str:
 
 
 def pint_unit(unit: str) -> str:
-    """Return a unit as pint reads it: "m^2 per cycle/m" is "(m^2)/(cycle/m)", and "1" is empty."""
+    """Return a unit in pint's spelling: "m^2 per cycle/m" is "(m^2)/(cycle/m)", and "1" is empty."""
     whole, per, part = unit.partition(" per ")
     if per:
         return f"({whole})/({part})"
@@ -65,7 +65,7 @@ def pint_unit(unit: str) -> str:
 
 @functools.cache
 def unit_factor(name: str, unit: str, si: str) -> float:
-    """Return SI units in one `unit`; raises `ValueError` for a unit of another kind."""
+    """Return how many SI units one `unit` is; raises `ValueError` for a unit of another kind."""
     try:
         return _factor_of_text(unit, si)
     except TypeError as error:
@@ -74,15 +74,15 @@ def unit_factor(name: str, unit: str, si: str) -> float:
 
 @functools.cache
 def _factor_of_text(unit: str, si: str) -> float:
-    """Return SI units in one `unit`; raises `TypeError` for a unit of another kind."""
+    """Return how many SI units one `unit` is; raises `TypeError` for a unit of another kind."""
     if unit == si or pint_unit(unit) == pint_unit(si):
         return 1.0
-    if unit == "g" and si == "m/s^2":  # which pint takes for grams
+    if unit == "g" and si == "m/s^2":  # pint's g is gram
         return STANDARD_GRAVITY
     import pint  # here, because only files with other units need it
 
     try:
-        # no numbers to a power, which could be of any size
+        # no powers of numbers, which could be of any size
         if not re.fullmatch(r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}", unit):
             raise ValueError("it is no product of units and small powers")
         return _factor(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))), si)
@@ -94,7 +94,7 @@ def _factor_of_text(unit: str, si: str) -> float:
 
 
 def _factor(one: Any, si: str) -> float:
-    """Return SI units in the unit of a quantity of pint whose magnitude is one.
+    """Return how many SI units the unit of a quantity of pint is, whose magnitude is one.
 
     **Raises:** `TypeError` for a unit of another kind.
     """
@@ -106,26 +106,25 @@ def _factor(one: Any, si: str) -> float:
         return factor  # such as an arc, or a speed from wavelength and frequency
     if angles == angles_wanted:
         return factor * math.tau ** (cycles - cycles_wanted)
-    # 1/s counts cycles in place of Hz, and radians in place of rad/s, but 1/m may count either
+    # 1/s may mean Hz (cycles) or rad/s (radians), and 1/m may count either
     if angles or "turn" in dict(wanted.unit_items()):
         raise TypeError("it must say whether it counts cycles or radians")
     return factor
 
 
 def _angles(one: Any) -> tuple[float, float]:
-    """Return the power of angles in the unit of a quantity of pint, and that of those that pint does not count: of
-    the cycles in Hz, which it takes for 1/s."""
+    """Return the power of angles in the unit of a quantity of pint, and the power of the angles that pint does not
+    count: the cycles in Hz, because pint takes Hz as 1/s."""
     cycles = float(sum(power for name, power in one.unit_items() if name.endswith("hertz")))
     return cycles + dict(one.to_root_units().unit_items()).get("radian", 0), cycles
 
 
 def in_unit(value: Any, unit: str) -> Any:
-    """Return what has a unit of its own as numbers in `unit`, also in lists; other values as they are.
+    """Return values that have their own unit as numbers in `unit`, also in lists; other values unchanged.
 
-    Texts such as "1.5 mm" have units; so have quantities of pint, and of libraries like it; `xarray.DataArray` and
-    series of pandas in their attribute `units`; durations of Python, NumPy and pandas count in seconds. Numbers under
-    the mask of a masked
-    array are NaN.
+    Texts such as "1.5 mm" have units, and so have quantities of pint and of similar libraries. `xarray.DataArray`
+    and series of pandas have an attribute `units`. Durations of Python, NumPy and pandas are in seconds. Masked
+    numbers of a masked array become NaN.
 
     **Raises:** `TypeError` for a quantity of another kind, and for dates.
     """
@@ -144,7 +143,7 @@ def in_unit(value: Any, unit: str) -> Any:
 
 
 def unmasked(value: Any) -> Any:
-    """Return a masked array of numbers with NaN under its mask, also in lists; other values as they are."""
+    """Return a masked array of numbers with NaN under its mask, also in lists; other values unchanged."""
     if type(value) in (list, tuple):
         return type(value)(map(unmasked, value))
     if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "iuf":
@@ -153,12 +152,12 @@ def unmasked(value: Any) -> Any:
 
 
 def _parted(value: Any) -> tuple[Any, Any]:
-    """Return the numbers of a value, and their unit, as a text or as pint has it; None where it has none.
+    """Return the numbers of a value, and their unit, as a text or an object of pint; None where there is no unit.
 
     **Raises:** `TypeError` for dates.
     """
-    # told by what values can do, because the libraries take long to import
-    if isinstance(value, datetime.timedelta):  # those of pandas are, too
+    # recognised by their attributes, because the libraries take long to import
+    if isinstance(value, datetime.timedelta):  # durations of pandas, too
         return value.total_seconds(), "s"
     kind = getattr(getattr(value, "dtype", None), "kind", "")
     if kind == "m":
@@ -168,7 +167,7 @@ def _parted(value: Any) -> tuple[Any, Any]:
     if isinstance(value, jax.Array):
         return value, None
     if isinstance(attributes := getattr(value, "attrs", None), Mapping):
-        inner = getattr(value, "data", None)  # which may be a quantity of pint
+        inner = getattr(value, "data", None)  # `data` may be a quantity of pint
         if hasattr(inner, "magnitude"):
             return _parted(inner)
         own = attributes.get("units") or None

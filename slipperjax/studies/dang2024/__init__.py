@@ -1,1 +1,1 @@
-"""The study of Dang et al. 2024, doi:10.1115/1.4065629: its figures, and its claims answered one by one."""
+"""The study of Dang et al. 2024, doi:10.1115/1.4065629: its figures, and answers to its claims."""

@@ -61,7 +61,7 @@ class Claim(NamedTuple):
 
     def answer(self, run: Diagram | Singles) -> Answer:
         """Return the answer, with the number of flagged cases; a claim about flagged single cases has none."""
-        # the slice stands for all cases of a diagram
+        # the slice means all cases of a diagram
         cases = list(self.cases) or slice(None)
         status = run.status[cases]
         good = run.good[cases]
@@ -279,7 +279,7 @@ CLAIMS: dict[str, Claim] = {
         "clearance_exponents",
         partial(ranges, where=lambda of: of.positive, begins=2.575, within=(2, 5)),
     ),
-    # exponents over length; places may differ from the paper's by two steps of its grid
+    # exponents over length; places may differ from the paper's places by two steps of its grid
     "N12 LLE": Claim(
         "Fig. 11",
         "LLE above 0 below",
@@ -331,7 +331,7 @@ CLAIMS["N15"] = Claim(
     softer,
     (5, 6),
 )
-# under two wavelengths the highest line is f1, and sums and differences of both frequencies have lines, too
+# under two wavelengths the highest line is f1; sums and differences of both frequencies also have lines
 for _name, _label in (("a_z", "A_Z"), ("alpha_x", "alpha_X"), ("alpha_y", "alpha_Y")):
     CLAIMS[f"N16 {_label} top"] = Claim(
         "Fig. 13",
@@ -352,12 +352,12 @@ for _name, _label in (("a_z", "A_Z"), ("alpha_x", "alpha_X"), ("alpha_y", "alpha
 
 
 def answers(name: str, run: Diagram | Singles) -> dict[str, Answer]:
-    """Return the answers to all claims about a run."""
+    """Return the answers to all claims on a run."""
     return {key: claim.answer(run) for key, claim in CLAIMS.items() if claim.run == name}
 
 
 def rows(found: Mapping[str, Answer]) -> list[dict[str, str]]:
-    """Return the claims that were answered as rows of a table, in the paper's order."""
+    """Return the answered claims as rows of a table, in the paper's order."""
     table = []
     for key, claim in CLAIMS.items():
         if key in found:
@@ -376,7 +376,7 @@ def write_report(
 ) -> tuple[Path, Path]:
     """Write `claims.md` and `claims.json` into the folder `out`, or files of another `name`; return their paths.
 
-    **Arguments:** `seconds`: time of each run; `conventions`: one row per reading of what the paper leaves open.
+    **Arguments:** `seconds`: time of each run; `conventions`: one row for each reading of what the paper leaves open.
     """
     table = rows(answers)
     good = sum(answer.good for answer in answers.values())
@@ -389,7 +389,7 @@ def write_report(
         "",
         *table_lines(table),
     ]
-    # a quick study, or one of some figures only, has none
+    # a quick study, or a study of some figures only, has no readings
     if conventions:
         heading = "## The same numbers under other readings of what the paper leaves open"
         text += ["", heading, "", *table_lines(conventions)]

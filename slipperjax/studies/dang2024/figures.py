@@ -83,7 +83,7 @@ def _figure_4(data: Data) -> Figure:
 
 
 def _flagged(case: xr.Dataset, axes: np.ndarray) -> bool:
-    """Return whether a case is flagged; write so into its panels."""
+    """Return whether a case is flagged; if so, write this into its panels."""
     status = Status(int(case["status"]))
     for ax in axes:
         if status != Status.FINITE:
@@ -105,7 +105,7 @@ def _figure_12(data: Data) -> Figure:
     figure, axes = plt.subplots(2, 1, figsize=(3.5, 4.2), sharex=True, layout="constrained")
     for case, (ax,) in _cases(data, (5, 6), axes[:, None]):
         time = case["period"].values - case["period"].values[0]
-        # Solid: forces at saved states, of which the first 12 periods are shown. Dashed: peaks over all periods and
+        # Solid: forces at saved states in the first 12 periods. Dashed: peaks over all periods and
         # inside every step, as in the claims.
         peaks = case["peak_force"].sel(end="rear", point=list(_COLORS))
         for point, color in _COLORS.items():
@@ -145,19 +145,19 @@ def _diagram(name: str, data: Data) -> Figure:
     if not followed:
         return bifurcations(data[name])[0].figure
     figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
-    # five sections and six panels: the second one is for the legend
+    # five sections and six panels: the second panel is for the legend
     first, spare, *others = axes.flat
     panels = [first, *others]
     handles = {}
     for section, ax in zip(SECTIONS, panels, strict=True):
         branches(followed, section, brute=data[name], ax=ax)
-        # one legend for all panels: an event appears only in panels where its orbit crosses the section
+        # one legend for all panels, because an event appears only in panels where its orbit crosses the section
         found, labels = ax.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))
         ax.get_legend().remove()
-    # only the lowest panels label the shared axis
+    # only the lowest panels label the common axis
     plt.setp(panels[:3], xlabel="")
-    # limits of the whole diagram, of which a branch covers a part
+    # limits of the whole diagram, because a branch covers only a part
     first.set_xlim(PARAMETERS[name].shown(data[name][name].values[[0, -1]]))
     spare.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
     spare.axis("off")

@@ -1,6 +1,6 @@
 """The runs of the study of Dang et al. 2024, from which its figures and answers are made.
 
-`reproduce` does the runs that the requested figures need. All cases of a run are swept as one list, so that few
+`reproduce` does the runs that the requested figures need. All cases of a run are one list of a sweep, so that few
 programs are compiled.
 """
 
@@ -25,19 +25,19 @@ from .verdicts import Answer, Diagram, Singles, named
 
 
 class Effort(NamedTuple):
-    """Extent of the study; by default that of the paper's figures."""
+    """Extent of the study; by default the extent of the paper's figures."""
 
     speeds: int = 241
     clearances: int = 197
     lengths: int = 161
     transient: int = 600
-    """Forcing periods before anything is recorded."""
+    """Forcing periods before the recorded periods."""
     judged: int = 400
-    """Number of the last periods by which attractors are named."""
+    """Number of the last periods that classify attractors."""
     counted: int = 500
-    """Periods over which Lyapunov exponents are taken."""
+    """Periods over which Lyapunov exponents are measured."""
     flips: int = 2
-    """Number of flips at which branches of orbits are followed to those of twice the period."""
+    """Number of flips at which branches of orbits are followed to orbits of twice the period."""
     progress: bool | None = None
 
 
@@ -62,16 +62,16 @@ CaseList = dict[str, np.ndarray]
 
 
 def cases(**varied: Numbers) -> CaseList:
-    """Return a list of cases from values of some parameters; the others are those of the paper's nominal case."""
+    """Return a list of cases from values of some parameters; others are those of the paper's nominal case."""
     count = len(next(iter(varied.values())))
     nominal = {"speed": 1250.0, "clearance": 1e-3, "length": 0.2}
     return {name: np.asarray(varied.get(name, np.full(count, value))) for name, value in nominal.items()}
 
 
 def study_cases(effort: Effort) -> dict[str, CaseList]:
-    """Return the study's lists of cases by name: seven single ones, and three diagrams."""
+    """Return the study's lists of cases by name: seven single cases, and three diagrams."""
     return {
-        # three of Fig. 4, two of Fig. 7 and two of Fig. 12, to which claims refer by their numbers
+        # three cases of Fig. 4, two of Fig. 7 and two of Fig. 12; claims refer to them by their numbers
         "histories": cases(
             speed=[900.0, 1500.0, 2300.0, 1250.0, 1250.0, 1250.0, 1250.0],
             clearance=[1e-3, 1e-3, 1e-3, 1e-3, 4e-3, 1e-3, 1e-3],
@@ -129,8 +129,8 @@ def follow_branches(name: str, flips: int, **options: bool | None) -> Iterator[O
     """Yield the branch over a parameter through the paper's nominal case; over speed also those of twice the period.
 
     A diagram shows the motion to which one start leads, a branch shows a motion wherever it exists. Where a motion
-    disappears from a diagram, its branch ends or turns unstable at an event; or it goes on, and the start leads to
-    another motion.
+    disappears from a diagram, there are two possibilities. Its branch ends or becomes unstable at an event; or the
+    branch continues, and the start leads to another motion.
 
     **Arguments:** `flips`: number of flips at which to follow a branch of twice the period; `options`: `progress`.
     """
@@ -145,7 +145,7 @@ def follow_branches(name: str, flips: int, **options: bool | None) -> Iterator[O
             return
         try:
             branch = branch.switched(flip, bounds=(800.0, 2300.0), **options)
-        except ValueError:  # no orbit of twice the period was found beside the flip
+        except ValueError:  # no orbit of twice the period was found near the flip
             return
         yield branch
 
@@ -157,7 +157,7 @@ def _histories(scene: Scene, part: CaseList, transient: int, progress: bool | No
 
 
 def _jumps(speeds: np.ndarray) -> str:
-    """Follow the motion over speed up and down, and return in words where it jumps."""
+    """Follow the motion over speed up and down, and return a text that says where it jumps."""
     path = {"speed": speeds[speeds >= 1500.0]}
     texts = []
     for direction in ("up", "down"):
@@ -168,7 +168,7 @@ def _jumps(speeds: np.ndarray) -> str:
 
 
 def jump_text(jump: Jump) -> str:
-    """Return where a followed motion jumped [m/s], or why no jump was found."""
+    """Return where a followed motion jumped [m/s], or the reason why no jump was found."""
     if jump.found:
         return f"{min(jump.before, jump.after):.0f}..{max(jump.before, jump.after):.0f} m/s"
     if jump.status != Status.FINITE:
@@ -191,7 +191,7 @@ def exponents(effort: Effort, wanted: set[str], data: Data) -> Answers:
 def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
     """Answer Fig. 13: spectra under two wavelengths."""
     scene = paper_scene(speed=1500.0, wavelengths=(10.0, 12.0))
-    # 180 periods of f1 are 150 of f2, so that both lines and all their combinations fall on a bin of the spectrum
+    # 180 periods of f1 are 150 of f2, so that both lines and all their combinations are at bins of the spectrum
     common = dict(record="history", saves_per_period=50, steps_per_period=STEPS, periods=180)
     how = dict(transient=effort.transient, progress=effort.progress)
     data["dual"] = sweep(scene, {"speed": [1500.0]}, **common, **how).ds
@@ -201,7 +201,7 @@ def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
 def readings(progress: bool | None = None) -> list[dict[str, str]]:
     """Return the answers to some claims under all readings of what the paper leaves open, as rows of a table.
 
-    The paper does not say whether C is the total play or that of each face, nor whether contacts may pull.
+    The paper does not say whether C is the total play or the play of each face, nor whether contacts may pull.
     """
     rows = []
     for clamp, forces in ((True, "forces clamped"), (False, "forces may pull")):
@@ -273,7 +273,7 @@ def reproduce(
     """Run the study, and yield each run when it is finished.
 
     **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
-    periods before anything is recorded, to test whether a verdict depends on it; `progress`: whether bars are shown.
+    periods before the recorded periods, to test whether a verdict depends on it; `progress`: whether bars are shown.
 
     **Raises:** `ValueError` for a figure that is not one of them, before anything runs.
     """
@@ -281,7 +281,7 @@ def reproduce(
     if transient is not None:
         effort = effort._replace(transient=whole("transient", transient, 20))
     wanted = {one_of("figures", str(figure), FIGURES) for figure in figures}
-    # a generator of its own, so that wrong arguments raise at the call, not at the first `next`
+    # a separate generator, so that wrong arguments raise at the call, not at the first `next`
     return _finished_runs(wanted, effort)
 
 

@@ -1,6 +1,6 @@
 """Measures of the study's diagrams and single cases, compared with the paper's values.
 
-"Points" are those of a Poincare section: the velocity at upward zero crossings of a coordinate. Cases with a status
+"Points" are points of a Poincare section: the velocity at upward zero crossings of a coordinate. Cases with a status
 other than 0 are flagged: they support no claim.
 """
 
@@ -27,7 +27,7 @@ class Answer(NamedTuple):
 
     ours: str
     good: bool
-    """True if it agrees with the paper: within a step of the grid for places on an axis, within 5 % for forces."""
+    """Whether it agrees with the paper: within a step of the grid for places on an axis, within 5 % for forces."""
     why: str = ""
     """Evidence: reason of a difference, or how the answer was decided."""
 
@@ -50,23 +50,23 @@ def section_points(values: np.ndarray) -> np.ndarray:
     # percentiles leave out outliers
     extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
     gaps = np.sum(np.diff(ordered, axis=-1) > 0.01 * extent, axis=-1)
-    # n gaps lie between n + 1 points, unless there are none
+    # n gaps are between n + 1 points, unless there are none
     return gaps + np.isfinite(ordered[..., 0])
 
 
 def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
     """Return the number of points of each case on a section, 0 where it is flagged."""
-    # as NaN flagged cases do not count towards the extent of the diagram
+    # as NaN, so that flagged cases do not count for the extent of the diagram
     good = good_cases(ds)[:, None]
     return section_points(np.where(good, ds[section].values, np.nan))
 
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     """Return the first and last of the `values` in each unbroken range of True in `mask`."""
-    # False at both ends gives each range two edges, at which the mask changes
+    # False at both ends, so that each range has two edges, where the mask changes
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
-    # edges alternate: the first case of a range, and the first one after it
+    # edges alternate: the first case of a range, and the first case after it
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
@@ -74,16 +74,16 @@ def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
 
 
 class Diagram:
-    """A sweep over one parameter, in the paper's unit of it."""
+    """A sweep over one parameter, in the paper's unit of the parameter."""
 
     kinds: Attractors
     """Attractors of the cases; only for a sweep with sections."""
     positive: np.ndarray
-    """True where the largest exponent is above zero; only for a sweep of exponents."""
+    """Whether the largest exponent is above zero; only for a sweep of exponents."""
 
     def __init__(self, ds: xr.Dataset, name: str, judged: int = 0, evidence: str = ""):
-        """**Arguments:** `name`: of the parameter; `judged`: number of the last periods by which attractors are
-        named; `evidence`: that of answers which have none of their own."""
+        """**Arguments:** `name`: of the parameter; `judged`: number of the last periods that classify attractors;
+        `evidence`: for answers that have no evidence of their own."""
         # the paper's unit over the SI unit, the step of the paper's grid, and the unit's name
         per_unit, paper_step, self.unit = {
             "speed": (1.0, 10.0, "m/s"),
@@ -113,7 +113,7 @@ class Diagram:
         return case_points(self.ds, section) == count
 
     def is_chaotic(self) -> np.ndarray:
-        """Return which cases are chaotic; their points on a section may be few by chance."""
+        """Return which cases are chaotic; by chance a chaotic case may have few points on a section."""
         return self.kinds.kind == "chaotic"
 
     def means(self, section: str, of: Callable = np.positive) -> np.ndarray:
@@ -137,9 +137,9 @@ class Diagram:
 
     def is_at(self, ours: float, paper: float, steps: int = 1) -> bool:
         """Return whether a place on the axis agrees with the paper's within `steps`, with no flagged case near it."""
-        # next to a flagged case, where a range is cut off, the place may be that of the flag
+        # next to a flagged case, which interrupts a range, the place may come from the flag
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
-        # a little more than whole steps, because values of a grid are rounded
+        # slightly more than whole steps, because values of a grid are rounded
         return bool(abs(ours - paper) <= 1.001 * steps * self.step and np.all(self.good[around]))
 
 
@@ -156,7 +156,7 @@ def ranges(
     within: Range = (-np.inf, np.inf),
     steps: int = 1,
 ) -> Answer:
-    """Return the ranges in which a condition holds; they agree if one begins, ends, or covers a value as in the
+    """Return the ranges in which a condition holds; they agree if one range begins, ends, or covers a value as in the
     paper.
 
     **Arguments:** `begins`, `ends`, `covers`: the paper's places; `within`: bounds of the beginnings of ranges that
@@ -170,7 +170,7 @@ def ranges(
         agrees.append(any(of.is_at(first, begins, steps) for first, _ in found))
     if ends is not None:
         agrees.append(any(of.is_at(last, ends, steps) for _, last in found))
-    # a range that ends one step before the place covers it, too
+    # a range that ends one step before the place also covers it
     if covers is not None:
         agrees.append(any(first - of.step <= covers <= last + of.step for first, last in found))
     texts = [f"{first:.4g}" + (f"..{last:.4g}" if last > first else "") for first, last in found]
@@ -179,7 +179,7 @@ def ranges(
 
 def share(of: Diagram, where: Where, within: Range, least: float = 0.9) -> Answer:
     """Return the share of a range's cases for which a condition holds; it agrees above `least`."""
-    # flagged cases count as cases where it does not hold, so that they never help the claim
+    # flagged cases count as cases where the condition does not hold, so that they never help the claim
     found = np.mean((where(of) & of.good)[of.inside(within)])
     return Answer(f"{found:.0%} of the cases", bool(found > least))
 
@@ -210,14 +210,14 @@ def growth(of: Diagram, within: Range) -> Answer:
     for name in SECTIONS:
         means = of.means(name, np.abs)
         known = of.inside(within) & np.isfinite(means)
-        # two points always lie on a line, which would be a correlation of one
+        # two points are always on a line, so that the correlation would be one
         found[name] = np.corrcoef(of.values[known], means[known])[0, 1] if known.sum() > 2 else np.nan
     text = ", ".join(f"{name}: r = {r:.2f}" for name, r in found.items())
     return Answer(text, of.knows(within) and all(r > 0.8 for r in found.values()))
 
 
 def constant(of: Diagram, sections: tuple[str, ...], within: Range) -> Answer:
-    """Return the standard deviations of mean velocities [m/s]; they agree with a constant if below 0.05 m/s."""
+    """Return the standard deviations of mean velocities [m/s]; below 0.05 m/s they agree with a constant."""
     spreads = []
     for name in sections:
         means = of.means(name)[of.inside(within)]
@@ -231,7 +231,7 @@ def constant(of: Diagram, sections: tuple[str, ...], within: Range) -> Answer:
 
 
 def named(kinds: Attractors, k: int) -> str:
-    """Return the attractor of case number k in words."""
+    """Return the attractor of case number k as a text."""
     period = int(kinds.period[k])
     return f"period-{period}" if period else str(kinds.kind[k])
 
@@ -246,7 +246,7 @@ class Singles:
         self.history = history
         self.forcing = np.asarray(forcing)
         self.status = history["status"].values
-        # claims about spectra alone need no sections
+        # claims on spectra need no sections
         if sections is not None:
             self.status = first_problem(sections["status"].values, self.status)
             self.kinds = attractors(sections, judged)
@@ -264,9 +264,9 @@ class Singles:
 
 
 def motion(of: Singles, k: int, wanted: str, lines: Mapping[str, float] | None = None) -> Answer:
-    """Return the kind of a motion; it agrees if it is the `wanted` one and its roll acceleration has all `lines`."""
+    """Return the kind of a motion; it agrees if it is `wanted` and the roll acceleration has all `lines`."""
     text = named(of.kinds, k)
-    # what is not periodic may be a torus, chaos or unresolved
+    # a motion that is not periodic may be a torus, chaos or unresolved
     good = not text.startswith("period") if wanted == "not periodic" else text == wanted
     if lines:
         has = spectral_lines(of, k, "alpha_x", lines)
