@@ -89,7 +89,7 @@ OWN = {
 """Other values for some."""
 NOT_ASKED = {
     # what takes them checks them, because programs make them, too
-    **dict.fromkeys(("Args", "AtRest", "Irregularity", "ModalMotion", "Motion", "SledMotion", "State", "Status")),
+    **dict.fromkeys(("Args", "AtRest", "Irregularity", "ModalMotion", "Motion", "PayloadMotion", "State", "Status")),
     # errors, and what takes any function
     **dict.fromkeys(("Course", "Regime", "StoreInUse", "WorkerLost", "ImplausibleWarning", "Interrupted", "jit")),
     # whatever a function of one's own takes

@@ -74,7 +74,7 @@ MODES = """
 OF_SLIPPER = {
     "what": "A slipper on a rail",
     "body": "slipper",
-    "whole": "of the slipper alone; a sled on springs is a table [sled]",
+    "whole": "of the slipper alone; a sled on springs is a table [payload]",
     "middle": "centre of mass",
     "box": "section",
 }

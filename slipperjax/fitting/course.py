@@ -142,7 +142,7 @@ def begin(
 
         def at(both: Array) -> tuple[State, Channels]:
             here = at_values(scene, names, both[:count])
-            motion = Motion(*both[count:], sled=start.motion.sled, modes=start.motion.modes)
+            motion = Motion(*both[count:], payload=start.motion.payload, modes=start.motion.modes)
             state, _ = state_and_penetration(here, State(motion, start.memory), epoch)
             seen = channels(Args(here, epoch), 0.0, state)
             return state, jax.tree.map(lambda a: a[None], seen)
@@ -239,7 +239,7 @@ class Model:
         grid |= {"start_y": np.full(total, float(problem.motion.y))}
         cases = Cases(problem.scene, grid, problem.start if numbers is None else problem.motion, product=False)
         if numbers is not None:
-            parts = {name: getattr(cases.starts, name) for name in ("sled", "modes")}
+            parts = {name: getattr(cases.starts, name) for name in ("payload", "modes")}
             cases.starts = Motion(*(numbers.reshape(total, -1) * SIZES).T, **parts)
         window = np.tile(np.arange(windows.count), count)
         of_sensors = np.repeat(values[:, len(problem.names) :], windows.count, axis=0)

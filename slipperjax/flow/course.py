@@ -26,8 +26,8 @@ from ..model.dynamics import (
     drive_force,
     driven_mass,
     motion_rates,
+    payload_force,
     per_period,
-    sled_force,
     slipper_wrenches,
 )
 from ..model.kinematics import Contacts, Motion, RailFrame, contacts, modal_compliance
@@ -216,8 +216,8 @@ def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Ar
     # one pass over the points, see `slipperjax.tools.fused`
     decay, square = sums(*(jnp.maximum(jax.lax.stop_gradient(x), 0) * per_mass for x in (damper, spring)))
     fastest = jnp.maximum(decay, jnp.sqrt(square))
-    if scene.sled is not None:
-        fastest = jnp.maximum(fastest, scene.sled.fastest(scene.slipper.mass))
+    if scene.payload is not None:
+        fastest = jnp.maximum(fastest, scene.payload.fastest(scene.slipper.mass))
     return fastest if modes is None else jnp.maximum(fastest, 2 * jnp.pi * modes.frequency[-1])
 
 
@@ -584,9 +584,9 @@ class Course:
     @functools.cached_property
     def spring_force(self) -> StepCubics:
         """Lateral and vertical force of the sled's springs, dampers and stops on the slipper [N], (ends, 2)."""
-        sled = self.scene.sled
+        sled = self.scene.payload
         require(sled is not None, "record", "be another one where the scene has no sled", "spring_force")
-        return self._curve(store(jax.vmap(lambda m: sled_force(sled, m))(self.states.motion)))
+        return self._curve(store(jax.vmap(lambda m: payload_force(sled, m))(self.states.motion)))
 
     @functools.cached_property
     def loads(self) -> Loads:

@@ -19,7 +19,7 @@ import numpy as np
 import optimistix
 
 from ..model.dynamics import State
-from ..model.kinematics import ModalMotion, Motion, SledMotion
+from ..model.kinematics import ModalMotion, Motion, PayloadMotion
 from ..model.layout import coordinates
 from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
 from ..model.quantities import LOADS
@@ -207,7 +207,7 @@ def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
     description = _described(ds, "start")
     # the description of a motion, or of a state with its memory
     of_motion = description.get("motion", description)
-    motion = build(of_motion, (Motion, SledMotion, ModalMotion), "start")
+    motion = build(of_motion, (Motion, PayloadMotion, ModalMotion), "start")
     if of_motion is description:
         return scene, motion
     return scene, State(motion, finite("start.memory", optional=True)(description.get("memory")))

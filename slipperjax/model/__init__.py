@@ -18,7 +18,7 @@ from .dynamics import Args as Args, Reactions as Reactions, reactions as reactio
 from .kinematics import (
     MOTION_SCALES as MOTION_SCALES,
     ModalMotion as ModalMotion,
-    SledMotion as SledMotion,
+    PayloadMotion as PayloadMotion,
     accuracy_scales as accuracy_scales,
     contact_points as contact_points,
     contacts as contacts,
@@ -40,7 +40,7 @@ from .loads import (
 )
 from .modes import Modes as Modes, load_modes as load_modes
 from .parameters import parameter as parameter, quantity as quantity
-from .payload import SledMass as SledMass
+from .payload import Payload as Payload
 from .quantities import (
     ACCELERATIONS as ACCELERATIONS,
     COORDINATE_SCALES as COORDINATE_SCALES,

@@ -22,9 +22,9 @@ from .kinematics import (
     Contacts,
     ModalMotion,
     Motion,
+    PayloadMotion,
     Points,
     RailFrame,
-    SledMotion,
     attitude_rates,
     contacts,
     cross,
@@ -35,7 +35,7 @@ from .kinematics import (
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .modes import Modes
-from .payload import SledMass
+from .payload import Payload
 from .scene import Scene
 from .sliding import tractions
 from .step_size import settle_memory
@@ -165,7 +165,7 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
 
 def driven_mass(scene: Scene) -> Array:
     """Return the mass that the drive accelerates [kg]: the slipper and the sled on it."""
-    return scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
+    return scene.slipper.mass if scene.payload is None else scene.slipper.mass + scene.payload.mass
 
 
 def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
@@ -203,8 +203,8 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (_, *push), moment = scene.load.wrench(travel)
         rigid = [w + extra for w, extra in zip(rigid, (*push, *moment), strict=True)]
     f_y, f_z, t_x, t_y, t_z = rigid
-    if scene.sled is not None:
-        on_slipper = sled_force(scene.sled, m)
+    if scene.payload is not None:
+        on_slipper = payload_force(scene.payload, m)
         f_y = f_y + on_slipper[0]
         f_z = f_z + on_slipper[1]
     # reciprocals, because a product's derivative is shorter than a division's
@@ -224,14 +224,14 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
     )
     sled = modes = None
-    if scene.sled is not None:
+    if scene.payload is not None:
         # the sled gets the opposite force
-        a_y, a_z = (-on_slipper[k] / scene.sled.mass for k in range(2))
+        a_y, a_z = (-on_slipper[k] / scene.payload.mass for k in range(2))
         a_z = a_z if scene.gravity is None else a_z - scene.gravity
-        sled = SledMotion(own_sled(m).v_y, own_sled(m).v_z, a_y, a_z)
+        sled = PayloadMotion(own_sled(m).v_y, own_sled(m).v_z, a_y, a_z)
     if scene.slipper.modes is not None:
         modes = modal_rates(scene.slipper.modes, m, *modal)
-    return dataclasses.replace(rates, sled=sled, modes=modes) if sled or modes else rates
+    return dataclasses.replace(rates, payload=sled, modes=modes) if sled or modes else rates
 
 
 def modal_rates(modes: Modes, m: Motion, force: Float[Array, " modes"]) -> ModalMotion:
@@ -243,14 +243,14 @@ def modal_rates(modes: Modes, m: Motion, force: Float[Array, " modes"]) -> Modal
     return ModalMotion(now.rate, force - circular * (circular * now.coordinate + 2 * modes.damping * now.rate))
 
 
-def own_sled(m: Motion) -> SledMotion:
+def own_sled(m: Motion) -> PayloadMotion:
     """Return the motion of the mass on the slipper; raises `ValueError` where there is none."""
-    if m.sled is None:
+    if m.payload is None:
         raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")
-    return m.sled
+    return m.payload
 
 
-def sled_force(sled: SledMass, m: Motion) -> Array:
+def payload_force(sled: Payload, m: Motion) -> Array:
     """Return the sled's lateral and vertical force on the slipper [N]."""
     own = own_sled(m)
     deflection = jnp.stack([own.y - m.y, own.z - m.z])
@@ -324,7 +324,7 @@ class VectorField(eqx.Module):
         """
         scene = args.scene
         require(
-            scene.sled is None and scene.slipper.modes is None,
+            scene.payload is None and scene.slipper.modes is None,
             "solver",
             "be an explicit one for a scene with a sled on springs or elastic modes, such as RK4, or Latching of one "
             "of diffrax's implicit ones with a root finder of optimistix",

@@ -23,7 +23,7 @@ from ..tools.compile import need_64_bits
 from ..tools.forms import circle, spread, store, store_cotangent, store_if_differentiated, sums
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real
-from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS
+from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS
 from .scene import Scene
 from .slipper import Mounted
 from .tracks import AbstractTrack, Irregularity
@@ -40,8 +40,8 @@ def _modal(name: str, unit: str) -> Any:
     return eqx.field(converter=lambda values: jnp.asarray(convert(values)))
 
 
-class SledMotion(eqx.Module):
-    """Motion of a mass on the slipper, see `slipperjax.model.SledMass`."""
+class PayloadMotion(eqx.Module):
+    """Motion of a mass on the slipper, see `slipperjax.model.Payload`."""
 
     y: Real = _coordinate("y", "m")
     """Lateral displacement [m]."""
@@ -85,7 +85,7 @@ class Motion(eqx.Module):
     """Angular velocity about the slipper's y axis [rad/s]."""
     w_z: Real = _coordinate("w_z", "rad/s")
     """Angular velocity about the slipper's z axis [rad/s]."""
-    sled: SledMotion | None = None
+    payload: PayloadMotion | None = None
     """Motion of the mass on the slipper; None where there is no mass."""
     modes: ModalMotion | None = None
     """Motion of the elastic modes; None for a rigid body."""
@@ -100,7 +100,7 @@ class Motion(eqx.Module):
         # numbers that are zero are left out
         if len(parts) < len(values):
             parts.append("others 0")
-        for name in ("sled", "modes"):
+        for name in ("payload", "modes"):
             if getattr(self, name) is not None:
                 parts.append(f"{name}={getattr(self, name)!r}")
         return f"{type(self).__name__}({', '.join(parts)})"
@@ -132,7 +132,7 @@ def check_motion(name: str, motion: Motion) -> Motion:
         # True and False pass, as 1 and 0
         if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
-    for part in ("sled", "modes"):
+    for part in ("payload", "modes"):
         values = jax.tree.leaves(getattr(motion, part))
         if not is_traced(values) and not all(np.all(np.isfinite(value)) for value in values):
             raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(getattr(motion, part))}.")
@@ -145,11 +145,11 @@ MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 
 def scales_of(motion: Motion) -> Motion:
     """Return the scales of a motion's numbers, including the numbers of its parts."""
-    sled = None if motion.sled is None else SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
+    sled = None if motion.payload is None else PayloadMotion(*(q.scale for q in PAYLOAD_NUMBERS.values()))
     modes = None
     if motion.modes is not None:
         modes = ModalMotion(*(jnp.full(motion.modes.rate.shape, q.scale) for q in MODE_NUMBERS))
-    return dataclasses.replace(MOTION_SCALES, sled=sled, modes=modes)
+    return dataclasses.replace(MOTION_SCALES, payload=sled, modes=modes)
 
 
 def with_parts(scales: Motion, scene: Scene) -> Motion:
@@ -158,9 +158,9 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
     The scale of a mode's coordinate follows from the displacement of the mount or place that the mode moves farthest;
     for a mode that hardly moves any place, from the mean displacement of the body.
     """
-    sled, modes = scales.sled, scales.modes
-    if sled is None and scene.sled is not None:
-        sled = SledMotion(*(q.scale for q in SLED_NUMBERS.values()))
+    sled, modes = scales.payload, scales.modes
+    if sled is None and scene.payload is not None:
+        sled = PayloadMotion(*(q.scale for q in PAYLOAD_NUMBERS.values()))
     own = scene.slipper.modes
     if modes is None and own is not None:
         # with unit modal mass, the mean square of a shape is one over the mass
@@ -170,7 +170,7 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
                 moved.append(jnp.max(jnp.abs(shapes), axis=(-2, -1), initial=0.0))
         most = jnp.max(jnp.stack(moved), axis=0)
         modes = ModalMotion(scales.z / most, scales.v_z / most)
-    return dataclasses.replace(scales, sled=sled, modes=modes)
+    return dataclasses.replace(scales, payload=sled, modes=modes)
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
@@ -216,7 +216,7 @@ def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, 
     `scales` have their usual scales."""
     instance("scales", scales, Motion, "a slipperjax.Motion of sizes")
     usual = scales_of(instance("motion", motion, Motion, "a slipperjax.Motion"))
-    parts = {"sled": usual.sled, "modes": usual.modes}
+    parts = {"payload": usual.payload, "modes": usual.modes}
     of_parts = {name: part and (getattr(scales, name) or part) for name, part in parts.items()}
     scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, dataclasses.replace(scales, **of_parts))
     return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)]))

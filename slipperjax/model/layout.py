@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from ..tools.compile import jit
 from .dynamics import State
-from .kinematics import ModalMotion, Motion, SledMotion, euler_angles
-from .quantities import MODE_NUMBERS, MOTION_NUMBERS, SLED_NUMBERS, Quantity
+from .kinematics import ModalMotion, Motion, PayloadMotion, euler_angles
+from .quantities import MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS, Quantity
 from .scene import Scene
 
 
@@ -35,7 +35,7 @@ class StateLayout:
             points = scene.point_names
             unit = scene.contact_memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
-        motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
+        motion = MOTION_NUMBERS if scene.payload is None else MOTION_NUMBERS | PAYLOAD_NUMBERS
         modes = 0 if scene.slipper.modes is None else scene.slipper.modes.count
         # all coordinates, then all rates
         of_modes = [
@@ -80,7 +80,7 @@ class StateLayout:
         single = count - 2 * self.modes
         parts = [rows[..., k] for k in range(single)]
         zeros = jnp.asarray(np.zeros(1))  # in place of an array
-        sled = SledMotion() if single > len(MOTION_NUMBERS) else None
+        sled = PayloadMotion() if single > len(MOTION_NUMBERS) else None
         modes = None
         if self.modes:
             parts += [rows[..., single : single + self.modes], rows[..., single + self.modes : count]]
@@ -90,7 +90,7 @@ class StateLayout:
             parts.append(rows[..., count:])
             memory = zeros
         # by the structure, because the classes would convert and check the values of their fields
-        return jax.tree.unflatten(jax.tree.structure(State(Motion(sled=sled, modes=modes), memory)), parts)
+        return jax.tree.unflatten(jax.tree.structure(State(Motion(payload=sled, modes=modes), memory)), parts)
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

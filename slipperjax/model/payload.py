@@ -9,7 +9,7 @@ from ..tools.fields import ShapeChecked, field
 Pair = Float[Array, "2"]
 
 
-class SledMass(ShapeChecked):
+class Payload(ShapeChecked):
     """A mass that moves laterally and vertically, on a spring and a damper at the slipper's centre.
 
     The mass travels with the slipper, so that the drive also accelerates the mass. A run that begins with a `Motion`

@@ -145,13 +145,13 @@ _ATTITUDE: dict[str, Quantity] = {
 MOTION_NUMBERS: dict[str, Quantity] = _named(*(_ATTITUDE.get(name, q) for name, q in COORDINATES.items()))
 """The numbers of a `Motion`, in its order: `COORDINATES` with a quaternion for the attitude."""
 
-SLED_NUMBERS: dict[str, Quantity] = _named(
-    Quantity("sled_y", "m", "lateral displacement of the sled", "", 1e-3, shown_unit="mm"),
-    Quantity("sled_z", "m", "vertical displacement of the sled", "", 1e-3, shown_unit="mm"),
-    Quantity("sled_v_y", "m/s", "lateral velocity of the sled"),
-    Quantity("sled_v_z", "m/s", "vertical velocity of the sled"),
+PAYLOAD_NUMBERS: dict[str, Quantity] = _named(
+    Quantity("payload_y", "m", "lateral displacement of the payload", "", 1e-3, shown_unit="mm"),
+    Quantity("payload_z", "m", "vertical displacement of the payload", "", 1e-3, shown_unit="mm"),
+    Quantity("payload_v_y", "m/s", "lateral velocity of the payload"),
+    Quantity("payload_v_z", "m/s", "vertical velocity of the payload"),
 )
-"""The numbers of a `SledMotion`, a mass on the slipper."""
+"""The numbers of a `PayloadMotion`, a mass on the slipper."""
 
 MODE_NUMBERS: tuple[Quantity, Quantity] = (
     Quantity("mode", "m kg^0.5", "coordinate of the elastic mode", "q", 1e-3),

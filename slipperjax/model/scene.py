@@ -24,7 +24,7 @@ from .contact import AbstractContactLaw, AbstractMemory, EventLatch, PeakRateLat
 from .loads import AbstractFriction, AbstractLoad
 from .modes import Modes
 from .parameters import PARAMETERS, check_no_overlap, parameter
-from .payload import SledMass
+from .payload import Payload
 from .quantities import COORDINATES, MOTION_NUMBERS
 from .random_rails import AbstractSpectrum
 from .section import Section
@@ -44,7 +44,7 @@ PARTS: dict[str, tuple[type, str]] = {
         "slipperjax.model.EventLatch(), slipperjax.model.PeakRateLatch() or slipperjax.model.SmoothSwitch()",
     ),
     "load": (AbstractLoad, "a load such as slipperjax.model.AppliedLoad(...)"),
-    "sled": (SledMass, "a slipperjax.model.SledMass"),
+    "payload": (Payload, "a slipperjax.model.Payload"),
     "wear": (AbstractWear, "a law of wear such as slipperjax.model.Wear(...)"),
     "friction": (AbstractFriction, "a friction law such as slipperjax.model.Coulomb(...)"),
 }
@@ -80,7 +80,7 @@ class Scene(ShapeChecked):
     """Force and moment in addition to contacts and gravity."""
     friction: AbstractFriction | None = None
     """Friction in the contacts."""
-    sled: SledMass | None = None
+    payload: Payload | None = None
     """A mass on a spring on the slipper."""
     wear: AbstractWear | None = None
     """Law by which the play opens along a run, see `slipperjax.run`."""
@@ -91,7 +91,7 @@ class Scene(ShapeChecked):
         for name, (kind, text) in PARTS.items():
             part = getattr(self, name)
             # these parts may be None
-            if part is not None or name not in ("memory", "load", "friction", "sled", "wear"):
+            if part is not None or name not in ("memory", "load", "friction", "payload", "wear"):
                 instance(name, part, kind, text)
         _check_mounts(self)
         if is_traced((self.track, self.slipper.length)):
@@ -302,7 +302,7 @@ class Scene(ShapeChecked):
             need = "be a slipperjax.Motion in TOML, such as run.end.motion"
             kind = type(start).__name__
             require(kind in ("Motion", "AtRest"), "start", need, start)
-            for name in ("sled", "modes"):
+            for name in ("payload", "modes"):
                 part = getattr(start, name)
                 require(part is None, "start", f"have no motion of the {name} in TOML", part)
             lines += ["", "[start]", *([f'{TYPE} = "{kind}"'] if kind == "AtRest" else [])]

@@ -19,7 +19,7 @@ from .dynamics import Acting, State, driven_mass, motion_rates, phase
 from .kinematics import (
     ModalMotion,
     Motion,
-    SledMotion,
+    PayloadMotion,
     check_motion,
     contact_points,
     contacts,
@@ -350,10 +350,14 @@ def _with_parts(scene: Scene, motion: Motion) -> Motion:
     """Return a motion with a part for each part of the scene: a mass at rest on its springs, modes at rest."""
     # a motion may have parts that the scene does not have
     sled = modes = None
-    if scene.sled is not None:
-        sag = scene.sled.sag(scene.gravity)
-        sled = SledMotion(motion.y, motion.z + sag, motion.v_y, motion.v_z) if motion.sled is None else motion.sled
+    if scene.payload is not None:
+        sag = scene.payload.sag(scene.gravity)
+        sled = (
+            PayloadMotion(motion.y, motion.z + sag, motion.v_y, motion.v_z)
+            if motion.payload is None
+            else motion.payload
+        )
     if scene.slipper.modes is not None:
         still = jnp.zeros(scene.slipper.modes.count)
         modes = ModalMotion(still, still) if motion.modes is None else motion.modes
-    return Motion(**{name: getattr(motion, name) for name in MOTION_NUMBERS}, sled=sled, modes=modes)
+    return Motion(**{name: getattr(motion, name) for name in MOTION_NUMBERS}, payload=sled, modes=modes)

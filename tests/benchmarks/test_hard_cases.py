@@ -30,7 +30,7 @@ def hard_cases():
     paper, start = sj.paper_scene, sj.table_2_start()
     lies = dataclasses.replace(paper(), gravity=9.81)
     rough = dataclasses.replace(lies, track=sj.RandomTrack.sled(length=400.0, seed=3))
-    sled = sj.model.SledMass(mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3])
+    sled = sj.model.Payload(mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3])
     named = {case.name: case for case in all_cases()}
     return [
         *(named[name] for name in ("nominal", "K = 1e10", "C = 4 mm", "two waves")),
@@ -38,7 +38,7 @@ def hard_cases():
         Case("V = 150 m/s", paper(150.0), 1, start),
         Case("V = 2500 m/s", paper(2500.0), 6, start),
         Case("friction 0.3", dataclasses.replace(lies, friction=sj.model.Coulomb(0.3)), 6, start),
-        Case("a sled of 100 kg on top", dataclasses.replace(lies, sled=sled), 6, start),
+        Case("a sled of 100 kg on top", dataclasses.replace(lies, payload=sled), 6, start),
         Case("rough rail, 48 m", rough, 6, start),
     ]
 

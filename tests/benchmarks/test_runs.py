@@ -46,7 +46,7 @@ def test_five_kilometres():
     for parts in (
         {},
         dict(friction=sj.model.Coulomb(0.1)),
-        dict(sled=sj.model.SledMass(100.0, [2e6, 8e6], [2e3, 8e3])),
+        dict(payload=sj.model.Payload(100.0, [2e6, 8e6], [2e3, 8e3])),
     ):
         scene = dataclasses.replace(RAIL, **parts)
         one = median(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)

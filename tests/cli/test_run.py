@@ -214,7 +214,7 @@ def test_the_documented_file_is_read(tmp_path):
     place = float(scene.speed.distance[1])  # where the speed is 900 m/s
     assert static_load(scene, "", place) == pytest.approx(14 * 9.81 + 800 - 324)
     with_payload = dataclasses.replace(
-        sj.paper_scene().replace(gravity=10.0), sled=sj.model.SledMass(50.0, [1e6, 1e6])
+        sj.paper_scene().replace(gravity=10.0), payload=sj.model.Payload(50.0, [1e6, 1e6])
     )
     assert static_load(with_payload, "", 300.0) == pytest.approx(640.0)
 

@@ -14,7 +14,12 @@ MEMORIES = {
     "latched": (SCENE, 30, 10, "s/m"),
     "smooth": (dataclasses.replace(SCENE, memory=sj.model.SmoothSwitch()), 30, 30, "m/s"),
     "none": (dataclasses.replace(SCENE, contact=sj.model.HertzSpring(1e8)), 10, 10, "rad/s"),
-    "on springs": (dataclasses.replace(SCENE, sled=sj.model.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])), 34, 14, "s/m"),
+    "on springs": (
+        dataclasses.replace(SCENE, payload=sj.model.Payload(100.0, [2e6, 8e6], [0.0, 0.0])),
+        34,
+        14,
+        "s/m",
+    ),
 }
 
 

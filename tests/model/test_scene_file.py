@@ -57,7 +57,7 @@ def scenes():
         sj.model.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0]),
         sj.model.FadingFriction(0.3, 1e6, 0.5),
     )
-    others += [dataclasses.replace(scene, load=load, friction=friction, sled=sj.model.SledMass(100.0, [2e6, 8e6]))]
+    others += [dataclasses.replace(scene, load=load, friction=friction, payload=sj.model.Payload(100.0, [2e6, 8e6]))]
     others += [dataclasses.replace(scene, speed=sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0]))]
     others += [dataclasses.replace(scene, window=7.7)]
     others += [
@@ -96,8 +96,8 @@ def test_starts_come_back_too():
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
     run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
-    moving = sj.Motion(y=1e-4, sled=sj.model.SledMotion(z=1e-3))
-    with pytest.raises(ValueError, match="`start` must have no motion of the sled in TOML, but has SledMotion"):
+    moving = sj.Motion(y=1e-4, payload=sj.model.PayloadMotion(z=1e-3))
+    with pytest.raises(ValueError, match="`start` must have no motion of the sled in TOML, but has PayloadMotion"):
         sj.paper_scene().to_toml(start=moving)
     for wrong in (run, run.end, {"y": 1e-4}):
         with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):

@@ -24,7 +24,7 @@ WEIGHT = 14.0 * 9.81
 """Of the paper's slipper [N]."""
 LOADED = dataclasses.replace(SCENE, load=sj.model.AppliedLoad(force=[0.0, 300.0, -800.0], moment=[5.0, 30.0, -20.0]))
 SPRUNG = dict(mass=100.0, stiffness=[2e6, 8e6], damping=[2e3, 8e3], travel=[1e-4, 1e-4], stop_stiffness=[1e7, 1e7])
-SLED = dataclasses.replace(SCENE, sled=sj.model.SledMass(**SPRUNG))
+SLED = dataclasses.replace(SCENE, payload=sj.model.Payload(**SPRUNG))
 
 
 def state_of(scene, epoch=0.0, **added):
@@ -52,8 +52,8 @@ def test_all_forces_are_in_balance(scene):
         state = state_of(scene, epoch)
         # gyroscopic moments come with the velocities
         still = {name: 0.0 for name in vars(state.motion) if "v_" in name or "w_" in name}
-        if state.motion.sled is not None:
-            still["sled"] = dataclasses.replace(state.motion.sled, v_y=0.0, v_z=0.0)
+        if state.motion.payload is not None:
+            still["payload"] = dataclasses.replace(state.motion.payload, v_y=0.0, v_z=0.0)
         state = sj.State(dataclasses.replace(state.motion, **still), state.memory)
         found = sj.model.reactions(0.0, state, sj.model.Args(scene, epoch)).acceleration
         np.testing.assert_allclose(found, 0.0, atol=1e-3)  # measured 1.1e-4 m/s^2, by what centres it

@@ -88,7 +88,7 @@ def carrying(scene):
     modes = sj.model.Modes([80.0, 8000.0], [0.02, 0.02], shapes, places=np.zeros((1, 3)), place_shapes=place)
     mounts = [sj.Mount(x=1.0), sj.Mount(x=-1.0)]
     body = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts, modes=modes)
-    payload = sj.model.SledMass(mass=50.0, stiffness=(1e6, 1e6))
+    payload = sj.model.Payload(mass=50.0, stiffness=(1e6, 1e6))
     return dataclasses.replace(scene, slipper=body, sled=payload)
 
 
@@ -96,8 +96,8 @@ def carrying(scene):
 @pytest.mark.parametrize(
     ("part", "size"),
     [
-        (lambda m: m.sled.z, 1e-3),
-        (lambda m: m.sled.v_y, 1.0),
+        (lambda m: m.payload.z, 1e-3),
+        (lambda m: m.payload.v_y, 1.0),
         (lambda m: m.modes.coordinate, np.array([np.inf, 1e-3 / 0.5])),
         (lambda m: m.modes.rate, np.array([1.0 / 0.2, np.inf])),
     ],

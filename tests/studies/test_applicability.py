@@ -160,7 +160,7 @@ CHANGES = {
         "1 kN down on the slipper, with gravity": with_part(
             gravity=G, load=sj.model.AppliedLoad(force=[0.0, 0.0, -1e3])
         ),
-        "100 kg of sled on springs, with gravity": with_part(gravity=G, sled=sj.model.SledMass(**SLED)),
+        "100 kg of sled on springs, with gravity": with_part(gravity=G, payload=sj.model.Payload(**SLED)),
         "friction 0.1": with_part(friction=sj.model.Coulomb(0.1)),
         "friction 0.3": with_part(friction=sj.model.Coulomb(0.3)),
         "friction 0.3 that fades from 100 kW on": with_part(friction=sj.model.FadingFriction(0.3, 1e5, 0.5)),
