@@ -107,6 +107,8 @@ NOT_ASKED = {
     # "is no parameter; the names are ..."
     "continue_orbit": ["name"],
     "parameter": ["name"],
+    "solver_named": ["name"],
+    "SimplifiedNewton": None,
     "sensitivities": ["names"],
     # a context, which answers where it is entered
     "styled": None,

@@ -5,6 +5,8 @@ import equinox as eqx
 import numpy as np
 
 from ..model.dang2024 import paper_scene
+from ..model.dynamics import State
+from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from .session import PERIODS, SLIDERS, Session, sweep_options
@@ -88,6 +90,7 @@ def start_text(start: object) -> str:
     if isinstance(start, eqx.Module):
         # numbers that are zero are left out
         parts = [f"{k}={start_text(v)}" for k, v in vars(start).items() if isinstance(v, eqx.Module) or np.any(v)]
-        return f"sj.{type(start).__name__}({', '.join(parts)})"
+        room = "sj" if isinstance(start, State) or type(start) is Motion else "sj.model"
+        return f"{room}.{type(start).__name__}({', '.join(parts)})"
     # floats in full digits
     return f"jnp.array({np.asarray(start).tolist()})" if np.ndim(start) else repr(float(start))

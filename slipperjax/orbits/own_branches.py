@@ -9,7 +9,7 @@ from ..analysis.arclength import Node
 from ..analysis.continuation import Branch
 from ..analysis.events import MEANINGS
 from ..results.result import Result
-from ..tools.checks import require
+from ..tools.checks import instance, require
 from ..tools.columns import column
 
 
@@ -32,7 +32,7 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     **Raises:** `ValueError` for a curve over several parameters, and for units of names that the branch does not
     have.
     """
-    names = list(branch.parameters)
+    names = list(instance("branch", branch, Branch, "a branch of slipperjax.analysis.continue_motion").parameters)
     require(len(names) == 1, "branch", "be over one parameter", names)
     (name,) = names
     nodes = branch.nodes

@@ -40,7 +40,7 @@ def load(source: "str | os.PathLike[str] | xr.Dataset") -> Result | SceneFile:
     path = user_path(source, "source")
     if path.suffix.lower() == ".toml" or path == STANDARD_INPUT:
         return _scene_file(path)
-    if path.is_dir():
+    if path.is_dir() or path.suffix == ".zarr":
         return _result(open_store(path))
     return _result(read_dataset(path))
 

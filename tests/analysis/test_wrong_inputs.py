@@ -13,7 +13,6 @@ SCENE = sj.paper_scene()
 LATCHED = sj.paper_scene(memory=sj.model.EventLatch())
 OF_PATHS = {
     "file": [sj.load_rail, SCENE.to_toml],
-    "source": [sj.load],
     "path": [sweeps.store_status, sweeps.check_store],
     "folder": [sj.compile_cache],
 }

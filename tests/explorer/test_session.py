@@ -186,7 +186,7 @@ def test_kinds_of_motions_have_their_colours_and_missing_ones_none():
     picture = picture_of(Session.of(a_map()).view, "motion")
     kinds = list(picture.colors)
     names = [None if np.isnan(k) else kinds[int(k)] for k in picture.values.ravel()]
-    assert names == ["period 1", "other periods", "chaotic", "quasi-periodic", "status not 0", None]
+    assert names == ["period 1", "other periods", "chaotic", "quasi-periodic", "not trusted", None]
     assert picture.colors["chaotic"] == MOTION_COLORS["chaotic"]
 
 

@@ -58,7 +58,7 @@ def test_what_was_put_in_comes_out(found, noisy):
 @pytest.mark.full
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
-    found.to_netcdf(path)
+    found.write(path)
     scene = sj.load(path).scene
     assert float(scene.contact.stiffness) == found.estimate["stiffness"]
     assert float(sj.load(path).start.v_z) == float(found.start.v_z)

@@ -493,7 +493,7 @@ def test_each_unit_is_for_its_kind_of_quantity():
     """Lengths have two: those of distances, and of displacements; g is of accelerations, not of masses."""
     distance = Quantity("distance", "m", "distance")
     mass = Quantity("mass", "kg", "mass")
-    wanted = {"distance": "ft", "y": "thou", "a_z": "g", "drive_force": "lbf", "mass": "kg", "v_y": "m/s"}
+    wanted = {"distance": "ft", "y": "thou", "a_z": "g", "drive_force": "lbf", "mass": "kg", "v_y": "ft/s"}
     units = ShownUnits(("ft", "g", "thou", "lbf", "km"))
     quantities = [distance, mass, *(REACTIONS | ACCELERATIONS | COORDINATES).values()]
     shown = {q.name: units.of(q) for q in quantities}

@@ -88,14 +88,14 @@ def test_grazings_are_those_of_fine_trajectories(branch):
 
 def test_tables_of_a_branch_and_a_curve_have_a_row_for_each_point_and_event():
     branch = sj.load(DATA)
-    rows, events = branch.to_dataframe(), branch.events_dataframe()
+    rows, events = branch.tables().values()
     assert (len(rows), len(events)) == (branch.ds.sizes["point"], len(branch.events)) == (16, 3)
     np.testing.assert_array_equal(rows["state_3"], branch.ds["state"][:, 3])
     assert events["label"].tolist() == ["EP", "PD", "EP"]
     assert rows.columns[:3].tolist() == ["speed", "outside", "stable"]
     clearance = ("point", np.linspace(1e-3, 2e-3, len(rows)))
     points = branch.ds.assign_coords(clearance=clearance).assign_attrs(varied='["speed", "clearance"]')
-    rows = OrbitCurve(points).to_dataframe()
+    rows = OrbitCurve(points.assign_attrs(call='{"function": "continue_event"}')).tables()["points"]
     assert rows.columns[:2].tolist() == ["speed", "clearance"]
     np.testing.assert_array_equal(rows["clearance"], clearance[1])
 
@@ -111,17 +111,17 @@ def test_a_critical_orbit_may_be_of_a_traced_scene():
 
 @pytest.mark.full
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
-    branch.to_netcdf(tmp_path / "branch.nc")
+    branch.write(tmp_path / "branch.nc")
     read = sj.load(tmp_path / "branch.nc")
     assert read.summary() == branch.summary()
     assert "PD" in repr(read)
     wider = read.extended((1045.0, 1270.0))
-    assert wider.points["speed"].values[0] == 1045.0
+    assert wider.ds["speed"].values[0] == 1045.0
     assert labels(wider) == ["EP", "GR", "GR", "PD", "EP"]
-    same = wider.points.isel(point=slice(-5, None))
+    same = wider.ds.isel(point=slice(-5, None))
     np.testing.assert_allclose(same["state"], branch.ds["state"][-5:], atol=1e-12)
-    scene = sj.load(read.points.isel(point=3)).scene
-    np.testing.assert_allclose(float(scene.speed), read.points["speed"][3])
+    scene = sj.load(read.ds.isel(point=3)).scene
+    np.testing.assert_allclose(float(scene.speed), read.ds["speed"][3])
 
 
 @pytest.mark.full
@@ -152,8 +152,8 @@ def test_a_branch_that_is_interrupted_goes_on(branch, monkeypatch):
     assert labels(part) == ["GR", "PD", "EP"]
     whole = part.extended()
     # measured: equal to the last bit
-    np.testing.assert_allclose(whole.points["speed"], branch.ds["speed"], rtol=1e-12)
-    np.testing.assert_allclose(whole.points["state"], branch.ds["state"], atol=1e-12)
+    np.testing.assert_allclose(whole.ds["speed"], branch.ds["speed"], rtol=1e-12)
+    np.testing.assert_allclose(whole.ds["state"], branch.ds["state"], atol=1e-12)
 
 
 @pytest.mark.slow
@@ -196,9 +196,9 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     again = followed(SCENE.replace(clearance=clearances[-1], speed=1150.0), (1050.0, 1200.0))
     np.testing.assert_allclose(again.events_named("PD")[0].value, speeds[-1], rtol=1e-4)
     grazing = continue_event(branch, touch, "clearance", (0.99e-3, 1.01e-3))
-    clearance = grazing.points["clearance"].values[-1]
+    clearance = grazing.ds["clearance"].values[-1]
     again = followed(SCENE.replace(clearance=clearance, speed=1150.0), (1040.0, 1200.0))
-    nearest = min(abs(event.value - grazing.points["speed"].values[-1]) for event in again.events_named("GR"))
+    nearest = min(abs(event.value - grazing.ds["speed"].values[-1]) for event in again.events_named("GR"))
     assert nearest < 1e-3  # measured: 1e-6 m/s
 
 

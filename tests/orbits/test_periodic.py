@@ -139,7 +139,7 @@ def test_a_signature_names_the_points_in_the_order_of_their_touchdowns():
         gap[:, names.index(name)] = -(k + 1) * 1e-3 * np.sin(turn)
         rate[:, names.index(name)] = -(k + 1) * 1e-3 * np.cos(turn) * 2 * np.pi / period
     found = signature(SCENE, Gaps.of(gap[None], rate[None], steps, period))
-    assert found.ds == tuple(when)
+    assert found.points == tuple(when)
     assert found.closed == ("D2",)
     # the cubics miss a sine by 1e-7
     np.testing.assert_allclose([one.period for one in found.touchdowns], list(when.values()), rtol=1e-6)

@@ -168,4 +168,4 @@ def speed_branches():
     first = branch(speeds, (0, 0, 1, 1, 1, 1, 1, 0, 0), labels, over="speed")
     below = [1080.0, 1040.0, 1000.0, 970.0, 900.0]
     twice = branch(below, (1, 1, 1, 1, 0), ("", "GR", "", "PD", "EP"), period=2, over="speed")
-    return [SimpleNamespace(points=one, period=one.attrs["orbit_period"]) for one in (first, twice)]
+    return [SimpleNamespace(ds=one, period=one.attrs["orbit_period"]) for one in (first, twice)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.studies.dang2024 import runs, verdicts
 from slipperjax.studies.dang2024.claims import CLAIMS, Answer, rows, write_report
@@ -41,7 +42,7 @@ def test_lists_run_as_one_with_more_steps_for_slow_cases():
     def run(scene, grid, product, transient, steps_per_period):
         calls.append((product, transient))
         data = {"v_y": ("case", grid["speed"]), "steps_per_period": ("case", steps_per_period)}
-        return xr.Dataset(data, {name: ("case", values) for name, values in grid.items()})
+        return sj.Result(xr.Dataset(data, {name: ("case", values) for name, values in grid.items()}))
 
     lists = runs.study_cases(QUICK)
     parts = runs.run_lists(run, None, lists, transient=7)

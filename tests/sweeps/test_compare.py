@@ -130,7 +130,8 @@ def drawn(rails, starts, seed, shift=1.0):
 def made(numbers, seed=0, shares=(0.5, 0.95)):
     ds = xr.Dataset({"peak_force": ((), 0.0, {"units": "N", "quantity": "peak_force"})})
     status = np.where(np.isnan(numbers), 1, 0)
-    return _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
+    found = _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
+    return found.assign_attrs(call='{"function": "compare"}')
 
 
 def test_equal_runs_that_share_their_rails_are_worth_one():
@@ -206,7 +207,7 @@ def test_tables_pictures_and_reports_hold_all_designs(tmp_path):
     left, right = comparison(ds)
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["clearance 0.8 mm", "clearance 1.6 mm"]
     assert right.get_xlabel() == "difference from the best [kN]"
-    assert len(ds.plot()) == 2
+    assert len(sj.Result(ds).plot()) == 2
     for end in (".pdf", ".csv", ".xlsx"):
         file = tmp_path / f"designs{end}"
         assert sj.Result(ds).write(file) == f"wrote {file}"

@@ -21,7 +21,8 @@ SCENE = sj.paper_scene()
 def test_an_estimate_measures(tmp_path, monkeypatch):
     monkeypatch.setenv("PAUSE", "0.1")
     store = sj.sweeps.Store(tmp_path / "map.zarr", tile=10)
-    found = sj.explain(made_up, sj.paper_scene(), a_grid(), store=store, workers=4, steps_per_period=100)
+    answer = lambda *given, **options: sj.Result(made_up(*given, **options))
+    found = sj.explain(answer, sj.paper_scene(), a_grid(), store=store, workers=4, steps_per_period=100)
     # a tenth of a second for the 128 cases of the probe
     assert 0.1 / 128 <= found.per_case < 0.5 / 128
     assert found.seconds == pytest.approx(120 * found.per_case / 4)
@@ -40,7 +41,7 @@ def test_a_run_from_standstill_has_steps_of_its_own(monkeypatch):
 
     def runs(scene, grid, **options):
         asked.append(options)
-        return xr.Dataset({"steps_per_window": (("case", "distance"), [[4000, 40]] * 128)})
+        return sj.Result(xr.Dataset({"steps_per_window": (("case", "distance"), [[4000, 40]] * 128)}))
 
     monkeypatch.setattr("slipperjax.sweeps.explain.run", runs)
     # half a second at a standstill, for which a wavelength would take endless steps
