@@ -21,6 +21,7 @@ from ..flow.datasets import (
     result_dataset,
     run_attributes,
     scene_attributes,
+    scene_of,
 )
 from ..flow.period_map import PeriodMap
 from ..flow.record import PoincareSections, RecordedSpan, RecordSet, SectionPoints, Strobe
@@ -102,7 +103,8 @@ class OrbitBranch(Result):
     @property
     def scene(self) -> Scene:
         """Scene in which the parameter varies."""
-        return load_base(self.ds)[0]
+        # a part with one point has the scene of that point
+        return load_base(self.ds)[0] if self.ds["point"].size > 1 else scene_of(self.ds)
 
     @property
     def parameter(self) -> Parameter:

@@ -231,6 +231,7 @@ def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None 
     draw = regime_map
     if regimes is not None:
         # attractors without exponents
+        regimes = getattr(regimes, "ds", regimes)
         if isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes:
             draw = attractor_map
         name = "kind" if draw is attractor_map else "regime"

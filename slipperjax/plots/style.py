@@ -527,7 +527,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 
     **Returns:** the text, empty where the dataset has no parameter.
     """
-    instance("ds", ds, xr.Dataset, "a dataset of a run")
+    ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a dataset of a run")
     rows = [["speed", "clearance", "length"]]
     if full:
         rows[0] += ["mass", "gravity"]

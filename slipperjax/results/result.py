@@ -2,6 +2,7 @@
 
 import abc
 import html
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from .kinds import Kind
 
 Arguments = ParamSpec("Arguments")
+WIDTH = 92
+"""Characters in a line of what a result prints."""
 
 
 class AbstractResult(abc.ABC):
@@ -167,9 +170,9 @@ class Result(AbstractResult):
     def __repr__(self) -> str:
         ds = self.ds
         # a count of values for each dimension
-        over = ", ".join(f"{name}: {size}" for name, size in ds.sizes.items())
+        over = first_ones([f"{name} {size}" for name, size in ds.sizes.items()])
         has = f"variables {first_ones(list(map(str, ds.data_vars)))}; dimensions {over or 'none'}"
-        return f"{super().__repr__()}\n  {has}"
+        return "\n  ".join([super().__repr__(), *textwrap.wrap(has, WIDTH)])
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(chr(10).join(self.summary()))}</pre>{self.ds._repr_html_()}"

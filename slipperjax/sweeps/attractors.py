@@ -45,6 +45,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
     **Raises:** `ValueError` for other datasets.
     """
+    ds = getattr(ds, "ds", ds)
     require(
         isinstance(ds, xr.Dataset) and "strobe" in ds,
         "ds",

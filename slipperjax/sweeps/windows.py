@@ -270,7 +270,7 @@ def whole_run(ds: xr.Dataset, record: AbstractNumber | str, over: str = "distanc
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    instance("ds", ds, xr.Dataset, "a dataset of slipperjax.run")
+    ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a result of slipperjax.run")
     known = run_record(record)
     require(known is not None and known.name in ds, "record", "be a number of the run's windows", record)
     assert known is not None

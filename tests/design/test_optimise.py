@@ -26,7 +26,7 @@ def test_less_play_means_lower_peaks(small):
     assert small.design["clearance"] == pytest.approx(0.5e-3, rel=1e-9)
     assert small.regime.tolist() == ["period 1", "period 1"]
     np.testing.assert_allclose(small.starts["end"].values[:, 0], 0.5e-3, rtol=1e-9)  # from both starts
-    assert not small.several
+    assert not small.has_equal_optima
     assert small.at_bounds == {"clearance": "lower"}
     assert 0 < small.stderr < 1e-3 * small.objective  # measured 2e-5 of it, by the steps
 
@@ -58,7 +58,7 @@ def test_the_history_is_that_of_the_search(small):
         taken = ds["smooth"].values[(ds["start"].values == start) & ds["taken"].values]
         assert np.all(np.diff(taken) < 0)
     check = small.cases["simulated"].values  # of the errors, with half the step
-    assert small.simulated == ds["simulated"].values[-1] + check.sum() > ds["simulated"].values[-1]
+    assert small.cost_periods == ds["simulated"].values[-1] + check.sum() > ds["simulated"].values[-1]
     assert ", clearance 0.5 mm (its lower bound)" in repr(small)
     assert "regimes: 2 x period 1" in repr(small)
 

@@ -119,7 +119,7 @@ def test_a_search_on_common_rails_is_judged_on_others():
     assert best.objective != pytest.approx(known, rel=1e-3)  # measured 2 % apart
     assert best.stderr > 0
     assert best.judged == "along 16 rails that the search has not seen"
-    assert f"judged {best.judged}," in repr(best)
+    assert f"judged {best.judged}\n" in repr(best)
     assert 0 < abs(float(best.cases["step_change"][0])) < 0.5  # by half the step, on the same rails
     assert RailEnsemble(*load_call(best.ds)["ensemble"]) == FEW
 

@@ -11,7 +11,6 @@ import slipperjax as sj
 from slipperjax.fitting import Trajectories
 from slipperjax.fitting.result import not_identified
 from slipperjax.fitting.signals import densities, whiteness
-from slipperjax.flow.datasets import load_call
 from slipperjax.tools import limits
 
 from .records import record
@@ -62,7 +61,7 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     scene = sj.load(path).scene
     assert float(scene.contact.stiffness) == found.estimate["stiffness"]
     assert float(sj.load(path).start.v_z) == float(found.start.v_z)
-    call = load_call(path)
+    call = sj.load(path).call
     assert (call["function"], [sensor.name for sensor in call["sensors"]]) == ("fit", ["az", "ay"])
     with xr.open_dataset(path) as ds:
         assert ds.attrs["status"] == "converged"

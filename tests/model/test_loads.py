@@ -218,7 +218,7 @@ def test_derivatives_agree_in_both_modes_and_with_differences():
     """By friction, a load, a programme of speeds, and the mass of a sled on springs."""
     sled = sj.model.Payload(100.0, [2e6, 8e6], [0.0, 0.0])
     scene = dataclasses.replace(LOADED, payload=sled)
-    names = ("friction.coefficient", "load.force.2", "speed.scale", "speed.speed.1", "sled.mass")
+    names = ("friction.coefficient", "load.force.2", "speed.scale", "speed.speed.1", "payload.mass")
     there = jnp.array([scene.value(name) for name in names])
     state = sj.initial_state(scene, some_motion())
 

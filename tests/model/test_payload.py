@@ -14,7 +14,7 @@ from slipperjax.flow.datasets import run_attributes
 from slipperjax.sweeps.grid import Cases
 
 SLED = sj.model.Payload(100.0, [2e6, 8e6], [0.0, 0.0])
-FREE = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), sled=SLED)
+FREE = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), payload=SLED)
 IMPLICIT = sj.solvers.Latching(diffrax.Kvaerno5(root_finder=optimistix.Newton(rtol=1e-10, atol=1e-12)))
 
 
@@ -78,7 +78,7 @@ def test_a_sled_goes_on_from_its_state(tmp_path):
 
 @pytest.mark.full
 def test_runs_with_a_sled_record_its_springs_and_go_on():
-    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=300.0), sled=SLED, gravity=9.81)
+    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=300.0), payload=SLED, gravity=9.81)
     of = lambda length, **options: sj.run(scene, length=length, window=8.0, record="spring_force", **options)
     ds = of(48.0)
     assert ds["state"].sizes["number"] == 34

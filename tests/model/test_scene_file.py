@@ -97,7 +97,7 @@ def test_starts_come_back_too():
     run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
     moving = sj.Motion(y=1e-4, payload=sj.model.PayloadMotion(z=1e-3))
-    with pytest.raises(ValueError, match="`start` must have no motion of the sled in TOML, but has PayloadMotion"):
+    with pytest.raises(ValueError, match="`start` must have no motion of the payload in TOML, but has PayloadMotion"):
         sj.paper_scene().to_toml(start=moving)
     for wrong in (run, run.end, {"y": 1e-4}):
         with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):
@@ -189,10 +189,10 @@ def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
 def test_what_is_no_file_and_what_is_too_deep_is_one_line(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "zero.toml").symlink_to("/dev/zero")
-    for name, load in itertools.product(("pipe.toml", "zero.toml"), (sj.load_scene, sj.load_rail, sj.load_run)):
+    for name, load in itertools.product(("pipe.toml", "zero.toml"), (sj.load, sj.load_rail)):
         with pytest.raises(ValueError, match=f"{name} must be a file, but is a folder, a device or a pipe"):
             load(tmp_path / name)
-    for name, load in itertools.product(("pipe", "zero"), (sj.load_scene, sj.load_rail)):
+    for name, load in itertools.product(("pipe", "zero"), (sj.load, sj.load_rail)):
         link = tmp_path / f"{name}.nc"
         link.unlink(missing_ok=True)
         link.symlink_to(tmp_path / f"{name}.toml")

@@ -115,7 +115,7 @@ def test_the_signature_is_that_of_a_fine_trajectory(nominal):
     gap = np.asarray(nominal.trajectory().reactions.gap).reshape(STEPS + 1, -1)
     names = [f"{n}{e}" for e in (1, 2) for n in SCENE.section.names]
     opened = np.argwhere((gap[:-1] >= 0) & (gap[1:] < 0))
-    assert sorted(found.ds) == sorted(names[point] for _, point in opened)
+    assert sorted(found.points) == sorted(names[point] for _, point in opened)
     rates = {}
     for k, point in opened:  # the slope of the parabola through three saved gaps, where it is zero
         a, b, c = gap[k - 1 : k + 2, point]

@@ -83,7 +83,7 @@ def test_results_say_themselves_and_what_they_have():
         "Result",
         "  2 cases, 40 steps per period",
         "  0 cases flagged",
-        "  variables peak_force, status and steps_per_period; dimensions speed: 2, point: 2",
+        "  variables peak_force, status and steps_per_period; dimensions speed 2 and point 2",
     ]
     html = over("speed", peak_force=["point"])._repr_html_()
     assert "2 cases, 40 steps per period" in html

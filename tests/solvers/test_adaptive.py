@@ -89,7 +89,7 @@ def carrying(scene):
     mounts = [sj.Mount(x=1.0), sj.Mount(x=-1.0)]
     body = sj.Sled(400.0, (80.0, 320.0, 380.0), mounts, modes=modes)
     payload = sj.model.Payload(mass=50.0, stiffness=(1e6, 1e6))
-    return dataclasses.replace(scene, slipper=body, sled=payload)
+    return dataclasses.replace(scene, slipper=body, payload=payload)
 
 
 @pytest.mark.full
