@@ -104,7 +104,7 @@ class OrbitBranch(Result):
     def scene(self) -> Scene:
         """Scene in which the parameter varies."""
         # a part with one point has the scene of that point
-        return load_base(self.ds)[0] if self.ds["point"].size > 1 else scene_of(self.ds)
+        return load_base(self.ds)[0] if self.ds.sizes.get("point", 1) > 1 else scene_of(self.ds)
 
     @property
     def parameter(self) -> Parameter:

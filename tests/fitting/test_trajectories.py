@@ -68,7 +68,7 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
         np.testing.assert_array_equal(ds["estimate"], list(found.estimate.values()))
         left = (ds["measured"] - ds["fitted"]).std(["window", "sample"])
         np.testing.assert_allclose(left, found.posterior.noise, rtol=0.1)
-        axes = ds.plot()
+        axes = sj.load(path).plot()
     assert axes.shape == (2, 2)
     assert "fit: converged" in axes[0, 0].figure.get_suptitle()
     assert axes[0, 0].get_ylabel() == "az [m/s$^{2}$]"
