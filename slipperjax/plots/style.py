@@ -578,7 +578,7 @@ def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:
 def entitle(figure: Figure, text: str) -> None:
     """Write a text above a figure, if the style has titles."""
     if text and _look.get().titles:
-        figure.suptitle(text, fontsize=setting("figure.titlesize"))
+        figure.suptitle(text, fontsize=setting("figure.titlesize"), wrap=True)
 
 
 def name_status(figure: Figure, code: int) -> None:
