@@ -16,6 +16,7 @@ from . import made
 
 @pytest.fixture(autouse=True)
 def _closed():
+    plt.close("all")
     yield
     assert not plt.get_fignums()
 

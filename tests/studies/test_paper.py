@@ -1,6 +1,7 @@
 """The runs that answer the claims, and the report."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
         return {name: known[name]() for name in lists}
 
     def sweep(*arguments, **options):
-        return made.singles()[0]
+        return SimpleNamespace(ds=made.singles()[0])
 
     monkeypatch.setattr(runs, "run_lists", run_lists)
     monkeypatch.setattr(runs, "sweep", sweep)
@@ -110,7 +111,7 @@ def test_readings_answer_the_claims_that_differ(monkeypatch):
         asked.append((scene.contact.clamp, round(play)))
         if options.get("record") == "history":
             history, _ = made.singles()
-            return history.isel(case=[5, 6])
+            return SimpleNamespace(ds=history.isel(case=[5, 6]))
         slow = grid["speed"] < 1100
         three = slow & (grid["speed"] >= 820)
         wide = grid["clearance"] >= 2.59e-3 * play
@@ -120,7 +121,7 @@ def test_readings_answer_the_claims_that_differ(monkeypatch):
         levels = {"v_y": np.where(grid["speed"] > 1850, 0.0, 10.0)}
         ds = made.diagram("place", np.arange(slow.size), kinds, {"v_y": np.where(three, 3, 1)}, levels, "case")
         ds["status"][np.flatnonzero(wide)[0]] = 1
-        return ds.assign_coords({name: ("case", values) for name, values in grid.items()})
+        return SimpleNamespace(ds=ds.assign_coords({name: ("case", values) for name, values in grid.items()}))
 
     monkeypatch.setattr(runs, "sweep", fake)
     monkeypatch.setattr(verdicts, "attractors", made.attractors_once)
