@@ -22,7 +22,7 @@ from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.parameters import PARAMETERS, STARTS, Parameter, parameter
-from ..model.quantities import Quantity
+from ..model.quantities import Quantity, ShownUnits
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile
 from ..tools.cache import compile_cache, keep_in
@@ -328,11 +328,12 @@ class Case(NamedTuple):
         known = scene_attributes(self.scene, list(varied))
         slippers = self.scene.slipper.names
         words = [f"{len(slippers)} slippers"] if slippers else []
+        units = ShownUnits(self.file.units if self.file else ())
         for name in ("speed", "clearance", "length"):
-            q = PARAMETERS[name]
+            q = units.of(PARAMETERS[name])
             value = known.get(f"{name} [{q.unit}]")
             if value is not None:
-                words.append(f"{name} {q.shown(value):g} {q.display_unit}")
+                words.append(f"{name} {q.shown(value):.5g} {q.display_unit}")
         if not start:
             start = "from Table 2's start" if self.start is None else "from the scene file's start"
             # a varied coordinate of the start replaces the start's own
