@@ -1,6 +1,7 @@
 """The command line: parse, call, write."""
 
 import gc
+import os
 import sys
 import warnings
 from contextvars import copy_context
@@ -32,6 +33,8 @@ def main(arguments: list[str] | None = None) -> None:
         gc.freeze()
         gc.set_threshold(50_000)
         sweep.hide_dask()
+        # pictures become files, for which matplotlib needs no screen
+        os.environ["MPLBACKEND"] = "Agg"
     # an interrupt may raise here, or set its code while the command ends by itself
     with Signals() as signals:
         try:

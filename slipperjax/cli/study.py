@@ -22,13 +22,10 @@ def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> 
 
     FIGURES: numbers from 4 to 13; default: all.
     """
-    import matplotlib
-
     from ..studies.dang2024.claims import write_report
     from ..studies.dang2024.figures import write_figures
     from ..studies.dang2024.runs import FIGURES, readings, reproduce as run
 
-    matplotlib.use("Agg")
     runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
     make_folder(out, out)
     answers = {}

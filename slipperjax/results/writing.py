@@ -134,9 +134,6 @@ def _picture(
     kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
 ) -> Content:
     """Return the picture of a result as the content of a file; a PDF has all pages of the report, if any."""
-    import matplotlib
-
-    matplotlib.use("Agg")  # this backend needs no screen
     from ..plots.style import FILES
 
     if ending == ".pdf" and kind.reports:

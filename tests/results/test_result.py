@@ -3,6 +3,7 @@
 import copy
 import pickle
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -100,3 +101,15 @@ def test_datasets_of_other_functions_are_refused():
 def test_each_question_has_a_kind_of_result():
     questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "optimise_design", "fit"}
     assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
+
+
+def test_writing_a_picture_keeps_the_backend_of_the_session(tmp_path):
+    before = plt.get_backend()
+    plt.switch_backend("svg")
+    try:
+        over("speed", strobe=["strobe_period"]).write(tmp_path / "strobes.png", tmp_path / "strobes.pdf")
+        assert plt.get_backend() == "svg"
+        assert plt.get_fignums() == []
+    finally:
+        plt.switch_backend(before)
+    assert (tmp_path / "strobes.png").read_bytes()[:4] == b"\x89PNG"
