@@ -330,10 +330,10 @@ class Case(NamedTuple):
         words = [f"{len(slippers)} slippers"] if slippers else []
         units = ShownUnits(self.file.units if self.file else ())
         for name in ("speed", "clearance", "length"):
-            q = units.of(PARAMETERS[name])
+            q = PARAMETERS[name]
             value = known.get(f"{name} [{q.unit}]")
             if value is not None:
-                words.append(f"{name} {q.shown(value):.5g} {q.display_unit}")
+                words.append(units.of(q).named(value))
         if not start:
             start = "from Table 2's start" if self.start is None else "from the scene file's start"
             # a varied coordinate of the start replaces the start's own

@@ -120,6 +120,12 @@ def is_lost(codes: AnyArray) -> np.ndarray | np.bool:
     return ~np.isin(codes, (Status.FINITE, *DOUBTFUL))
 
 
+def counted(codes: AnyArray) -> "dict[Status, int]":
+    """Return the number of cases with each status other than `FINITE`."""
+    found, counts = np.unique(np.asarray(codes)[codes != Status.FINITE], return_counts=True)
+    return {Status(int(code)): int(n) for code, n in zip(found, counts, strict=True)}
+
+
 LOST_MOTIONS = (Status.NOT_FINITE, Status.DERAILED, Status.TOO_FEW_STEPS, Status.PRESSED_IN)
 """Statuses of cases without a known motion: all variables of results are NaN."""
 

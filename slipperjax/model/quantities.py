@@ -79,6 +79,11 @@ class Quantity:
         """Return a value in the display unit converted to SI units [unit]."""
         return value * self.per_shown
 
+    def named(self, value: Any) -> str:
+        """Return the name with a value in SI units [unit], such as "clearance 1.5 mm"; the unit 1 is left out."""
+        unit = "" if self.display_unit == "1" else f" {self.display_unit}"
+        return f"{self.name} {self.shown(float(value)):.5g}{unit}"
+
 
 @dataclass(frozen=True)
 class ShownUnits:

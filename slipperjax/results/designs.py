@@ -37,7 +37,7 @@ class DesignKind(Kind):
         # averages over chaotic motions have a standard error; orbits have a change by half the step
         error = ds.attrs["stderr"]
         sure = f" +- {q.shown(error):.2g}" if error > 0 else ""
-        lines.append(f"{_said(q, ds.attrs['objective'])}{sure}{cases}")
+        lines.append(f"{q.named(ds.attrs['objective'])}{sure}{cases}")
         if ds.attrs["judged"]:
             lines.append(f"judged {ds.attrs['judged']}")
         if ds.attrs["has_equal_optima"]:
@@ -79,10 +79,6 @@ def _of_trials(ds: xr.Dataset, q: Quantity) -> np.ndarray:
     return q.shown(ds["trial_design"].sel(variable=q.name).values)
 
 
-def _said(q: Quantity, value: float) -> str:
-    return f"{q.name} {q.shown(value):.5g}" + ("" if q.display_unit == "1" else f" {q.display_unit}")
-
-
 def _variables(ds: xr.Dataset) -> list[str]:
     """Return the design variables as a text, with the bounds at which they ended."""
     words = []
@@ -90,7 +86,7 @@ def _variables(ds: xr.Dataset) -> list[str]:
         value, low, high = (float(ds[name].sel(variable=q.name)) for name in ("design", "low", "high"))
         near = AT_BOUND * (high - low)
         bound = "lower" if abs(value - low) <= near else "upper" if abs(value - high) <= near else ""
-        words.append(_said(q, value) + (f" (its {bound} bound)" if bound else ""))
+        words.append(q.named(value) + (f" (its {bound} bound)" if bound else ""))
     return words
 
 
@@ -101,7 +97,7 @@ def _margins(ds: xr.Dataset) -> list[str]:
     for case, name, event, value, relative in columns.to_dataframe().itertuples(index=False):
         q = design_quantity(ds, name)
         over = [(quantity_of(other, ds), ds[other].values[case]) for other in varied_names(ds)]
-        where = ", ".join(f"{o.name} {o.shown(at):.5g} {o.display_unit}" for o, at in over) or "the case"
+        where = ", ".join(o.named(at) for o, at in over) or "the case"
         change = f"{q.shown(value):.6g} {q.display_unit} ({100 * relative:+.3g} %)"
         lines.append(f"  {where}: {q.name} {event or 'none up to'} {change}")
     return lines

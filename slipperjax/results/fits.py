@@ -24,7 +24,7 @@ class FitKind(Kind):
             lines.append(f"  {row.parameter} {row.estimate:.5g} ({row.low:.5g} to {row.high:.5g}){unit}{bound}")
         quantities = self._quantities(ds)
         for other in ds["minimum"].values:
-            shown = [_said(q, value) for q, value in zip(quantities, other, strict=True)]
+            shown = [q.named(value) for q, value in zip(quantities, other, strict=True)]
             lines.append(f"another minimum: {', '.join(shown)}")
         # empty texts are left out
         told = (ds.attrs["not_identified"], ds.attrs["misfit"])
@@ -43,7 +43,3 @@ class FitKind(Kind):
 
     def _quantities(self, ds: xr.Dataset) -> list[Quantity]:
         return [fit_quantity(ds, str(name)) for name in ds["parameter"].values]
-
-
-def _said(q: Quantity, value: float) -> str:
-    return f"{q.name} {q.shown(float(value)):.5g}" + ("" if q.display_unit == "1" else f" {q.display_unit}")

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ..flow.status import Status, is_lost, step_error
+from ..flow.status import counted, is_lost, step_error
 from ..model.dynamics import static_loads
 from ..model.parameters import PARAMETERS
 from ..model.quantities import ACCELERATIONS, Quantity
@@ -58,8 +58,7 @@ def summary_of_runs(ds: xr.Dataset) -> list[str]:
     """Return several runs as a text: their number, and how many are lost."""
     status = ds["status"].values
     lines = [f"{status.size} runs over {', '.join(map(str, ds['status'].dims))}"]
-    codes, counts = np.unique(status[status != Status.FINITE], return_counts=True)
-    return lines + [f"{n} runs: {Status(int(code))}" for code, n in zip(codes, counts, strict=True)]
+    return lines + [f"{n} runs: {meaning}" for meaning, n in counted(status).items()]
 
 
 def summary(view: RunView) -> list[str]:
@@ -188,12 +187,10 @@ def described(view: RunView) -> list[str]:
     if scene is None:
         return []
     numbers = []
-    for name, q in PARAMETERS.items():
+    for q in PARAMETERS.values():
         value = q.of(scene)
         # parameters with a single number
         if value is not None and np.ndim(value) == 0:
-            shown = view.units.of(Quantity(name, q.unit, name, shown_unit=q.shown_unit))
-            unit = "" if q.unit == "1" else f" {shown.display_unit}"
-            numbers.append(f"{name.replace('_', ' ')} {shown.shown(float(value)):.5g}{unit}")
+            numbers.append(view.units.of(q).named(value).replace("_", " "))
     parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
     return [", ".join(numbers), *parts]

@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from ..analysis.kinds import REGIMES, lasting
-from ..flow.status import Status, is_lost
+from ..flow.status import counted, is_lost
 from ..plots.style import shown_columns
 from ..plots.sweeps import of_sweep
 from .kind import Kind, Units
@@ -25,10 +25,9 @@ class SweepKind(Kind):
         steps = ds["steps_per_period"]
         many = " to ".join(map(str, np.unique([steps.min(), steps.max()])))
         lines = [f"{status.size} cases{periods}, {many} steps per period"]
-        # number of cases with each status, without cases where nothing is wrong
-        codes, counts = np.unique(status[status != Status.FINITE], return_counts=True)
-        meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
-        lines.append(f"{counts.sum()} cases flagged" + (f" ({meanings})" if meanings else ""))
+        counts = counted(status)
+        meanings = " and ".join(f"{n} {meaning}" for meaning, n in counts.items())
+        lines.append(f"{sum(counts.values())} cases flagged" + (f" ({meanings})" if meanings else ""))
         # the error of a lost case means nothing
         lost = is_lost(status)
         if "probe_error" in ds and not lost.all():
