@@ -1,6 +1,7 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -9,16 +10,17 @@ from matplotlib.patches import Circle
 
 from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
+from ..model.parameters import START
 from ..model.quantities import COORDINATES, SECTIONS
 from ..tools.checks import one_of, require
 from .maps import attractor_map, bifurcation, regime_map
 from .style import (
     COLORS,
-    axis_label,
     check_dataset,
     color_bar,
     drawing,
-    legend_above,
+    in_display_unit,
+    label,
     line_color,
     shown,
     swept,
@@ -61,8 +63,8 @@ def branches(
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
-    these = list(ds) if isinstance(ds, list | tuple) else [ds]
-    points = _datasets([*others, *these], "continue_orbit", "stable", "event_point")
+    these = ds if isinstance(ds, list | tuple) else [ds]
+    points = datasets_of([*others, *these], "continue_orbit", "stable", "event_point")
     # a user's own systems have other numbers
     if any(quantity not in one or one[quantity].dims != ("point",) for one in points):
         check_quantity(quantity)
@@ -70,85 +72,70 @@ def branches(
     if len(names) > 1:
         raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
     (name,) = names
-    lines = [_lines_of(one, quantity) for one in points]
     if brute is not None:
         check_brute(brute, name, quantity)
-    periods = [int(one.attrs["orbit_period"]) for one in points]
-    # one colour for each period that occurs
-    colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
-    own = ax is None
+    lines = [_lines_of(one, quantity) for one in points]
+    periods = sorted({one.attrs["orbit_period"] for one in points})
 
-    def draw(ax: Axes) -> None:
+    def draw(ax: Axes) -> list[np.ndarray]:
+        """Draw everything; return the places of each event, (values, 2)."""
         if brute is not None:
             bifurcation(brute, quantity, ax, color=COLORS["grey"], zorder=1, label="from simulation")
+        places = []
         # the lines of all branches, with their events
-        for one, threads, period in zip(points, lines, periods, strict=True):
-            x = shown(one, name)
-            stable = stable_parts(one)
+        for one, threads in zip(points, lines, strict=True):
+            period = one.attrs["orbit_period"]
+            color = line_color(periods.index(period))
             # a legend of colours where there are several
-            of = f"period {period}, " if len(colors) > 1 else ""
-            style = dict(color=colors[period], zorder=3, solid_capstyle="butt")
-            ax.plot(*joined(x, threads, stable), lw=1.3, label=f"{of}stable", **style)
-            ax.plot(*joined(x, threads, ~stable), lw=0.8, ls=DASHED, label=f"{of}unstable", **style)
-            for label, x_at, values in _events_of(one, x, threads):
-                text = f"{label} {EVENT_NAMES[label]}"
-                ax.plot(np.full(len(values), x_at), values, label=text, **_marker(label, colors[period]))
+            of = f"period {period}, " if len(periods) > 1 else ""
+            x = shown(one, name).values
+            stable = stable_parts(one)
+            style = dict(color=color, zorder=3, solid_capstyle="butt")
+            ax.plot(*joined(x, threads.values, stable), lw=1.3, label=f"{of}stable", **style)
+            ax.plot(*joined(x, threads.values, ~stable), lw=0.8, ls=DASHED, label=f"{of}unstable", **style)
+            for event, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
+                # an event has as many values as its orbit has crossings
+                values = threads[:, k].dropna("line").values
+                if event in EVENT_MARKERS and len(values):
+                    places.append(np.column_stack([np.full(len(values), x[k]), values]))
+                    ax.plot(*places[-1].T, label=f"{event} {EVENT_NAMES[event]}", **_marker(event, color))
+        return places
 
-    with drawing(ax, points[0], 3.5, 2.9) as ax:
-        draw(ax)
-        ax.set(xlabel=axis_label(name, points[0]), ylabel=axis_label(quantity, points[0]))
-        ax.margins(x=0.03, y=0.08)
-        legend_above(ax)
-        places = [
-            (x_at, values)
-            for one, threads in zip(points, lines, strict=True)
-            for _, x_at, values in _events_of(one, shown(one, name), threads)
-        ]
-        if own:
-            _enlarge_crowd(ax, draw, places)
-    return ax
-
-
-def _events_of(ds: xr.Dataset, x: np.ndarray, threads: np.ndarray) -> Iterator[tuple[str, float, np.ndarray]]:
-    """Yield label, parameter and values of each event of a branch that has a marker.
-
-    **Arguments:** `x`: the parameter at its points; `threads`: of `_lines_of`, both in display units.
-    """
-    for label, k in zip(ds["event_label"].values.astype(str), ds["event_point"].values, strict=True):
-        # an event has as many values as its orbit has crossings
-        values = threads[np.isfinite(threads[:, k]), k]
-        if label in EVENT_MARKERS and len(values):
-            yield label, float(x[k]), values
+    with drawing(ax, points[0], 3.5, 2.9) as axes:
+        places = draw(axes)
+        axes.set(xlabel=label(shown(points[0], name)), ylabel=label(lines[0]))
+        axes.margins(x=0.03, y=0.08)
+        if ax is None:
+            _enlarge_crowd(axes, draw, places)
+    return axes
 
 
-def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], None], places: list[tuple[float, np.ndarray]]) -> None:
+def _enlarge_crowd(ax: Axes, draw: Callable[[Axes], object], places: list[np.ndarray]) -> None:
     """Draw the part with most events a second time, larger, where `CROWD` or more events are close to each other.
 
-    **Arguments:** `draw`: draws everything into Axes; `places`: parameter and values of each event.
+    **Arguments:** `draw`: draws everything into Axes; `places`: of each event, (values, 2).
     """
-    low, high = ax.get_xlim()
-    width = CROWDED * (high - low)
-    at = np.array([x for x, _ in places])
-    # the number of events within a width of each event
-    near = np.array([(at >= x) & (at <= x + width) for x in at]).reshape(len(at), len(at))
-    if not len(at) or near.sum(axis=1).max() < CROWD or np.ptp(at) <= width:
-        return
-    crowd = near[np.argmax(near.sum(axis=1))]
-    values = np.concatenate([one for (_, one), inside in zip(places, crowd, strict=True) if inside])
-    reach = 0.15 * max(np.ptp(at[crowd]), 0.2 * width)
-    tall = 0.25 * max(np.ptp(values), 0.02 * np.ptp(ax.get_ylim()))
-    # above the crowd there is space where values are low, below it where they are high
-    up = values.mean() < np.mean(ax.get_ylim())
-    left = at[crowd].mean() < (low + high) / 2
-    inset = ax.inset_axes((0.12 if left else 0.52, 0.5 if up else 0.12, 0.36, 0.4))
     limits = ax.get_xlim(), ax.get_ylim()
+    middles = np.mean(limits, axis=1)
+    width = CROWDED * np.ptp(limits[0])
+    at = np.array([place[0, 0] for place in places])
+    # the events within a width to the right of each event
+    near = (at >= at[:, None]) & (at <= at[:, None] + width)
+    if near.sum(axis=1).max(initial=0) < CROWD or np.ptp(at) <= width:
+        return
+    inside = near[np.argmax(near.sum(axis=1))]
+    crowd = np.concatenate([places[k] for k in np.flatnonzero(inside)])
+    low, high = crowd.min(axis=0), crowd.max(axis=0)
+    margin = [0.15, 0.25] * np.maximum(high - low, [0.2 * width, 0.02 * np.ptp(limits[1])])
+    # above the crowd there is space where values are low, below it where they are high
+    left = 0.12 if at[inside].mean() < middles[0] else 0.52
+    bottom = 0.5 if crowd[:, 1].mean() < middles[1] else 0.12
+    inset = ax.inset_axes((left, bottom, 0.36, 0.4))
     draw(inset)
     if (legend := inset.get_legend()) is not None:
         legend.remove()
-    inset.set(
-        xlim=(at[crowd].min() - reach, at[crowd].max() + reach), ylim=(values.min() - tall, values.max() + tall)
-    )
-    inset.set(xlabel="", ylabel="")
+    xlim, ylim = np.stack([low - margin, high + margin], axis=1)
+    inset.set(xlim=xlim, ylim=ylim, xlabel="", ylabel="")
     inset.tick_params(labelsize=5)
     ax.set(xlim=limits[0], ylim=limits[1])
     ax.indicate_inset_zoom(inset, edgecolor="black", lw=0.5)
@@ -186,15 +173,16 @@ def multiplier_circle(ds: object, ax: Axes | None = None) -> Axes:
     one = check_dataset(ds, "continue_orbit", "stable", "multiplier_real", "multiplier_imag")
     (name,) = varied_names(one)
     mu = (one["multiplier_real"].values + 1j * one["multiplier_imag"].values).ravel()
+    values = shown(one, name)
     # each multiplier has the parameter of its point
-    values = np.repeat(shown(one, name), one.sizes["multiplier"])
+    colors = np.repeat(values, one.sizes["multiplier"])
     limit = 1.08 * float(np.clip(np.max(np.abs(mu)), 1.0, 2.0))
     with drawing(ax, one, 4.6, 4.2) as ax:
         ax.add_patch(Circle((0, 0), 1.0, fill=False, lw=0.8, ec="black", zorder=1))
-        dots = ax.scatter(mu.real, mu.imag, c=values, cmap="viridis", s=7, linewidths=0, zorder=2)
+        dots = ax.scatter(mu.real, mu.imag, c=colors, cmap="viridis", s=7, linewidths=0, zorder=2)
         ax.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
         ax.set(xlabel="real part of multiplier", ylabel="imaginary part of multiplier")
-        color_bar(ax, dots, axis_label(name, one))
+        color_bar(ax, dots, label(values))
     return ax
 
 
@@ -219,72 +207,67 @@ def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None 
     """
     # black, and colours that differ clearly from a regime map
     colors = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
-    curves = _datasets(ds, "continue_event", "outside")
+    curves = datasets_of(ds, "continue_event", "outside")
     over = varied_names(curves[0])
     for one in curves:
-        label = one.attrs.get("label")
+        event = one.attrs.get("label")
         names = varied_names(one)
         # with a known label, and over the same plane as the first
-        good = label in colors and len(names) == 2 and set(names) == set(over)
+        good = event in colors and len(names) == 2 and set(names) == set(over)
         need = f"be curves of {', '.join(colors)} over the same two parameters"
-        require(good, "ds", need, shown=f"of {label} over {' and '.join(names)}")
-    draw = regime_map
+        require(good, "ds", need, shown=f"of {event} over {' and '.join(names)}")
     if regimes is not None:
+        regimes = check_dataset(regimes, "lyapunov_sweep")
         # attractors without exponents
-        regimes = getattr(regimes, "ds", regimes)
-        if isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes:
-            draw = attractor_map
-        name = "kind" if draw is attractor_map else "regime"
+        name = "kind" if "kind" in regimes and "regime" not in regimes else "regime"
         own = swept(check_dataset(regimes, "lyapunov_sweep", name)[name], count=2)
         need = f"be swept over {' and '.join(over)}, as the curves are"
         require(set(own) == set(over), "regimes", need, shown=f"over {' and '.join(own)}")
         over = own
-    base = curves[0] if regimes is None else regimes
-    with drawing(ax, base, 3.5, 3.3 if regimes is None else 3.9) as ax:
+    with drawing(ax, curves[0] if regimes is None else regimes, 3.5, 3.3 if regimes is None else 3.9) as ax:
         if regimes is None:
-            ax.set(xlabel=axis_label(over[1], base), ylabel=axis_label(over[0], base))
+            up, across = (label(shown(curves[0], name)) for name in over)
+            ax.set(xlabel=across, ylabel=up)
             ax.margins(0.05)
         else:
-            draw(regimes, ax)
+            {"kind": attractor_map, "regime": regime_map}[name](regimes, ax)
             ax.axis(ax.axis())  # only the area of the map is shown
         for one in curves:
-            label = one.attrs["label"]
+            event = one.attrs["label"]
             period = int(one.attrs.get("orbit_period", 1))
-            text = f"{label} {EVENT_NAMES[label]}" + (f" of period {period}" if period > 1 else "")
-            places = shown(one, over[1]), shown(one, over[0])[None]
+            text = f"{event} {EVENT_NAMES[event]}" + f" of period {period}" * (period > 1)
+            y, x = (shown(one, name).values for name in over)
             # a part is solid where both its ends belong to a stable motion
             single = one["outside"].values == 0
             solid = single[1:] & single[:-1]
-            style = dict(color=colors[label], zorder=4)
-            ax.plot(*joined(*places, solid), lw=1.4, label=text, **style)
-            ax.plot(*joined(*places, ~solid), lw=1.1, ls=DASHED, **style)
+            style = dict(color=colors[event], zorder=4)
+            ax.plot(*joined(x, y[None], solid), lw=1.4, label=text, **style)
+            ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
         if any(np.any(one["outside"].values) for one in curves):
             ax.plot([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
-        legend_above(ax)
     return ax
 
 
-def _datasets(ds: object, source: str, *names: str) -> list[xr.Dataset]:
-    """Return the datasets, with the variables `names`, of one result or several."""
+def datasets_of(ds: object, source: str, *names: str, argument: str = "ds") -> list[xr.Dataset]:
+    """Return the datasets of one result or several; arguments and errors as of `check_dataset`."""
     # one result is a list of one
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
-    require(several, "ds", f"be one result of {source} or more", ds)
-    return [check_dataset(one, source, *names) for one in several]
+    require(several, argument, f"be one result of {source} or more", ds)
+    return [check_dataset(one, source, *names, argument=argument) for one in several]
 
 
-def _lines_of(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Return a quantity along a branch as lines (lines, points) [display unit]; NaN where a line is absent."""
+def _lines_of(ds: xr.Dataset, name: str) -> xr.DataArray:
+    """Return a quantity along a branch over line and point in its display unit; NaN where a line is absent."""
     if name in SECTIONS:
-        ds = check_dataset(ds, "continue_orbit", name, f"{name}_period")
-        velocity = ds[name].transpose("point", "crossing").values
-        time = ds[f"{name}_period"].transpose("point", "crossing").values
-        return crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
-    if name.startswith("start_"):
-        start = ds["strobe"].isel(strobe_period=0)
-        coordinate = name.removeprefix("start_")
-        return COORDINATES[coordinate].shown(start.sel(coordinate=coordinate).values)[None]
-    ds = check_dataset(ds, "continue_orbit", name)
-    return shown(ds, name)[None]
+        of_section = check_dataset(ds, "continue_orbit", name, f"{name}_period")[[name, f"{name}_period"]]
+        crossings = of_section.transpose("point", "crossing").values()
+        threads = crossing_threads(*(one.values for one in crossings), int(ds.attrs["orbit_period"]))
+        return in_display_unit(COORDINATES[name], xr.DataArray(threads, dims=("line", "point")), short=True)
+    if name.startswith(START):
+        coordinate = name.removeprefix(START)
+        start = ds["strobe"].isel(strobe_period=0).sel(coordinate=coordinate).expand_dims("line")
+        return in_display_unit(replace(COORDINATES[coordinate], name=name), start, short=True)
+    return shown(check_dataset(ds, "continue_orbit", name), name).expand_dims("line")
 
 
 def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.ndarray:
@@ -357,11 +340,9 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
     return np.stack([xs, gap], axis=-1)[keep], np.stack([threads, gap], axis=-1)[keep]
 
 
-def _marker(label: str, color: str) -> dict[str, object]:
+def _marker(event: str, color: str) -> dict[str, object]:
     """Return the style of an event's marker."""
-    marker = EVENT_MARKERS[label]
-    style: dict[str, object] = dict(ls="", marker=marker, zorder=4)
+    marker = EVENT_MARKERS[event]
     # filled markers have a white edge, which separates them from lines; these two have no area
-    if marker in "|x":
-        return style | dict(ms=5.5, mew=0.9, mec=color)
-    return style | dict(ms=4.4, mew=0.6, mec="white", mfc=color)
+    own = dict(ms=5.5, mew=0.9, mec=color) if marker in "|x" else dict(ms=4.4, mew=0.6, mec="white", mfc=color)
+    return dict(ls="", marker=marker, zorder=4, **own)

@@ -1,12 +1,14 @@
 """Designs: objective in each case, trials, progress, sensitivities, margins to events, and the objective nearby."""
 
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap
 
 from ..flow.datasets import varied_names
 from ..model.parameters import PARAMETERS
@@ -14,7 +16,6 @@ from ..model.quantities import Quantity
 from .branches import EVENT_MARKERS, EVENT_NAMES
 from .style import (
     COLORS,
-    axis_label,
     case_title,
     check_dataset,
     color_bar,
@@ -22,25 +23,21 @@ from .style import (
     drawing,
     entitle,
     fit_scale,
+    in_display_unit,
+    label,
     legend_above,
     line_color,
     mark_cases,
-    name_label,
+    name_and_symbol,
     quantity_of,
     rows_of,
     shown,
+    typeset,
     with_unit,
 )
 
 OPTIMUM: dict[str, object] = dict(
-    ls="",
-    marker="*",
-    ms=9,
-    mfc="#ffd23f",
-    mec="black",
-    mew=0.6,
-    zorder=6,
-    label="best",
+    ls="", marker="*", ms=9, mfc="#ffd23f", mec="black", mew=0.6, zorder=6, label="best"
 )
 """Marker of the best design."""
 
@@ -77,6 +74,7 @@ def design_overview(ds: object) -> np.ndarray:
         entitle(axes[0].figure, _title(ds))
         for draw, ax in zip(draws, axes, strict=True):
             draw(ds, ax=ax)
+            legend_above(ax)
     return axes
 
 
@@ -89,14 +87,13 @@ def _design(ds: object) -> xr.Dataset:
 
 def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
     blue = line_color(0)
-    x, label = _over_cases(ds)
+    x, over = _over_cases(ds)
     order = np.argsort(x)
-    q = quantity_of("objective", ds)
     best = shown(ds, "objective")
     first = shown(ds.isel(trial=0), "trial_objective")
     drawn = (
-        (first, ds["trial_regime"].values[0], COLORS["grey"], "first design"),
-        (best, ds["regime"].values, blue, "best design"),
+        (first.values, ds["trial_regime"].values[0], COLORS["grey"], "first design"),
+        (best.values, ds["regime"].values, blue, "best design"),
     )
     for y, regimes, color, text in drawn:
         ax.plot(x[order], y[order], lw=0.8, color=color, zorder=2, label=text)
@@ -106,6 +103,7 @@ def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
         for kind, marker, at in (("periodic", "o", periodic), ("irregular", "D", ~periodic)):
             if np.isfinite(y[at]).any():
                 ax.plot(x[at], y[at], marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4, label=kind)
+    q = quantity_of("objective", ds)
     error = q.shown(ds["objective_stderr"].values)
     # orbits have no standard error
     unsure = error > 0
@@ -115,17 +113,13 @@ def _draw_cases(ds: xr.Dataset, ax: Axes) -> None:
     if len(x) > 1:
         total = q.shown(ds.attrs["objective"])
         ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=ds.attrs["robust"])
-    ax.set(xlabel=label, ylabel=name_label(q))
+    ax.set(xlabel=over, ylabel=label(best))
     fit_scale(ax, np.concatenate([first, best]))
-    legend_above(ax)
 
 
 def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
-    variables = _variables(ds)[:2]
-    total = shown(ds, "trial_smooth")
-    places = [one.shown(ds["trial_design"].sel(variable=one.name).values) for one in variables]
     # with one variable the objective is drawn upwards
-    x, y = [*places, total][:2]
+    x, y = [*_places(ds, "trial_design"), shown(ds, "trial_smooth").values][:2]
     taken = ds["trial_taken"].values.astype(bool)
     # a line through the trials from each start, and a square at the start, which frames the star of the best design
     for start in np.unique(ds["trial_start"].values):
@@ -134,33 +128,29 @@ def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
         ax.plot(x[own][:1], y[own][:1], "s", ms=10, mfc="none", mec="black", mew=0.7, zorder=5, label="start")
     dots = _scatter_trials(ds, ax, x, y)
     # bounds of each variable across its axis
-    for one, line in zip(variables, (ax.axvline, ax.axhline), strict=False):
-        for end in ("low", "high"):
-            bound = one.shown(ds[end].sel(variable=one.name).item())
+    for line, *ends in zip((ax.axvline, ax.axhline), _places(ds, "low"), _places(ds, "high"), strict=False):
+        for bound in ends:
             line(bound, ls=":", lw=0.9, color=COLORS["red"], zorder=1, label="bound")
-    _finish_plane(ds, ax, variables, total, dots)
+    _finish_plane(ds, ax, shown(ds, "trial_smooth"), dots)
 
 
-def _finish_plane(
-    ds: xr.Dataset,
-    ax: Axes,
-    variables: list[Quantity],
-    total: np.ndarray,
-    drawn: ScalarMappable | None,
-) -> None:
-    """Mark the best design, and label the axes: two variables, or one variable and the objective."""
-    place = [one.shown(ds["design"].sel(variable=one.name).item()) for one in variables]
-    labels = [name_label(one) for one in variables]
-    objective = _smooth_label(ds)
-    if len(variables) == 1:
+def _places(ds: xr.Dataset, name: str) -> list[np.ndarray]:
+    """Return a number of each design variable, for the first two, in display units."""
+    return [one.shown(ds[name].sel(variable=one.name).values) for one in design_variables(ds)[:2]]
+
+
+def _finish_plane(ds: xr.Dataset, ax: Axes, total: xr.DataArray, drawn: ScalarMappable | None) -> None:
+    """Mark the best design, and label the axes: two variables, or one variable and the objective `total`."""
+    place = _places(ds, "design")
+    labels = [label(in_display_unit(one, ds["design"])) for one in design_variables(ds)]
+    if len(labels) == 1:
         place.append(quantity_of("smooth", ds).shown(ds.attrs["smooth"]))
-        labels.append(objective)
-        fit_scale(ax, total)
+        labels.append(_smooth_label(ds))
+        fit_scale(ax, total.values)
     else:
-        color_bar(ax, drawn, objective)
+        color_bar(ax, drawn, _smooth_label(ds))
     ax.plot(*place, **OPTIMUM)
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    legend_above(ax)
 
 
 def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> ScalarMappable:
@@ -168,27 +158,18 @@ def _scatter_trials(ds: xr.Dataset, ax: Axes, x: np.ndarray, y: np.ndarray) -> S
 
     **Returns:** the dots, for a colour bar.
     """
-    total = shown(ds, "trial_smooth")
-    colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
-    norm = color_norm(total)
+    total = shown(ds, "trial_smooth").values
+    style: dict[str, Any] = dict(cmap=_colors(), norm=color_norm(total), lw=0, zorder=3, plotnonfinite=True)
     kept = _kept(ds)
     dots = None
     # each kind of trial has its own marker and entry
-    for label, marker, at in (("constraint violated", "v", ~kept), ("trial", "o", kept)):
-        dots = ax.scatter(
-            x[at],
-            y[at],
-            16,
-            total[at],
-            label=label if at.any() else "",
-            marker=marker,
-            cmap=colors,
-            norm=norm,
-            lw=0,
-            zorder=3,
-            plotnonfinite=True,
-        )
+    for text, marker, at in (("constraint violated", "v", ~kept), ("trial", "o", kept)):
+        dots = ax.scatter(x[at], y[at], 16, total[at], label=text if at.any() else "", marker=marker, **style)
     return dots
+
+
+def _colors() -> Colormap:
+    return plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
 
 
 def _kept(ds: xr.Dataset) -> np.ndarray:
@@ -197,7 +178,7 @@ def _kept(ds: xr.Dataset) -> np.ndarray:
 
 
 def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
-    total = shown(ds, "trial_smooth")
+    total = shown(ds, "trial_smooth").values
     x = ds["trial_simulated"].values
     # trials that break a constraint do not count as progress
     lowest = np.fmin.accumulate(np.where(_kept(ds), total, np.nan))
@@ -207,34 +188,22 @@ def _draw_progress(ds: xr.Dataset, ax: Axes) -> None:
     # from the beginning of the work, because the first designs take much of it
     ax.set(xlabel="forcing periods simulated", ylabel=_smooth_label(ds), xlim=(0, 1.03 * x.max()))
     fit_scale(ax, total)
-    legend_above(ax)
 
 
 def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
-    x, label = _over_cases(ds)
+    x, over = _over_cases(ds)
     order = np.argsort(x)
     # relative: percent by percent
     per = 1 / ds["smooth"] * ds["design"]
-    slopes = (ds["gradient"] * per).values
-    errors = (ds["gradient_stderr"] * abs(per)).fillna(0.0).values
+    slopes = (ds["gradient"] * per).values[order]
+    errors = (ds["gradient_stderr"] * abs(per)).fillna(0.0).values[order]
     ax.axhline(0, lw=0.5, color="black")
     # a line for each variable over the cases
-    for k, name in enumerate(map(str, ds["variable"].values)):
-        text = name.replace("_", " ") + (f" ${PARAMETERS[name].symbol}$" if name in PARAMETERS else "")
-        ax.errorbar(
-            x[order],
-            slopes[order, k],
-            errors[order, k],
-            fmt="o-",
-            ms=3,
-            mew=0,
-            lw=0.8,
-            capsize=2,
-            color=line_color(k),
-            label=text,
-        )
-    ax.set(xlabel=label, ylabel=f"change of {_name(quantity_of('smooth', ds))}\nby 1 % of a variable [%]")
-    legend_above(ax)
+    for k, one in enumerate(design_variables(ds)):
+        style = dict(fmt="o-", ms=3, mew=0, lw=0.8, capsize=2, color=line_color(k))
+        ax.errorbar(x[order], slopes[:, k], errors[:, k], label=name_and_symbol(one), **style)
+    objective = quantity_of("smooth", ds).name.replace("_", " ")
+    ax.set(xlabel=over, ylabel=f"change of {objective}\nby 1 % of a variable [%]")
 
 
 def design_margins(ds: object, ax: Axes | None = None) -> Axes:
@@ -254,78 +223,78 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
     """
     ds = _design(ds)
     ds = check_dataset(ds, "optimise_design with margins", "margin_label")
-    margins = ds[[name for name, values in ds.data_vars.items() if values.dims == ("margin",)]]
-    margins = margins.rename({name: str(name).removeprefix("margin_") for name in margins.data_vars})
-    cases = list(dict.fromkeys(margins["case"].values))
-    parameters = {name: design_quantity(ds, name) for name in dict.fromkeys(margins["parameter"].values)}
+    rows = margin_rows(ds)
+    cases = list(dict.fromkeys(ds["margin_case"].values))
+    parameters = {name: design_quantity(ds, name) for name in dict.fromkeys(ds["margin_parameter"].values)}
     names = list(parameters)
-    over = [(design_quantity(ds, name), ds[name].values) for name in varied_names(ds)]
     with drawing(ax, None, 3.5, 2.9) as ax:
-        rows = margins[["case", "parameter", "label", "value", "relative"]].to_dataframe()
-        for case, name, label, value, relative in rows.itertuples(index=False):
+        for case, name, event, value, relative in rows:
             color = line_color(cases.index(case))
-            text = ", ".join(_stated(q, values[case]) for q, values in over) or "the case"
             # a row for each parameter, with the cases' bars below each other
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
+            text = typeset(case_words(ds, case).replace("_", " "))
             ax.plot([0, change], [row] * 2, color=color, label=text, lw=3.5, alpha=0.35, solid_capstyle="butt")
             # the side without an event has only a bar
-            if label:
-                text = f"{label} {EVENT_NAMES[label]}"
-                ax.plot(change, row, EVENT_MARKERS[label], ms=5, color=color, zorder=3, label=text)
+            if event:
+                text = f"{event} {EVENT_NAMES[event]}"
+                ax.plot(change, row, EVENT_MARKERS[event], ms=5, color=color, zorder=3, label=text)
                 side = "right" if change < 0 else "left"
-                value = f"  {parameters[name].shown(value):.4g}  "
-                ax.text(change, row, value, va="center", ha=side, fontsize=6)
+                text = f"  {parameters[name].shown(value):.4g}  "
+                ax.text(change, row, text, va="center", ha=side, fontsize=6)
         ax.axvline(0, lw=0.5, color="black", zorder=1)
-        ticks = [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters.values()]
+        ticks = [with_unit(q.name.replace("_", " "), q.display_unit, brackets=True) for q in parameters.values()]
         ax.set_yticks(range(len(names)), ticks)
         # percent, with space for the values next to the bars
-        farthest = 135 * max(float(np.nanmax(np.abs(margins["relative"].values), initial=0.0)), 1e-9)
+        farthest = 135 * max(float(np.nanmax(np.abs(ds["margin_relative"].values), initial=0.0)), 1e-9)
         ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(names) - 0.5, -0.5))
-        legend_above(ax)
     return ax
+
+
+def margin_rows(ds: xr.Dataset) -> list[tuple[int, str, str, float, float]]:
+    """Return case, parameter, event, value and relative change of each margin of a design."""
+    columns = [f"margin_{name}" for name in ("case", "parameter", "label", "value", "relative")]
+    return list(ds[columns].to_dataframe().itertuples(index=False, name=None))
+
+
+def case_words(ds: xr.Dataset, case: int) -> str:
+    """Return the parameters of a case of a design as a text."""
+    return ", ".join(quantity_of(name, ds).named(ds[name].values[case]) for name in varied_names(ds)) or "the case"
 
 
 def _draw_map(ds: xr.Dataset, ax: Axes) -> None:
     """Draw a grid around the best design, over one variable as a line, over two as colours."""
-    grid = ds["around_total"]
-    over = [one for one in _variables(ds) if one.name in grid.dims]
+    grid = in_display_unit(quantity_of("smooth", ds), ds["around_total"])
+    first, *others = (one for one in design_variables(ds) if one.name in grid.dims)
     # with more than two variables, the others have the grid's values nearest to the best design
-    nearest = {one.name: float(ds["design"].sel(variable=one.name)) for one in over[2:]}
-    variables = over[:2]
-    values = grid.sel(nearest, method="nearest").transpose(*(one.name for one in variables))
-    places = [one.shown(grid[one.name].values) for one in variables]
-    total = quantity_of("smooth", ds).shown(values.where(np.isfinite(values)).values)
+    nearest = {one.name: float(ds["design"].sel(variable=one.name)) for one in others[1:]}
+    total = grid.where(np.isfinite(grid)).sel(nearest, method="nearest").transpose(..., first.name)
+    places = [one.shown(grid[one.name].values) for one in (first, *others[:1])]
     drawn = None
-    if len(variables) == 1:
+    if len(places) == 1:
         ax.plot(*places, total, ".-", lw=0.8, color=line_color(0), zorder=1)
     else:
-        colors = plt.get_cmap("viridis").with_extremes(bad=COLORS["grey"])
-        drawn = ax.pcolormesh(
-            *places,
-            total.T,
-            cmap=colors,
-            norm=color_norm(total),
-        )
+        drawn = ax.pcolormesh(*places, total, cmap=_colors(), norm=color_norm(total.values))
         ax.grid(False)
-    _finish_plane(ds, ax, variables, total, drawn)
+    _finish_plane(ds, ax, total, drawn)
 
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
     """Return the values of the parameter that differs between cases, and its label; otherwise the cases' numbers."""
     names = varied_names(ds)
     if len(names) == 1:
-        return shown(ds, names[0]), axis_label(names[0], ds)
+        values = shown(ds, names[0])
+        return values.values, label(values)
     # without such a parameter cases have numbers
     return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
 
 
 def _smooth_label(ds: xr.Dataset) -> str:
     """Return the label of the minimised number."""
-    return name_label(quantity_of("smooth", ds)) + _reduction(ds, "\n")
+    return label(shown(ds, "smooth")) + _reduction(ds, "\n")
 
 
-def _variables(ds: xr.Dataset) -> list[Quantity]:
+def design_variables(ds: xr.Dataset) -> list[Quantity]:
     """Return the quantities of the design variables."""
     return [design_quantity(ds, name) for name in ds["variable"].values.tolist()]
 
@@ -337,15 +306,6 @@ def design_quantity(ds: xr.Dataset, name: str) -> Quantity:
     return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
 
 
-def _name(q: Quantity) -> str:
-    return q.name.replace("_", " ")
-
-
-def _stated(q: Quantity, value: float) -> str:
-    """Return a quantity as a text, with its value [SI unit] in the display unit."""
-    return with_unit(f"{_name(q)} {q.shown(value):.5g}", q.display_unit)
-
-
 def _reduction(ds: xr.Dataset, before: str) -> str:
     """Return a text such as "worst of 5 cases" after `before`; nothing for one case."""
     return f"{before}{ds.attrs['robust']} of {ds.sizes['case']} cases" if ds.sizes["case"] > 1 else ""
@@ -353,7 +313,8 @@ def _reduction(ds: xr.Dataset, before: str) -> str:
 
 def _title(ds: xr.Dataset) -> str:
     """Return the fixed parameters, and the best design."""
-    stated = [_stated(q, value) for q, value in zip(_variables(ds), ds["design"].values, strict=True)]
-    objective = _stated(quantity_of("objective", ds), ds.attrs["objective"])
+    numbers = [*zip(design_variables(ds), ds["design"].values, strict=True)]
+    numbers.append((quantity_of("objective", ds), ds.attrs["objective"]))
+    *stated, objective = (typeset(q.named(value).replace("_", " ")) for q, value in numbers)
     best = f"{ds.attrs['status']}: {', '.join(stated)}; {objective}{_reduction(ds, ', ')}"
     return f"{case_title(ds, full=True)}\n{best}".strip()

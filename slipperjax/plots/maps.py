@@ -1,7 +1,6 @@
 """Results over one or two parameters: sections, exponents, regimes, attractors, any quantity of a sweep or store."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,7 +18,6 @@ from .style import (
     FLAGGED_LABEL,
     MOTION_COLORS,
     NOT_RUN_LABEL,
-    axis_label,
     check_dataset,
     color_bar,
     color_norm,
@@ -27,6 +25,8 @@ from .style import (
     fit_scale,
     flagged,
     highest,
+    label,
+    label_axes,
     legend_above,
     legend_patch,
     line_color,
@@ -42,22 +42,14 @@ DIRECTION_COLORS = {"up": 3, "down": 2}
 EXPONENT_LABEL = "largest exponent [1/period]"
 
 
-class Met(NamedTuple):
-    """Motions over a parameter, and how they are drawn."""
-
-    ds: xr.Dataset
-    color: str
-    line: str
-    """Style of the line from case to case, where each case begins as its neighbour ended; empty for no line."""
-    label: str
-
-    @classmethod
-    def each(cls, ds: xr.Dataset) -> "list[Met]":
-        """Return the directions of a dataset of `follow`; for another dataset all cases, without a label."""
-        if "direction" not in ds.dims:
-            return [cls(ds, line_color(0), "", "")]
-        ways = {str(way): ds.sel(direction=way) for way in ds["direction"].values}
-        return [cls(one, line_color(DIRECTION_COLORS[way]), "-", f"followed {way}") for way, one in ways.items()]
+def each_way(ds: xr.Dataset, text: str = "") -> list[tuple[xr.Dataset, dict[str, str]]]:
+    """Return the directions of a dataset of `follow` with their colours and labels; for another dataset all its cases
+    with the label `text`."""
+    if "direction" not in ds.dims:
+        return [(ds, dict(color=line_color(0), label=text))]
+    ways = map(str, ds["direction"].values)
+    style = lambda way: dict(color=line_color(DIRECTION_COLORS[way]), label=f"followed {way}")
+    return [(ds.sel(direction=way), style(way)) for way in ways]
 
 
 def parameters_of(ds: xr.Dataset) -> tuple[str, ...]:
@@ -85,9 +77,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Axes | None = None, **style: o
     ds = check_dataset(ds, "sweep or follow", section)
     swept(ds[section], "crossing", "direction")
     with drawing(ax, ds) as ax:
-        for k, met in enumerate(Met.each(ds)):
-            _draw_dots(met, section, ax, **(_dot(k) | style))
-        legend_above(ax)
+        _draw_dots(each_way(ds), section, ax, **style)
     return ax
 
 
@@ -104,43 +94,46 @@ def bifurcations(ds: xr.Dataset, followed: xr.Dataset | None = None) -> np.ndarr
     **Returns:** the Axes, an array.
     """
     ds = check_dataset(ds, "sweep or follow", *SECTIONS)
-    drawn = Met.each(ds)
+    drawn = each_way(ds)
     if followed is not None:
         followed = check_dataset(followed, "follow", "direction", argument="followed")
         # followed motions beneath, motions from one start above
-        drawn = [*Met.each(followed), *(met._replace(label=met.label or "from one start") for met in drawn)]
+        drawn = each_way(followed) + each_way(ds, "from one start")
     # one width for one abscissa; the third of six places is empty
     with page(2, 3, 4.6, ds, sharex=True) as places:
         places[0, 2].remove()
         axes = np.delete(places.ravel(), 2)
         for section, ax in zip(SECTIONS, axes, strict=True):
-            for k, met in enumerate(drawn):
-                _draw_dots(met, section, ax, **_dot(k))
-        axes[0].set_xlabel("")
-        axes[1].set_xlabel("")
+            _draw_dots(drawn, section, ax)
+        plt.setp(axes[:2], xlabel="")
         legend_above(axes[0])
     return axes
 
 
-def _dot(k: int) -> dict[str, float]:
-    """Return the size of the dots with number `k` in the drawing order, so that dots beneath stay visible."""
-    return {"ms": max(3.4 - 0.8 * k, 1.0)}
-
-
-def _draw_dots(met: Met, section: str, ax: Axes, **style: object) -> None:
-    """Draw the dots of one section, and crosses for cases that are left out."""
-    ds = met.ds
-    (over,) = swept(ds[section], "crossing")
-    values = ds[section].transpose(over, "crossing").values
-    bad = flagged(ds, over)
-    at = shown(ds, over)
-    # a dot for each crossing that a case has
-    case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
-    style = {"mew": 0, "color": met.color, "label": met.label, "rasterized": True} | style
-    ax.plot(at[case], values[case, crossing], ".", **style)
-    mark_cases(ax, at[bad], FLAGGED_LABEL)
-    ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
+def _draw_dots(drawn: Sequence[tuple[xr.Dataset, dict[str, str]]], section: str, ax: Axes, **style: object) -> None:
+    """Draw the dots of one section in each dataset, and crosses for cases that are left out."""
+    for k, (ds, look) in enumerate(drawn):
+        (over,) = swept(ds[section], "crossing")
+        # dots beneath others are larger, so that they stay visible
+        size = max(3.4 - 0.8 * k, 1.0)
+        ax.plot(*dots_of(ds, section, over), ".", **{"mew": 0, "ms": size, "rasterized": True, **look, **style})
+        at = shown(ds, over)
+        mark_cases(ax, at[flagged(ds, over)], FLAGGED_LABEL)
+        label_axes(ax, at, shown(ds, section))
     ax.margins(x=0.03)
+
+
+def dots_of(ds: xr.Dataset, name: str, over: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a parameter, and the values of a variable in each of its cases [display units], as places of dots.
+
+    Cases with a status other than 0 have no dots.
+    """
+    values = shown(ds, name)
+    if "status" in ds:
+        values = values.where(ds["status"] == Status.FINITE)
+    rows = values.transpose(over, ...).values.reshape(ds.sizes[over], -1)
+    case, number = np.nonzero(np.isfinite(rows))
+    return shown(ds, over).values[case], rows[case, number]
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
@@ -207,7 +200,7 @@ def map_over(
     if missing.any():
         legend_patch(ax, NOT_RUN_LABEL, facecolor="white", edgecolor="black", lw=0.5)
     ax.grid(False)
-    ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
+    label_axes(ax, x, y)
     return drawn
 
 
@@ -237,7 +230,6 @@ def regime_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
         exponent = ds["exponent"].isel(count=0).transpose(*over).values
         drawn = map_over(ds, over, exponent, ax, "RdBu_r", _signed_norm)
         color_bar(ax, drawn, EXPONENT_LABEL)
-        legend_above(ax)
     return ax
 
 
@@ -280,7 +272,6 @@ def attractor_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
             if name != FLAGGED_LABEL:
                 legend_patch(ax, name, facecolor=color, edgecolor=COLORS["grey"], lw=0.4)
         map_over(ds, over, index, ax, list(colors.values()), bad_color=MOTION_COLORS[FLAGGED_LABEL])
-        legend_above(ax)
     return ax
 
 
@@ -320,7 +311,6 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
             legend_patch(ax, f"{len(periods) - most} others: {shares[most:].sum():.0%}", color=COLORS["grey"])
         index = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
         map_over(ds, over, index, ax, [*colors, COLORS["grey"]])
-        legend_above(ax)
     return ax
 
 
@@ -347,28 +337,24 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = Non
         raise ValueError(f"Argument `ds` must be over one parameter or two, but {name} is over {ds[name].dims}.")
     with drawing(ax, ds, height=2.8 if len(over) == 1 else 3.3) as ax:
         if len(over) == 2:
-            drawn = map_over(ds, over, highest(ds, name, *over), ax, "viridis", color_norm)
-            color_bar(ax, drawn, axis_label(name, ds))
-        else:
-            values = [_draw_values(met, name, over[0], ax) for met in Met.each(ds)]
-            ax.margins(x=0.03)
-            ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(name, ds))
-            fit_scale(ax, np.concatenate(values))
-        legend_above(ax)
+            values = highest(ds, name, *over)
+            color_bar(ax, map_over(ds, over, values.values, ax, "viridis", color_norm), label(values))
+            return ax
+        drawn = []
+        for one, look in each_way(ds):
+            x = shown(one, over[0])
+            values = highest(one, name, *over)
+            bad = flagged(one, *over)
+            drawn.append(np.where(bad, np.nan, values))
+            # each case of a direction begins as its neighbour ended
+            line = "-" if "direction" in ds.dims else ""
+            ax.plot(x, drawn[-1], ".", ls=line, lw=0.7, ms=3, mew=0, **look)
+            # missing cases have no mark
+            mark_cases(ax, x[bad & (status_of(one, *over) != Status.NOT_RUN)], FLAGGED_LABEL)
+            label_axes(ax, x, values)
+        ax.margins(x=0.03)
+        fit_scale(ax, np.stack(drawn))
     return ax
-
-
-def _draw_values(met: Met, name: str, over: str, ax: Axes) -> np.ndarray:
-    """Draw a variable over a parameter, and crosses for cases that are left out; return the drawn values."""
-    ds = met.ds
-    x = shown(ds, over)
-    bad = flagged(ds, over)
-    values = np.where(bad, np.nan, highest(ds, name, over))
-    # missing cases have no mark
-    bad &= status_of(ds, over) != Status.NOT_RUN
-    ax.plot(x, values, ".", ls=met.line, lw=0.7, ms=3, mew=0, color=met.color, label=met.label)
-    mark_cases(ax, x[bad], FLAGGED_LABEL)
-    return values
 
 
 def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
@@ -398,19 +384,9 @@ def exponents(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
         for name, marker in zip(REGIMES, "oDs^v", strict=True):
             at = (regimes == name) & ~absent
             if at.any():
-                ax.errorbar(
-                    x[at],
-                    y[at],
-                    SURE * error[at],
-                    fmt=marker,
-                    ms=3.5,
-                    mew=0,
-                    elinewidth=0.8,
-                    color=MOTION_COLORS[name],
-                    label=lasting(name, life),
-                )
+                style = dict(color=MOTION_COLORS[name], label=lasting(name, life))
+                ax.errorbar(x[at], y[at], SURE * error[at], fmt=marker, ms=3.5, mew=0, elinewidth=0.8, **style)
         mark_cases(ax, x[absent], "no exponent")
-        legend_above(ax)
         ax.margins(x=0.03)
-        ax.set(xlabel=axis_label(over, ds), ylabel=EXPONENT_LABEL)
+        ax.set(xlabel=label(x), ylabel=EXPONENT_LABEL)
     return ax

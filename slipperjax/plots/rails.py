@@ -3,10 +3,9 @@
 import numpy as np
 
 from ..analysis.spectra import power_spectral_density
-from ..model.quantities import ShownUnits
 from ..model.scene import Scene, check_scene
 from .runs import DISTANCE, draw_irregularity, units_along
-from .style import COLORS, axis_label, check_dataset, legend_above, name_label, page
+from .style import COLORS, OWN_UNITS, check_dataset, label, legend_above, page, shown, with_unit
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
@@ -33,14 +32,12 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         first, last = unit * ds["period"].values[[0, -1]]
         extent = float(last - first)
     places = 4096
-    distance = first + np.arange(places) * extent / places
-    units = units_along(scene, ShownUnits())
+    units = units_along(scene, OWN_UNITS)
     along = units.of(DISTANCE)
-    rows = 3 if ds is None else 4
-    heights = [0.6, 0.6, *[1.0] * (rows - 2)]
-    with page(rows, 1, 2.0 * sum(heights), height_ratios=heights) as axes:
-        lower = axes[-1]
-        draw_irregularity(axes[:2], scene, distance, units)
+    heights = [0.6, 0.6, 1.0] + [1.0] * (ds is not None)
+    with page(len(heights), 1, 2.0 * sum(heights), height_ratios=heights) as axes:
+        *over_distance, lower = axes
+        draw_irregularity(axes[:2], scene, first + np.arange(places) * extent / places, units)
         # spectra in the colours of the displacements
         for width, ax in zip((1.6, 0.6), axes, strict=False):
             for line in ax.lines:
@@ -49,8 +46,8 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
                 # zeros, which a logarithmic axis cannot show, are raised
                 density = spectrum.density[seen] + 1e-300
                 # the lower line is wider, so that equal lines do not hide each other
-                drawn = {"color": line.get_color(), "label": line.get_label()}
-                lower.loglog(spectrum.frequency[seen], density, lw=width, **drawn)
+                style = dict(lw=width, color=line.get_color(), label=line.get_label())
+                lower.loglog(spectrum.frequency[seen], density, **style)
         top = lower.dataLim.ymax
         slope = float(scene.track.steepest_slope)
         # the wavenumbers to which the slipper responds, unless the rail is straight
@@ -65,19 +62,12 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
-                axes[2].plot(
-                    along.shown(ds["period"] * unit),
-                    line.force,
-                    lw=0.7,
-                    label=line.name,
-                    **line.style,
-                )
-            axes[2].set(ylabel=axis_label("contact_force"))
+                axes[2].plot(along.shown(ds["period"] * unit), line.force, lw=0.7, label=line.name, **line.style)
+            axes[2].set_ylabel(label(shown(ds, "contact_force")))
             legend_above(axes[2])
         legend_above(lower)
-        for ax in axes[:-1]:
-            ax.set(xlim=along.shown(np.array([first, first + extent])))
-        for ax in axes[: rows - 2]:
-            ax.tick_params(labelbottom=False)
-        axes[rows - 2].set_xlabel(name_label(along))
+        for ax in over_distance:
+            ax.set_xlim(along.shown(np.array([first, first + extent])))
+            ax.tick_params(labelbottom=ax is over_distance[-1])
+        over_distance[-1].set_xlabel(with_unit("distance", along.display_unit, brackets=True))
     return axes

@@ -1,6 +1,5 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
-import functools
 import json
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -12,16 +11,16 @@ from matplotlib.axes import Axes
 
 from ..flow.datasets import scene_of
 from ..flow.status import Status, is_lost
+from ..model.parameters import PARAMETERS
 from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
 from ..tools.types import Numbers
-from .branches import DASHED, joined, stable_parts
+from .branches import DASHED, datasets_of, joined, stable_parts
 from .style import (
     COLORS,
     FLAGGED_LABEL,
     UNITS,
-    axis_label,
     by_contact,
     by_load,
     check_dataset,
@@ -29,9 +28,10 @@ from .style import (
     color_norm,
     drawing,
     highest,
+    in_display_unit,
+    label,
     legend_above,
     line_color,
-    name_label,
     name_status,
     page,
     quantity_of,
@@ -67,13 +67,15 @@ class RunView(NamedTuple):
         """
         ds = check_dataset(ds, RUN_SOURCE, "distance", "seconds", "status")
         dims = ds["status"].dims
-        over = f"over {', '.join(map(str, dims))}"
-        require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=over)
+        require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, dims))}")
         if scene is None and "scene" in ds.attrs:
             scene = scene_of(ds)
         chosen = shown_units(ds) if units is None else ShownUnits(units)
         codes = _codes(ds)
-        ds = _stretches_of(ds.drop_vars("window_status", errors="ignore"))
+        ds = ds.drop_vars("window_status", errors="ignore")
+        # a part of a run has all stretches of the run
+        if "stretch" in ds.dims:
+            ds = ds.isel(stretch=np.unique(stretch_of_windows(ds)))
         # titles also have these units
         ds = _kept(ds, is_lost(codes)).assign_attrs({UNITS: json.dumps(list(chosen.units))})
         return cls(ds, codes, scene, units_along(scene, chosen))
@@ -89,15 +91,20 @@ class RunView(NamedTuple):
         # the status of the whole run is not repeated here
         if np.all(self.codes == self.status):
             return []
-        edges = edges_of(self.ds, "distance")
+        edges = edges_of(self.ds, "distance").tolist()
         first = np.flatnonzero(np.diff(self.codes, prepend=-1))
-        last = np.append(first[1:], len(self.codes))
-        spans = zip(edges[first].tolist(), edges[last].tolist(), map(Status, self.codes[first]), strict=True)
-        return [span for span in spans if span[2] != Status.FINITE]
+        spans = zip(first, [*first[1:], len(self.codes)], map(Status, self.codes[first]), strict=True)
+        return [(edges[begin], edges[end], status) for begin, end, status in spans if status != Status.FINITE]
 
     def quantity(self, name: str) -> Quantity:
         """Return a quantity with its shown unit."""
-        return self.units.of(DISTANCE if name == DISTANCE.name else quantity_of(name, self.ds))
+        # the speed along a run has another name where the speed is varied
+        q = DISTANCE if name == DISTANCE.name else quantity_of(name.removesuffix("_along"), self.ds)
+        return self.units.of(q)
+
+    def shown(self, name: str) -> xr.DataArray:
+        """Return a variable or coordinate as `slipperjax.plots.style.shown`, in the user's units."""
+        return in_display_unit(self.quantity(name), self.ds[name])
 
     def places(self, places: Numbers) -> np.ndarray:
         """Return distances [m] in their shown unit."""
@@ -142,56 +149,36 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str
     """
     view = RunView.of(ds, scene, units)
     # panels by the variable that they need
-    panels = {
-        "seconds": draw_speed,
-        **{name: functools.partial(_draw_forces, name=name) for name in PEAKS},
-        "impact_rate": _draw_impacts,
-        "band_a_z": _draw_bands,
-    }
-    return draw_panels(view, [draw for name, draw in panels.items() if name in view.ds])
-
-
-def draw_panels(view: RunView, draws: Sequence[Callable[[Axes, RunView], None]]) -> np.ndarray:
-    """Draw panels over one axis of distances in a new figure, below panels of the rail where the scene is known."""
+    draws = {"seconds": _draw_speed, **dict.fromkeys(PEAKS, _draw_forces)}
+    draws |= {"impact_rate": _draw_impacts, "band_a_z": _draw_bands}
+    names = [name for name in draws if name in view.ds]
     rails = 0 if view.scene is None else 2
-    rows = len(draws) + rails
-    height = 1.5 * len(draws) + 0.9 * rails + 0.5
-    ratios = [0.6] * rails + [1.0] * len(draws)
+    ratios = [0.6] * rails + [1.0] * len(names)
     case = view.ds.drop_vars(speed_name(view.ds))
-    with page(rows, 1, height, case, height_ratios=ratios, sharex=True, squeeze=False) as grid:
+    inches = 1.5 * len(names) + 0.9 * rails + 0.5
+    with page(len(ratios), 1, inches, case, height_ratios=ratios, sharex=True, squeeze=False) as grid:
         axes = grid[:, 0]
-        figure = axes[0].figure
         if view.scene is not None:
             # many more places than pixels, so that short waves keep their height
-            begin, end = edges_of(view.ds, "distance")[[0, -1]]
-            draw_irregularity(axes[:2], check_scene(view.scene), np.linspace(begin, end, 1 << 16), view.units)
+            places = np.linspace(*edges_of(view.ds, "distance")[[0, -1]], 1 << 16)
+            draw_irregularity(axes[:2], check_scene(view.scene), places, view.units)
             for ax in axes[: 2 * bool(view.scene.track.rails)]:
                 legend_above(ax)
-        # panels for the dataset's variables, below the rail
-        for ax, draw in zip(axes[rails:], draws, strict=True):
-            draw(ax, view)
+        for ax, name in zip(axes[rails:], names, strict=True):
+            draws[name](ax, view, name)
+            legend_above(ax)
         for ax in axes:
             ax.set_xlim(view.edges("distance")[[0, -1]])
             ax.label_outer(remove_inner_ticks=False)
-        axes[-1].set_xlabel(name_label(view.quantity("distance")))
-        figure.align_ylabels(axes)
-        name_status(figure, view.status)
+        axes[-1].set_xlabel(label(view.shown("distance")))
+        axes[0].figure.align_ylabels(axes)
+        name_status(axes[0].figure, view.status)
     return axes
 
 
 def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
     """Return the edges [m] of the windows (`along` is "distance") or stretches ("stretch") of a run."""
     return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ds[along].values)
-
-
-def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
-    """Return a run with only those stretches that contain its windows; `ds.isel(distance=...)` drops no stretches."""
-    if "stretch" not in ds.dims:
-        return ds
-    begin, end = edges_of(ds, "distance")[[0, -1]]
-    # rounding must not add a stretch that is only touched
-    first, last = np.searchsorted(ds["stretch"].values, [begin * (1 + 1e-12), end * (1 - 1e-12)])
-    return ds.isel(stretch=slice(first, last + 1))
 
 
 def _codes(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
@@ -240,68 +227,55 @@ def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units:
         ax.set_ylabel(f"{name}\n[{typeset(height.display_unit)}]")
 
 
-def draw_speed(ax: Axes, view: RunView) -> None:
+def _draw_speed(ax: Axes, view: RunView, name: str) -> None:
     """Draw speed and time."""
-    ds = view.ds
-    edges = edges_of(ds, "distance")
-    speed = ds[speed_name(ds)].values
-    q = view.quantity("speed")
+    edges = view.edges("distance")
+    speed = view.shown(speed_name(view.ds))
     # speeds are those in the middles of windows
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
-    ax.plot(view.places(places), q.shown(np.pad(speed, 1, "edge")), lw=0.9, color=line_color(0), label="speed")
-    ax.set_ylabel(name_label(q))
+    ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=line_color(0), label="speed")
+    ax.set_ylabel(label(speed))
     beside = ax.twinx()
-    beside.plot(view.places(edges), view.times, lw=0.9, color=line_color(3), label="time")
+    beside.plot(edges, view.times, lw=0.9, color=line_color(3))
+    ax.plot([], [], lw=0.9, color=line_color(3), label="time")
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
     ax.set_ylim(bottom=0)
     beside.set_ylim(bottom=0)
-    legend_above(ax, [*ax.lines, *beside.lines])
 
 
 def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
     """Draw the highest of some of `PEAKS` in each window, and its percentiles in each stretch."""
     ds = view.ds
     force = view.quantity(name)
-    per_window = f"peak per {_length(view, ds.attrs['window [m]'])}"
-    _draw_steps(ax, view, "distance", highest(ds, name, "distance", unit=force), per_window, COLORS["grey"])
-    longest = float(np.diff(edges_of(ds, "stretch")).max())
+    at = view.quantity("distance")
+    length = lambda metres: f"{at.shown(float(metres)):.3g} {at.display_unit}"
+    per_window = f"peak per {length(ds.attrs['window [m]'])}"
+    _draw_steps(ax, view, "distance", highest(ds, name, "distance", units=view.units), per_window, COLORS["grey"])
+    per_stretch = f"per {length(np.diff(edges_of(ds, 'stretch')).max())}"
     # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
-        values = force.shown(ds[f"{name}_percentile"].isel(percentile=k).values)
-        _draw_steps(
-            ax, view, "stretch", values, f"{percent:g}th percentile per {_length(view, longest)}", line_color(k)
-        )
+        values = force.shown(ds[f"{name}_percentile"].isel(percentile=k))
+        _draw_steps(ax, view, "stretch", values, f"{percent:g}th percentile {per_stretch}", line_color(k))
+    words = PEAKS[name]
     peak = peak_of(ds, name)
     high = force.shown(float(peak[name]))
     # a run without contact has no peak
     if abs(high) > 0:
-        at = view.quantity("distance")
-        place = float(at.shown(peak[PEAKS[name].place]))
-        where = f"{peak[PEAKS[name].dim].item()}, {in_hundredths(place)} {at.display_unit}"
-        label = f"{high:.4g} {force.display_unit}: {where}"
-        ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=label)
-    finish_forces(ax, view, name)
-
-
-def _length(view: RunView, length: float) -> str:
-    """Return a length of rail [m] as a text."""
-    q = view.quantity("distance")
-    return f"{q.shown(length):.3g} {q.display_unit}"
+        place = at.shown(float(peak[words.place]))
+        where = f"{peak[words.dim].item()}, {in_hundredths(place)} {at.display_unit}"
+        text = f"{high:.4g} {force.display_unit}: {where}"
+        ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=text)
+    ax.set_ylabel(with_unit(words.label, force.display_unit, brackets=True))
+    ax.set_ylim(bottom=0)
+    # lengths of rail that have their own status
+    for *ends, _ in view.flagged:
+        ax.axvspan(*view.places(ends), color=COLORS["red"], alpha=0.15, lw=0, label=FLAGGED_LABEL)
 
 
 def in_hundredths(distance: float) -> str:
     """Return a distance rounded to two decimals, as a text: stations have many digits before the point."""
     return f"{round(distance, 2):.12g}"
-
-
-def finish_forces(ax: Axes, view: RunView, name: str) -> None:
-    """Label a panel of some of `PEAKS`, and shade the lengths of rail that have their own status."""
-    ax.set_ylabel(with_unit(PEAKS[name].label, view.quantity(name).display_unit, brackets=True))
-    ax.set_ylim(bottom=0)
-    for begin, end, _ in view.flagged:
-        ax.axvspan(*view.places([begin, end]), color=COLORS["red"], alpha=0.15, lw=0, label=FLAGGED_LABEL)
-    legend_above(ax)
 
 
 class PeakWords(NamedTuple):
@@ -312,13 +286,17 @@ class PeakWords(NamedTuple):
     dim: str
     """Dimension of the forces in `listed`."""
     listed: Callable[[xr.Dataset], xr.Dataset]
+    column: str
+    """Column of tables with the load or point of the force."""
     label: str
     """Label of axes."""
 
 
 PEAKS = {
-    "peak_slipper_force": PeakWords("peak_slipper_distance", "load", by_load, "net force\nof a slipper"),
-    "peak_force": PeakWords("peak_distance", "contact", by_contact, "highest single\ncontact point"),
+    "peak_slipper_force": PeakWords(
+        "peak_slipper_distance", "load", by_load, "slipper_load", "net force\nof a slipper"
+    ),
+    "peak_force": PeakWords("peak_distance", "contact", by_contact, "point", "highest single\ncontact point"),
 }
 """Highest forces of runs: first net forces of slippers, then forces of single contact points."""
 
@@ -340,9 +318,9 @@ def highest_forces(ds: xr.Dataset, name: str = "peak_force") -> xr.Dataset:
 
     **Arguments:** `name`: one of `PEAKS`.
     """
-    place, dim, listed, _ = PEAKS[name]
-    places = ds.get(place, ds["distance"])
-    return _at_highest(listed(ds[[name]].assign({place: places})), name, dim)
+    words = PEAKS[name]
+    places = ds.get(words.place, ds["distance"])
+    return _at_highest(words.listed(ds[[name]].assign({words.place: places})), name, words.dim)
 
 
 def _at_highest(ds: xr.Dataset, name: str, dim: str) -> xr.Dataset:
@@ -350,61 +328,41 @@ def _at_highest(ds: xr.Dataset, name: str, dim: str) -> xr.Dataset:
     return ds.isel({dim: abs(ds[name]).fillna(-np.inf).argmax(dim).compute()})
 
 
-def _draw_impacts(ax: Axes, view: RunView) -> None:
+def _draw_impacts(ax: Axes, view: RunView, name: str) -> None:
     # of all points at one end together, or of a sled's slipper
-    along, *others = point_dims(view.ds["impact_rate"])
-    rates = view.ds["impact_rate"].sum(others, skipna=False)
-    for k, label in enumerate(rates[along].values):
-        _draw_steps(ax, view, "stretch", rates.isel({along: k}).values, str(label), line_color(k))
+    along, *others = point_dims(view.ds[name])
+    rates = view.ds[name].sum(others, skipna=False)
+    for k, of in enumerate(rates[along].values):
+        _draw_steps(ax, view, "stretch", rates.isel({along: k}), str(of), line_color(k))
     ax.set_ylabel("impacts [1/s]")
     ax.set_ylim(bottom=0)
-    legend_above(ax)
 
 
-def _draw_bands(ax: Axes, view: RunView) -> None:
-    ds = view.ds
+def _draw_bands(ax: Axes, view: RunView, name: str) -> None:
     q = view.quantity("a_z")
-    values = q.shown(ds["band_a_z"].transpose("band", "stretch").values)
-    known = np.flatnonzero(np.isfinite(values).any(axis=1))
+    # windows may be too few or too long for any band; bands beyond the resolved bands are cut off
+    values = q.shown(view.ds[name].transpose("band", "stretch"))
+    known = np.flatnonzero(np.isfinite(values).any("stretch"))
     ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
     ax.grid(visible=False)
-    # windows may be too few or too long for any band
-    if not len(known):
-        return
-    # bands beyond the resolved bands are cut off
-    rows = slice(known[0], known[-1] + 1)
-    edges = edges_of_bands(ds["band"].values[rows])
-    mesh = ax.pcolormesh(
-        view.edges("stretch"),
-        edges,
-        values[rows],
-        norm=color_norm(values),
-        rasterized=True,
-    )
-    ax.set(yscale="log", ylim=edges[[0, -1]])
-    set_log_ticks(ax.yaxis)
-    label = with_unit("RMS", q.display_unit, brackets=True)
-    color_bar(ax, mesh, label, cax=ax.inset_axes([1.015, 0, 0.015, 1]))
+    if len(known):
+        values = values[known[0] : known[-1] + 1]
+        # the edges of third octaves, from their middles
+        half = 10 ** (1 / 20)
+        middles = values["band"].values
+        edges = np.append(middles / half, middles[-1] * half)
+        mesh = ax.pcolormesh(view.edges("stretch"), edges, values, norm=color_norm(values), rasterized=True)
+        ax.set(yscale="log", ylim=edges[[0, -1]])
+        set_log_ticks(ax.yaxis)
+        text = with_unit("RMS", q.display_unit, brackets=True)
+        color_bar(ax, mesh, text, cax=ax.inset_axes([1.015, 0, 0.015, 1]))
 
 
-def edges_of_bands(middles: np.ndarray) -> np.ndarray:
-    """Return the edges of third octaves [Hz] from their middles."""
-    half = 10 ** (1 / 20)
-    return np.append(middles / half, middles[-1] * half)
-
-
-def _draw_steps(
-    ax: Axes,
-    view: RunView,
-    along: str,
-    heights: np.ndarray,
-    label: str,
-    color: str,
-) -> None:
+def _draw_steps(ax: Axes, view: RunView, along: str, heights: xr.DataArray, text: str, color: str) -> None:
     """Draw one value for each window or stretch as steps."""
     # windows are many, and their steps thin
     width = 0.5 if along == "distance" else 0.9
-    ax.stairs(heights, view.edges(along), baseline=None, lw=width, color=color, label=label)
+    ax.stairs(heights, view.edges(along), baseline=None, lw=width, color=color, label=text)
 
 
 def passing(
@@ -432,58 +390,42 @@ def passing(
 
     **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
     """
-    given = list(runs) if isinstance(runs, list | tuple) else [runs]
-    several = [check_dataset(one, RUN_SOURCE, quantity, argument="runs") for one in given]
+    several = datasets_of(runs, RUN_SOURCE, quantity, argument="runs")
     for one in several:
         # the highest value of all points is drawn
         dims = set(one[quantity].dims) - set(POINT_DIMS)
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
         require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
-    runs = [_kept(one, is_lost(_codes(one))) for one in several]
     if branch is not None:
         source = "continue_orbit over the speed"
         branch = check_dataset(branch, source, quantity, "speed", "stable", argument="branch")
-    with drawing(ax, runs[0].drop_vars(speed_name(runs[0])), 3.5, 2.7) as ax:
+    case = several[0].drop_vars(speed_name(several[0]))
+    with drawing(ax, case, 3.5, 2.7) as ax:
         style = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
-            brute = check_dataset(
-                brute,
-                "follow over the speed",
-                quantity,
-                "speed",
-                "status",
-                argument="brute",
-            )
-            values = highest(brute, quantity, *brute["status"].dims)
-            good = brute["status"].copy(data=values).where(brute["status"] == Status.FINITE)
-            x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
+            source = "follow over the speed"
+            brute = check_dataset(brute, source, quantity, "speed", "status", argument="brute")
+            values = highest(brute, quantity, *brute["status"].dims).where(brute["status"] == Status.FINITE)
+            x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], values))
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
-        for k, one in enumerate(runs):
+        for k, one in enumerate(several):
             speed = one[speed_name(one)].values
-            values = highest(one, quantity, "distance")
+            values = highest(_kept(one, is_lost(_codes(one))), quantity, "distance")
             # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
             # windows at a constant speed belong to neither direction
             for way, sign, color in (("up", 1, line_color(1)), ("down", -1, line_color(0))):
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
                 if there.any():
-                    label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-                    ax.plot(
-                        speed[there],
-                        values[there],
-                        label=label,
-                        color=color,
-                        alpha=1 - 0.7 * k / len(runs),
-                        **style,
-                    )
+                    text = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
+                    lighter = 1 - 0.7 * k / len(several)
+                    ax.plot(speed[there], values[there], label=text, color=color, alpha=lighter, **style)
         # stable parts solid, unstable parts dashed
         if branch is not None:
-            x = shown(branch, "speed")
-            y = shown(branch, quantity)[None]
+            lines = shown(branch, "speed").values, shown(branch, quantity).values[None]
             stable = stable_parts(branch)
-            ax.plot(*joined(x, y, stable), color="black", lw=1.2, label="stable orbit")
-            ax.plot(*joined(x, y, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
-        ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
-        legend_above(ax)
+            ax.plot(*joined(*lines, stable), color="black", lw=1.2, label="stable orbit")
+            ax.plot(*joined(*lines, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
+        ax.set(xlabel=label(in_display_unit(PARAMETERS["speed"], case["distance"])), ylabel=label(values))
     return ax

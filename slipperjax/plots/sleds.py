@@ -14,15 +14,7 @@ from ..tools.checks import require, whole
 from ..tools.types import Numbers
 from .runs import RUN_SOURCE, RunView, main_peak
 from .sections import RAIL_STYLE, SLIPPER_STYLE
-from .style import (
-    check_dataset,
-    color_bar,
-    drawing,
-    legend_above,
-    name_label,
-    page,
-    point_colors,
-)
+from .style import check_dataset, color_bar, drawing, label, legend_above, page, point_colors
 
 
 def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str] | None = None) -> Axes:
@@ -40,24 +32,22 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
     if not isinstance(source, Scene):
         view = RunView.of(check_dataset(source, RUN_SOURCE, argument="source"), units=units)
     scene = check_scene(source if view is None else view.scene)
-    slippers = scene.mounted
     names = list(scene.slipper.names or ["slipper"])
     axis = contact_points(scene).axis[0]
     # the same for all points of each slipper
     rails = np.zeros(len(names)) if axis is None else np.asarray(axis).reshape(len(names), -1)[:, 0]
     with drawing(ax, None if view is None else view.ds, 5.0, 3.6) as ax:
         colors = [SLIPPER_STYLE["facecolor"]] * len(names)
-        name = None if view is None else main_peak(view.ds)
-        if view is not None and name is not None:
-            q = view.quantity(name)
-            force = abs(view.ds[name])
-            values = np.atleast_1d(q.shown(force.max(set(force.dims) - {"slipper"})))
+        if view is not None and (peak := main_peak(view.ds)):
+            force = abs(view.shown(peak))
+            values = np.atleast_1d(force.max(set(force.dims) - {"slipper"}))
             # from zero, so that the differences within a run do not look larger than they are
             by_force = ScalarMappable(Normalize(0.0, float(np.max(values[np.isfinite(values)], initial=0.0))))
-            color_bar(ax, by_force, name_label(q))
+            color_bar(ax, by_force, label(view.shown(peak)))
             colors = by_force.to_rgba(values)
-            names = [f"{name}\n{value:.4g} {q.display_unit}" for name, value in zip(names, values, strict=True)]
-        for name, slipper, rail, color in zip(names, slippers, rails, colors, strict=True):
+            unit = view.quantity(peak).display_unit
+            names = [f"{name}\n{value:.4g} {unit}" for name, value in zip(names, values, strict=True)]
+        for name, slipper, rail, color in zip(names, scene.mounted, rails, colors, strict=True):
             x, y, _ = (0.0 if place is None else float(place) for place in slipper.place)
             across = np.asarray(slipper.section.points)[:, 0]
             low, high = across.min(), across.max()
@@ -75,7 +65,6 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str
         ax.margins(0.2)
         ax.set(xlabel="$x$ [m], direction of travel", ylabel="$y$ [m]")
         ax.grid(False)
-        legend_above(ax)
     return ax
 
 
@@ -102,7 +91,6 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
     loads = {f"{name} load": view.ds["slipper_force"].sel(direction=name) for name in ("vertical", "lateral")}
     if "slipper_roll" in view.ds:
         loads["roll moment"] = view.ds["slipper_roll"]
-    at_rest = np.cumsum([] if static is None else static)
     need = f"have a share for each of {len(names)} slippers"
     require(static is None or np.shape(static) == (len(names),), "static", need, static)
     middles = view.places(view.ds["distance"] - view.ds.attrs["window [m]"] / 2)
@@ -113,8 +101,8 @@ def load_sharing(ds: xr.Dataset, static: Numbers | None = None, *, windows: int 
             shares = (mean / mean.sum("slipper")).transpose("slipper", "distance").values
             ax.stackplot(middles, shares, labels=names, colors=point_colors(len(names)), alpha=0.6, lw=0)
             ax.set(ylabel=f"share of the\n{name}", ylim=(0, 1), xlim=view.edges("distance")[[0, -1]])
-        for share in at_rest[:-1]:
+        for share in np.cumsum([] if static is None else static)[:-1]:
             axes[0].axhline(share, color="black", ls="--", lw=0.9, label="at rest")
-        axes[-1].set_xlabel(name_label(view.quantity("distance")))
+        axes[-1].set_xlabel(label(view.shown("distance")))
         legend_above(axes[0])
     return axes

@@ -5,7 +5,7 @@ import json
 import re
 import string
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise, product
@@ -25,7 +25,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.datasets import has_one_scene
 from ..flow.status import Status, is_lost
-from ..model.parameters import PARAMETERS, check_units, quantity
+from ..model.parameters import PARAMETERS, QUANTITIES, START, check_units
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, ShownUnits, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
@@ -57,6 +57,8 @@ COLUMN = 3.5
 PAGE = 7.2
 """Width of a figure with several panels [inches]."""
 
+OWN_UNITS = ShownUnits()
+"""The display units of quantities."""
 AXES = {"y": "lateral", "z": "vertical"}
 """Names of the axes of net forces."""
 
@@ -211,58 +213,58 @@ def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
     return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
 
 
-def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
+def quantity_of(name: str, ds: xr.Dataset) -> Quantity:
     """Return the quantity of a variable or coordinate: from the registry, or else from its attributes in `ds`."""
-    try:
-        return quantity(name)
+    if name in QUANTITIES:
+        return QUANTITIES[name]
     # a path, or a number from a user's record
-    except KeyError:
-        attrs = {} if ds is None or name not in ds else ds[name].attrs
-        of = attrs.get("quantity", name)
-        symbol, shown_unit = (attrs.get(key, "") for key in ("symbol", "shown_unit"))
-        return Quantity(of, attrs.get("units", "1"), of.replace("_", " "), symbol, 1.0, shown_unit)
+    attrs = ds[name].attrs if name in ds else {}
+    of = attrs.get("quantity", name)
+    symbol, shown_unit = (attrs.get(key, "") for key in ("symbol", "shown_unit"))
+    return Quantity(of, attrs.get("units", "1"), of.replace("_", " "), symbol, shown_unit=shown_unit)
 
 
-def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
-    """Return the axis label of a quantity: name or symbol, and display unit in brackets; a pure number has none.
+def shown(ds: xr.Dataset, name: str, units: ShownUnits = OWN_UNITS) -> xr.DataArray:
+    """Return a variable or coordinate in its display unit, with the attributes by which `label` labels its axis."""
+    q = units.of(quantity_of(name, ds))
+    return in_display_unit(q, ds[name], short=name in QUANTITIES and name not in {**PARAMETERS, **REACTIONS})
 
-    **Arguments:**
 
-    - `name`: as in datasets, for instance clearance, start_v_y, w_x or contact_force. A name that is not in the
-      registry of quantities, such as the path section.play.2, is its own label.
-    - `ds`: a dataset that has the unit of such a name.
+def in_display_unit(q: Quantity, values: xr.DataArray, *, short: bool = False) -> xr.DataArray:
+    """Return values of a quantity [SI unit] in its display unit, with the attributes by which `label`, and xarray's
+    own plots, label axes.
+
+    **Arguments:** `short`: whether the symbol stands for the name.
     """
-    q = quantity_of(name, ds)
-    if name.startswith("start_"):
-        return f"start {axis_label(name.removeprefix('start_'))}"
-    if not q.symbol or name in PARAMETERS or name in REACTIONS:
-        return name_label(q)
-    return with_unit(f"${q.symbol}$", q.display_unit, brackets=True)
+    text = name_and_symbol(q)
+    if short and q.symbol:
+        text = "start " * q.name.startswith(START) + f"${q.symbol}$"
+    return q.shown(values).assign_attrs(long_name=text, units=q.display_unit)
 
 
-def name_label(q: Quantity) -> str:
-    """Return an axis label with name, symbol and display unit."""
-    text = q.name.replace("_", " ") + (f" ${q.symbol}$" if q.symbol else "")
-    return with_unit(text, q.display_unit, brackets=True)
+def label(values: xr.DataArray) -> str:
+    """Return the axis label of what `shown` returns: name or symbol, and unit in brackets; a pure number has none."""
+    return with_unit(values.attrs["long_name"], values.attrs["units"], brackets=True)
 
 
-def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Return the values of a variable or coordinate in its display unit, which its axis label states."""
-    return quantity_of(name, ds).shown(ds[name].values)
+def label_axes(ax: Axes, x: xr.DataArray, y: xr.DataArray) -> None:
+    """Label both axes by what they show."""
+    ax.set(xlabel=label(x), ylabel=label(y))
 
 
-def highest(ds: xr.Dataset, name: str, *dims: str, unit: Quantity | None = None) -> np.ndarray:
-    """Return a variable over `dims` in its display unit, with its maximum along all other dimensions.
+def name_and_symbol(q: Quantity) -> str:
+    """Return the name of a quantity, and its symbol, if any."""
+    return q.name.replace("_", " ") + (f" ${q.symbol}$" if q.symbol else "")
 
-    **Arguments:** `unit`: the quantity with its shown unit; default the quantity's own unit.
-    """
-    values = ds[name].astype(float)
+
+def highest(ds: xr.Dataset, name: str, *dims: str, units: ShownUnits = OWN_UNITS) -> xr.DataArray:
+    """Return a variable over `dims` as `shown` does, with its maximum along all other dimensions."""
+    given = shown(ds, name, units)
     # for net loads the greatest magnitude
-    if set(NET_DIMS) & set(values.dims):
-        values = abs(values)
+    values = abs(given) if set(NET_DIMS) & set(given.dims) else given.astype(float)
     # xarray ignores NaN, and infinities cannot be drawn
-    values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
-    return (unit or quantity_of(name, ds)).shown(values.values)
+    values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims])
+    return values.transpose(*dims).assign_attrs(given.attrs)
 
 
 def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = None) -> pd.DataFrame:
@@ -273,13 +275,14 @@ def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = Non
     """
     chosen = ShownUnits(units or ())
     columns = {}
-    for name, values in ds.variables.items():
-        if set(values.dims) == set(along) or (set(values.dims) <= set(along) and name in ds.coords):
+    for name, variable in ds.variables.items():
+        if set(variable.dims) == set(along) or (set(variable.dims) <= set(along) and name in ds.coords):
             q = chosen.of(quantity_of(str(name), ds))
-            number = values.dtype.kind in "fiu"
-            head = f"{name} [{q.display_unit}]" if number and q.display_unit not in ("1", "") else str(name)
-            whole = values.set_dims({dim: ds.sizes[dim] for dim in along}).transpose(*along)
-            columns[head] = np.ravel(q.shown(whole.values) if number and q.per_shown != 1 else whole.values)
+            values = np.ravel(variable.set_dims({dim: ds.sizes[dim] for dim in along}).transpose(*along))
+            if variable.dtype.kind in "fiu" and q.display_unit not in ("1", ""):
+                columns[f"{name} [{q.display_unit}]"] = values if q.per_shown == 1 else q.shown(values)
+            else:
+                columns[str(name)] = values
     return pd.DataFrame(columns)
 
 
@@ -294,14 +297,11 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
     check_units(ds, argument)
-    # each variable that the picture needs
     for name in names:
         instance("name", name, str, "the name of a variable")
         if name not in ds:
-            variables = listed([str(variable) for variable in ds])
-            raise ValueError(
-                f"Argument `{argument}` must be a dataset of {source}, with `{name}`, but has {variables}."
-            )
+            has = listed(list(map(str, ds)))
+            raise ValueError(f"Argument `{argument}` must be a dataset of {source}, with `{name}`, but has {has}.")
     return ds
 
 
@@ -309,15 +309,20 @@ def check_dataset(ds: object, source: str, *names: str, argument: str = "ds") ->
 def drawing(
     ax: Axes | None, ds: xr.Dataset | None = None, width: float = COLUMN, height: float = 2.4, *, full: bool = True
 ) -> Iterator[Axes]:
-    """Yield `ax`, or the Axes of a new figure [inches] in `STYLE`, whose title is the fixed parameters of `ds`."""
+    """Yield `ax`, or the Axes of a new figure [inches] in `STYLE`, whose title is the fixed parameters of `ds`.
+
+    In the end a legend is drawn above the Axes.
+    """
     if ax is not None:
         yield instance("ax", ax, Axes, "Axes of matplotlib")
+        legend_above(ax)
         return
     with styled():
         figure, ax = plt.subplots(figsize=(_look.get().width or width, height), layout="constrained")
         if ds is not None:
-            name_case(figure, ds, full=full)
+            entitle(figure, case_title(ds, full=full))
         yield ax
+        legend_above(ax)
 
 
 @contextmanager
@@ -331,7 +336,7 @@ def page(
     with styled():
         figure, axes = plt.subplots(rows, columns, figsize=(page_width(), height), layout="constrained", **options)
         if ds is not None:
-            name_case(figure, ds, full=full)
+            entitle(figure, case_title(ds, full=full))
         yield axes
         # removed panels have no figure
         letter([ax for ax in np.ravel(axes) if ax.figure is not None])
@@ -468,15 +473,14 @@ def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     return ds["status"].transpose(*dims).values
 
 
-def lost(ds: xr.Dataset) -> bool:
-    """Return whether the numbers of a dataset mean nothing, by the status of its one case, or of all its cases."""
-    status = ds["status"].values if "status" in ds else ds.attrs.get("status", int(Status.FINITE))
-    return bool(np.all(is_lost(status)))
-
-
 def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
     """Return whether each case has a status other than 0, shape as `dims`."""
     return status_of(ds, *dims) != Status.FINITE
+
+
+def lost(ds: xr.Dataset) -> bool:
+    """Return whether the numbers of a dataset mean nothing, by the status of its one case, or of all its cases."""
+    return bool(np.all(is_lost(ds.get("status", ds.attrs.get("status", int(Status.FINITE))))))
 
 
 def mark_cases(ax: Axes, x: np.ndarray, label: str, color: str = COLORS["grey"]) -> None:
@@ -488,31 +492,19 @@ def mark_cases(ax: Axes, x: np.ndarray, label: str, color: str = COLORS["grey"])
 
 def png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as the content of a PNG file with `dpi` pixels per inch; the figure is closed."""
-    number(positive, "dpi", dpi)
     # level 3 takes a quarter less time than matplotlib's level 6, for files that are a fifth larger
-    return _content(figure, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
+    return content_of(figure, "png", dpi=number(positive, "dpi", dpi), pil_kwargs={"compress_level": 3})
 
 
-def pdf(figure: Figure) -> bytes:
-    """Return a figure as the content of a PDF file with its fonts; the figure is closed."""
-    return _content(figure, format="pdf")
+def content_of(figure: Figure, form: str, **options: Any) -> bytes:
+    """Return a figure as the content of a file; the figure is closed.
 
-
-def svg(figure: Figure) -> bytes:
-    """Return a figure as the content of an SVG file with text as text; the figure is closed."""
-    return _content(figure, format="svg")
-
-
-FILES: dict[str, Callable[[Figure], bytes]] = {".png": lambda figure: png(figure, 300), ".pdf": pdf, ".svg": svg}
-"""Functions that make a picture's file, by its ending."""
-
-
-def _content(figure: Figure, **options: Any) -> bytes:
-    """Return the content that `Figure.savefig` writes; the figure is closed."""
+    **Arguments:** `form`: png, pdf or svg; `options`: of `Figure.savefig`.
+    """
     instance("figure", figure, Figure, "a figure of matplotlib")
     content = io.BytesIO()
     with styled():
-        figure.savefig(content, **options)
+        figure.savefig(content, format=form, **options)
     plt.close(figure)
     return content.getvalue()
 
@@ -528,32 +520,33 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     **Returns:** the text, empty where the dataset has no parameter.
     """
     ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a dataset of a run")
-    rows = [["speed", "clearance", "length"]]
+    rows = [["speed", "clearance", "length"], []]
     if full:
         rows[0] += ["mass", "gravity"]
-        rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
-    lines = []
+        rows[1] += ["stiffness", "restitution", "amplitude", "roll_amplitude"]
     units = shown_units(ds)
     if not has_one_scene(ds):
         ds = ds.drop_attrs(deep=False)
-    # lines of the title, without varied parameters
-    for row in rows:
-        lines.append([])
-        for name in row:
-            q = PARAMETERS[name]
-            value = _number(ds, q)
-            if value is not None:
-                q = units.of(q)
-                stated = with_unit(f"{q.name.replace('_', ' ')} {plain_number(q.shown(value))}", q.display_unit)
-                lines[-1].append(stated.replace(" degrees", "°"))
+    lines = [[_stated(ds, units.of(PARAMETERS[name])) for name in row] for row in rows]
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
         # RandomTrack and RandomRails become "a random track" and "random rails"
         words = re.sub("(?<=[a-z])(?=[A-Z])", " ", ds.attrs["track"]).lower()
-        lines[-1].append(f"on {words}" if words.endswith("s") else f"on a {words}")
+        lines[1].append(f"on {words}" if words.endswith("s") else f"on a {words}")
     if full and len(waves):
-        lines[-1].append(f"wavelength {' and '.join(f'{w:.4g}' for w in waves)} m")
-    return "\n".join(", ".join(line) for line in lines if line)
+        lines[1].append(f"wavelength {' and '.join(f'{w:.4g}' for w in waves)} m")
+    return "\n".join(filter(None, (", ".join(filter(None, line)) for line in lines)))
+
+
+def _stated(ds: xr.Dataset, q: Quantity) -> str:
+    """Return a parameter with its value, as in "clearance 1 mm"; an empty text where it varies or is absent."""
+    # names of attributes contain their unit, as in "speed [m/s]"
+    fixed = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]", [])
+    values = np.ravel(ds[q.name] if q.name in ds.coords else fixed)
+    if values.size != 1:
+        return ""
+    text = f"{q.name.replace('_', ' ')} {plain_number(q.shown(values[0]))}"
+    return with_unit(text, q.display_unit).replace(" degrees", "°")
 
 
 def shown_units(ds: xr.Dataset) -> ShownUnits:
@@ -570,13 +563,9 @@ def plain_number(value: float) -> str:
     return tens if digits == "1" else f"{digits} $\\times$ {tens}"
 
 
-def name_case(figure: Figure, ds: xr.Dataset, *, full: bool = False) -> None:
-    """Write the fixed parameters of a dataset above a figure."""
-    entitle(figure, case_title(ds, full=full))
-
-
-def entitle(figure: Figure, text: str) -> None:
-    """Write a text above a figure, if the style has titles."""
+def entitle(figure: Figure, *lines: str) -> None:
+    """Write lines above a figure, below its title, if the style has titles."""
+    text = "\n".join(filter(None, [figure.get_suptitle(), *lines]))
     if text and _look.get().titles:
         figure.suptitle(text, fontsize=setting("figure.titlesize"), wrap=True)
 
@@ -584,15 +573,5 @@ def entitle(figure: Figure, text: str) -> None:
 def name_status(figure: Figure, code: int) -> None:
     """Write a status other than 0 above a figure, in red below its title."""
     if code != Status.FINITE:
-        lines = [figure.get_suptitle(), textwrap.fill(f"status: {Status(code)}", 90)]
-        text = "\n".join(line for line in lines if line)
+        text = f"{figure.get_suptitle()}\n{textwrap.fill(f'status: {Status(code)}', 90)}".strip()
         figure.suptitle(text, color=COLORS["red"], fontsize=setting("figure.titlesize"))
-
-
-def _number(ds: xr.Dataset, q: Quantity) -> float | None:
-    """Return the value of a parameter [SI unit]; None where the dataset has several values, or none."""
-    if q.name in ds.coords:
-        return ds[q.name].item() if ds[q.name].size == 1 else None
-    # names of attributes contain their unit, as in "speed [m/s]"
-    value = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]")
-    return float(value) if np.size(value) == 1 and value is not None else None

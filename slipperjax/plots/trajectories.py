@@ -10,12 +10,12 @@ from ..flow.status import Status
 from ..tools.checks import number, numbers, positive, require, whole
 from ..tools.types import Numbers
 from .style import (
-    axis_label,
     by_contact,
     check_dataset,
     drawing,
+    label,
+    label_axes,
     label_lowest,
-    legend_above,
     line_color,
     lost,
     name_status,
@@ -65,8 +65,9 @@ def history(ds: Run, name: str, ax: Axes | None = None) -> Axes:
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
     along = Along.of(ds)
     with drawing(ax, ds, full=False) as ax:
-        ax.plot(along.unit * ds["period"].values, shown(ds, name), lw=0.7, color=line_color(0))
-        ax.set(xlabel=along.label, ylabel=axis_label(name, ds))
+        values = shown(ds, name)
+        ax.plot(along.unit * ds["period"].values, values, lw=0.7, color=line_color(0))
+        ax.set(xlabel=along.label, ylabel=label(values))
         ax.margins(x=0.01)
     return ax
 
@@ -99,20 +100,19 @@ def contact_forces(
     drawn = period >= begin
     with drawing(ax, ds, full=False) as ax:
         for line in most_loaded(ds, most):
-            label = line.name
+            text = line.name
             if not lost(ds):
-                label += f", peak {line.peak:.3g} kN"
+                text += f", peak {line.peak:.3g} kN"
                 if np.isfinite(line.instant):
-                    label += f" at {along.brief.format(along.unit * line.instant)}"
+                    text += f" at {along.brief.format(along.unit * line.instant)}"
                 elif line.peak > 0:
-                    label += " in the whole run"
-            ax.plot(along.unit * period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
+                    text += " in the whole run"
+            ax.plot(along.unit * period[drawn], line.force[drawn], lw=0.9, label=text, **line.style)
             # the peak may be before the drawn part
             if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
                 ax.plot(along.unit * line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
-        ax.set(xlabel=along.label, ylabel=axis_label("contact_force"))
+        ax.set(xlabel=along.label, ylabel=label(shown(ds, "contact_force")))
         ax.margins(x=0.01)
-        legend_above(ax)
     return ax
 
 
@@ -142,21 +142,21 @@ def most_loaded(ds: xr.Dataset, most: int, slipper: str = "") -> list[PointForce
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
     # of every step, where the peak is in this part of the run
     if "peak_force" in ds:
-        when = ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
+        when = ds.get("peak_period", np.nan * ds["peak_force"])
         # a record begins one interval before its first saved state
         within = (when > 2 * period[0] - period[:2][-1]) & (when <= period[-1]) | np.isnan(when)
         peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
     flat = by_contact(ds[["contact_force"]].assign(peak_force=peaks, instant=instants))
     if slipper:
         flat = flat.isel(contact=np.flatnonzero(flat["slipper"] == slipper))
-    force = shown(flat.transpose("contact", ...), "contact_force")
-    peak = shown(flat, "peak_force")
+    flat = flat.assign({name: shown(flat, name) for name in ("contact_force", "peak_force")})
     lines = []
     # the points with the highest peaks first
-    for k in np.argsort(peak, kind="stable")[::-1][:most]:
+    for k in np.argsort(flat["peak_force"].values, kind="stable")[::-1][:most]:
         at = flat.isel(contact=k)
         style = {"color": at["color"].item(), "ls": (0, (3, 1.5)) if at["end"] == "rear" else "-"}
-        lines.append(PointForce(at["contact"].item(), force[k], float(peak[k]), float(at["instant"]), style))
+        peak, instant = float(at["peak_force"]), float(at["instant"])
+        lines.append(PointForce(at["contact"].item(), at["contact_force"].values, peak, instant, style))
     return lines
 
 
@@ -194,22 +194,16 @@ def phase_portrait(ds: Run, coordinate: str, velocity: str, ax: Axes | None = No
     **Returns:** the Axes.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
-    q = shown(ds, coordinate)
-    v = shown(ds, velocity)
+    x, y = (shown(ds, name) for name in (coordinate, velocity))
+    q, v = x.values, y.values
     # upward zero crossings, interpolated between saved states
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])
+    crossed = v[at] + share * (v[at + 1] - v[at])
     with drawing(ax, ds, 3.5, 3.0, full=False) as ax:
         ax.plot(q, v, lw=0.35, color=line_color(0))
-        ax.plot(
-            0 * at,
-            v[at] + share * (v[at + 1] - v[at]),
-            ".",
-            color=line_color(1),
-            ms=4,
-            mew=0,
-        )
-        ax.set(xlabel=axis_label(coordinate), ylabel=axis_label(velocity))
+        ax.plot(0 * at, crossed, ".", color=line_color(1), ms=4, mew=0)
+        label_axes(ax, x, y)
     return ax
 
 
@@ -235,12 +229,8 @@ def spectrum(
     frequency = numbers("frequency", frequency, unit="Hz").astype(float)
     density = numbers("density", density).astype(float)
     good = frequency.ndim == 1 and frequency.shape == density.shape
-    require(
-        good,
-        "density",
-        "be of the shape of `frequency`, along one axis",
-        shown=f"of shape {density.shape}",
-    )
+    need = "be of the shape of `frequency`, along one axis"
+    require(good, "density", need, shown=f"of shape {density.shape}")
     end = np.inf if highest is None else number(positive, "highest", highest, "Hz")
     drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:
