@@ -1,14 +1,13 @@
 """Designs compared over the same rails and starts: their values as texts, and their picture."""
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from ..model.quantities import Quantity, ShownUnits
-from .style import check_dataset, line_color, name_label, page, quantity_of, shown_units, with_unit
+from .style import Units, check_dataset, in_display_unit, label, line_color, page, quantity_of, shown_units, with_unit
 
 SOURCE = "slipperjax.compare"
 """Function that makes such datasets."""
@@ -25,7 +24,7 @@ class Comparison(NamedTuple):
     """The compared quantity."""
 
     @classmethod
-    def of(cls, ds: object, units: Sequence[str] | None = None) -> "Comparison":
+    def of(cls, ds: object, units: Units = None) -> "Comparison":
         """Return the comparison of a dataset; `units`: as for `comparison`."""
         ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
         chosen = shown_units(ds) if units is None else ShownUnits(units)
@@ -36,17 +35,17 @@ class Comparison(NamedTuple):
         words = []
         for name in along:
             q = chosen.of(quantity_of(name, ds))
-            values = q.shown(np.broadcast_to(flat[name].values, flat.sizes["design"]))
+            values = np.broadcast_to(q.shown(flat[name].values), flat.sizes["design"])
             words.append([_stated(f"{q.name.replace('_', ' ')} {value:.4g}", q) for value in values])
-        labels = [", ".join(parts) for parts in zip(*words, strict=True)]
-        return cls(flat, labels, chosen.of(quantity_of(ds.attrs["record"], ds.rename(runs=ds.attrs["record"]))))
+        record = ds.attrs["record"]
+        compared = chosen.of(quantity_of(record, ds.rename(runs=record)))
+        return cls(flat, [", ".join(parts) for parts in zip(*words, strict=True)], compared)
 
     def said(self, name: str, design: int, quantile: int) -> str:
         """Return a value of one design and its standard error as a text."""
-        value, error = (
-            self.quantity.shown(float(self.ds[part][dict(design=design, quantile=quantile)]))
-            for part in (name, "stderr" if name == "value" else f"{name}_stderr")
-        )
+        at = self.ds.isel(design=design, quantile=quantile)
+        of_error = "stderr" if name == "value" else f"{name}_stderr"
+        value, error = (self.quantity.shown(float(at[part])) for part in (name, of_error))
         if not np.isfinite(value):
             return "an unknown value"
         if not np.isfinite(error):
@@ -66,7 +65,7 @@ def of_runs(share: float) -> str:
     return "median" if share == 0.5 else f"{100 * share:g} % quantile"
 
 
-def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
+def comparison(ds: object, units: Units = None) -> np.ndarray:
     """Draw the shares of runs below each value, the quantiles with 95 % intervals, and the designs' differences.
 
     **Arguments:** `units`: such as ("ft", "lbf"), each for the quantities of its kind; by default the units of the
@@ -82,11 +81,11 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
     q = view.quantity
     with page(1, 2, 2.9, flat, full=False, width_ratios=(3, 2)) as axes:
         left, right = axes
-        for k, label in enumerate(view.labels):
+        for k, design in enumerate(view.labels):
             of_design = flat["runs"].isel(design=k).where(flat["counted"]).values
             runs = np.sort(q.shown(of_design[np.isfinite(of_design)]))
             color = line_color(k)
-            left.step(runs, (np.arange(len(runs)) + 1) / len(runs), where="post", color=color, lw=1, label=label)
+            left.step(runs, (np.arange(len(runs)) + 1) / len(runs), where="post", color=color, lw=1, label=design)
             for ax, name, prefix, heights in (
                 (left, "value", "", shares),
                 (right, "difference", "difference_", np.arange(len(shares)) - 0.12 * k),
@@ -96,7 +95,7 @@ def comparison(ds: object, units: Sequence[str] | None = None) -> np.ndarray:
                 )
                 ends = value - low, high - value
                 ax.errorbar(value, heights, xerr=ends, fmt="o", ms=4, color=color, capsize=2)
-        left.set(xlabel=name_label(q), ylabel="share of runs below", ylim=(0, 1.02))
+        left.set(xlabel=label(in_display_unit(q, flat["runs"])), ylabel="share of runs below", ylim=(0, 1.02))
         left.legend(loc="lower right", fontsize=7)
         right.axvline(0.0, color="black", lw=0.6)
         right.set_yticks(np.arange(len(shares)), [of_runs(share) for share in shares])

@@ -1,7 +1,5 @@
 """The page of a vibration environment, in g as in test reports."""
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -34,18 +32,21 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
 
     **Raises:** `ValueError` for another dataset, or a place that the dataset does not have.
     """
-    at = of_place(report, place)
+    places = places_of(report)
+    whole("place", place, 0)
+    require(place < len(places), "place", f"be below {len(places)}, the number of places", place)
+    at = places[place]
     with page(2, 3, 5.0, report, full=False) as axes:
         for ax, direction in zip(axes[0], at["direction"].values, strict=True):
             _draw_density(ax, at.sel(direction=direction))
         _draw_shock(axes[1, 0], at)
         _draw_level(axes[1, 1], at)
+        for ax in axes.flat:
+            legend_above(ax)
         _draw_table(axes[1, 2], at)
         axes[0, 0].set_ylabel("power spectral density [g$^2$/Hz]")
-        figure = axes[0, 0].figure
         rails = at.sizes["rail"]
-        lines = [figure.get_suptitle(), f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}"]
-        entitle(figure, "\n".join(filter(None, lines)))
+        entitle(axes[0, 0].figure, f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}")
     # one scale for all directions
     densities = np.concatenate([line.get_ydata() for ax in axes[0] for line in ax.lines])
     positive = densities[densities > 0]
@@ -53,15 +54,6 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
         most = positive.max()
         plt.setp(axes[0], ylim=(0.5 * max(positive.min(), most * 10.0**-DECADES), 2 * most))
     return axes
-
-
-def summary_styles() -> dict[str, dict[str, Any]]:
-    """Return the styles of lines that summarise rails."""
-    return {
-        "maximum": dict(color=line_color(0), label="maximum"),
-        "mean": dict(color=line_color(2), ls="--", label="mean"),
-        "limit": dict(color=line_color(1), label="95/50"),
-    }
 
 
 def named_place(at: xr.Dataset) -> str:
@@ -74,17 +66,12 @@ def three_digits(value: float) -> str:
     return f"{float(f'{value:.3g}'):g}"
 
 
-def of_place(report: xr.Dataset, place: int) -> xr.Dataset:
-    """Return a report of one place, its accelerations in g and its densities in g^2/Hz."""
+def places_of(report: xr.Dataset) -> list[xr.Dataset]:
+    """Return a report of each place, with accelerations in g and densities in g^2/Hz."""
     ds = check_dataset(report, SOURCE, "density_envelope", "shock_response", argument="report")
-    count = ds.sizes["place"]
-    whole("place", place, 0)
-    require(place < count, "place", f"be below {count}, the number of places", place)
-    at = ds.isel(place=place)
     factors = {"m/s^2": 1 / STANDARD_GRAVITY, "m^2/s^4/Hz": 1 / STANDARD_GRAVITY**2}
-    for name, values in at.data_vars.items():
-        at[name] = values * factors.get(values.attrs["units"], 1.0)
-    return at
+    ds = ds.map(lambda values: values * factors.get(values.attrs["units"], 1.0))
+    return [ds.isel(place=place) for place in range(ds.sizes["place"])]
 
 
 def greatest_of_rails(at: xr.Dataset) -> pd.DataFrame:
@@ -100,9 +87,14 @@ def _draw_density(ax: Axes, at: xr.Dataset) -> None:
         ax.plot(at["frequency"], rails[0], lw=1.0, color=line_color(0))
     else:
         ax.plot(at["frequency"], rails.T, color=COLORS["grey"], lw=0.3, alpha=max(0.1, 1 / len(rails) ** 0.5))
-        for name, style in summary_styles().items():
+        # lines that summarise rails
+        for name, text, color, dashes in (
+            ("maximum", "maximum", line_color(0), "-"),
+            ("mean", "mean", line_color(2), "--"),
+            ("limit", "95/50", line_color(1), "-"),
+        ):
             envelope = at["density_envelope"].sel(summary=name)
-            ax.plot(at["frequency"], envelope, lw=1.0, **style)
+            ax.plot(at["frequency"], envelope, lw=1.0, color=color, ls=dashes, label=text)
     _finish_spectrum(ax, edges)
     ax.set_xlabel(f"frequency [Hz], along {at['direction'].item()}")
 
@@ -116,8 +108,7 @@ def _draw_shock(ax: Axes, at: xr.Dataset) -> None:
         if rails > 1:
             ax.plot(natural, of_all.sel(summary="limit"), color=line_color(k), lw=0.7, ls="--")
     _finish_spectrum(ax, natural)
-    ax.set_xlabel("natural frequency [Hz]")
-    ax.set_ylabel("shock response [g]" + ", dashed 95/50" * (rails > 1))
+    ax.set(xlabel="natural frequency [Hz]", ylabel="shock response [g]" + ", dashed 95/50" * (rails > 1))
 
 
 def _finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
@@ -129,7 +120,6 @@ def _finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
     set_log_ticks(ax.xaxis)
     # the labels 1000 and 2000 would touch each other
     ax.xaxis.set_major_locator(LogLocator(subs=(2, 5)))
-    legend_above(ax)
 
 
 def _draw_level(ax: Axes, at: xr.Dataset) -> None:
@@ -140,11 +130,8 @@ def _draw_level(ax: Axes, at: xr.Dataset) -> None:
         ax.plot(seconds, level, color=line_color(k), lw=1.0, label=str(direction))
         near = level >= 10 ** (-6 / 20) * level.max()
         ax.fill_between(seconds, level, where=near.tolist(), color=line_color(k), alpha=0.15, lw=0)
-    ax.set_xlim(seconds[0], seconds[-1])
+    ax.set(xlim=seconds[[0, -1]], xlabel="time [s]", ylabel="level [g], within 6 dB shaded")
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("level [g], within 6 dB shaded")
-    legend_above(ax)
 
 
 def _draw_table(ax: Axes, at: xr.Dataset) -> None:

@@ -1,7 +1,7 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +15,14 @@ from ..model.parameters import PARAMETERS
 from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
-from ..tools.types import Numbers
+from ..tools.types import Numbers, Real
+from ..tools.units import STANDARD_GRAVITY
 from .branches import DASHED, datasets_of, joined, stable_parts
 from .style import (
     COLORS,
     FLAGGED_LABEL,
     UNITS,
+    Units,
     by_contact,
     by_load,
     check_dataset,
@@ -58,7 +60,7 @@ class RunView(NamedTuple):
     units: ShownUnits
 
     @classmethod
-    def of(cls, ds: object, scene: Scene | None = None, units: Sequence[str] | None = None) -> "RunView":
+    def of(cls, ds: object, scene: Scene | None = None, units: Units = None) -> "RunView":
         """Return the view of a run.
 
         **Arguments:** as for `run_overview`.
@@ -110,6 +112,18 @@ class RunView(NamedTuple):
         """Return distances [m] in their shown unit."""
         return self.quantity(DISTANCE.name).shown(np.asarray(places))
 
+    def said(self, name: str, value: Real) -> str:
+        """Return a value [SI unit] of a quantity as a text, in its shown unit; an acceleration in m/s^2 also in g."""
+        q = self.quantity(name)
+        text = f"{q.shown(float(value)):.4g} {q.display_unit}"
+        return text + f" ({float(value) / STANDARD_GRAVITY:.3g} g)" * (q.display_unit == "m/s^2")
+
+    def where(self, *places: float) -> str:
+        """Return a place [m], or a length of rail by both its ends, as a text with two decimals, because stations
+        have many digits before the point."""
+        numbers = " to ".join(f"{round(place, 2):.12g}" for place in self.places(places).tolist())
+        return f"{numbers} {self.quantity(DISTANCE.name).display_unit}"
+
     @property
     def times(self) -> np.ndarray:
         """Times at the edges of windows [s]."""
@@ -131,7 +145,7 @@ def units_along(scene: Scene | None, chosen: ShownUnits) -> ShownUnits:
     return ShownUnits((*chosen.units, surveyed))
 
 
-def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Sequence[str] | None = None) -> np.ndarray:
+def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Units = None) -> np.ndarray:
     """Draw a run on one page, over the distance travelled: rail, speed and time, forces, impacts, spectra.
 
     Panels whose variables the dataset does not have are left out, and so are numbers that mean nothing by their
@@ -249,7 +263,7 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
     ds = view.ds
     force = view.quantity(name)
     at = view.quantity("distance")
-    length = lambda metres: f"{at.shown(float(metres)):.3g} {at.display_unit}"
+    length = lambda metres: f"{at.shown(metres):.3g} {at.display_unit}"
     per_window = f"peak per {length(ds.attrs['window [m]'])}"
     _draw_steps(ax, view, "distance", highest(ds, name, "distance", units=view.units), per_window, COLORS["grey"])
     per_stretch = f"per {length(np.diff(edges_of(ds, 'stretch')).max())}"
@@ -259,23 +273,17 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
         _draw_steps(ax, view, "stretch", values, f"{percent:g}th percentile {per_stretch}", line_color(k))
     words = PEAKS[name]
     peak = peak_of(ds, name)
-    high = force.shown(float(peak[name]))
     # a run without contact has no peak
-    if abs(high) > 0:
-        place = at.shown(float(peak[words.place]))
-        where = f"{peak[words.dim].item()}, {in_hundredths(place)} {at.display_unit}"
-        text = f"{high:.4g} {force.display_unit}: {where}"
-        ax.plot(place, abs(high), "o", ms=3.5, mew=0, color=line_color(1), label=text)
+    if abs(peak[name]) > 0:
+        place = peak[words.place].item()
+        text = f"{view.said(name, peak[name])}: {peak[words.dim].item()}, {view.where(place)}"
+        high = abs(force.shown(peak[name]))
+        ax.plot(view.places(place), high, "o", ms=3.5, mew=0, color=line_color(1), label=text)
     ax.set_ylabel(with_unit(words.label, force.display_unit, brackets=True))
     ax.set_ylim(bottom=0)
     # lengths of rail that have their own status
     for *ends, _ in view.flagged:
         ax.axvspan(*view.places(ends), color=COLORS["red"], alpha=0.15, lw=0, label=FLAGGED_LABEL)
-
-
-def in_hundredths(distance: float) -> str:
-    """Return a distance rounded to two decimals, as a text: stations have many digits before the point."""
-    return f"{round(distance, 2):.12g}"
 
 
 class PeakWords(NamedTuple):

@@ -1,7 +1,5 @@
 """Pictures of sleds: the view from above, and the load of each slipper."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -14,10 +12,10 @@ from ..tools.checks import require, whole
 from ..tools.types import Numbers
 from .runs import RUN_SOURCE, RunView, main_peak
 from .sections import RAIL_STYLE, SLIPPER_STYLE
-from .style import check_dataset, color_bar, drawing, label, legend_above, page, point_colors
+from .style import Units, check_dataset, color_bar, drawing, label, legend_above, page, point_colors
 
 
-def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Sequence[str] | None = None) -> Axes:
+def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Units = None) -> Axes:
     """Draw a sled on its rails from above, to scale: its slippers with their names, and its centre of mass.
 
     The sled travels to the right. For a run, colours show the slippers' greatest net forces, unless these mean

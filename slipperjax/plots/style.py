@@ -57,6 +57,8 @@ COLUMN = 3.5
 PAGE = 7.2
 """Width of a figure with several panels [inches]."""
 
+Units = Sequence[str] | None
+"""Units that a user chooses, such as ("ft", "lbf"); None for the units of the scene's file."""
 OWN_UNITS = ShownUnits()
 """The display units of quantities."""
 AXES = {"y": "lateral", "z": "vertical"}
@@ -267,7 +269,7 @@ def highest(ds: xr.Dataset, name: str, *dims: str, units: ShownUnits = OWN_UNITS
     return values.transpose(*dims).assign_attrs(given.attrs)
 
 
-def shown_columns(ds: xr.Dataset, *along: str, units: Sequence[str] | None = None) -> pd.DataFrame:
+def shown_columns(ds: xr.Dataset, *along: str, units: Units = None) -> pd.DataFrame:
     """Return the coordinates and variables over some dimensions as columns, in display units stated in their heads.
 
     **Arguments:** `along`: names of the dimensions; none for one case, whose table has one row; `units`: such as

@@ -1,7 +1,6 @@
-"""Texts, tables and pictures of designs that were compared over the same rails from the same starts."""
+"""Texts and tables of designs that were compared over the same rails from the same starts."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -9,28 +8,12 @@ import xarray as xr
 
 from ..analysis.quantiles import Estimates
 from ..flow.status import Status, is_lost
-from ..plots.comparisons import Comparison, comparison, of_runs
+from ..plots.comparisons import Comparison, of_runs
+from ..plots.style import Units
 from ..tools.files import first_ones
-from .kind import Kind, Units
 
 
-class ComparisonKind(Kind):
-    """Designs compared."""
-
-    title = "Designs compared"
-    reports = True
-
-    def summary(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        return verdict(ds, units)
-
-    def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-        return {"designs": table(ds, units)}
-
-    def plot(self, ds: xr.Dataset, **options: Any) -> Any:
-        return comparison(ds, **options)
-
-
-def verdict(ds: xr.Dataset, units: Sequence[str] | None = None) -> list[str]:
+def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return a text that says which design is better and how certain this is: first the status of lost runs, then a
     line for each design. Standard errors are after +-."""
     view = Comparison.of(ds, units)
@@ -71,17 +54,17 @@ def _lost(view: Comparison) -> Iterator[str]:
         yield f"{left_out} are left out for all designs, because a run is lost there"
 
 
-def table(ds: xr.Dataset, units: Sequence[str] | None = None) -> pd.DataFrame:
+def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
     """Return a row for each design and quantile, with units in the header."""
     view = Comparison.of(ds, units)
+    q = view.quantity
     rows = []
     for k, label in enumerate(view.labels):
         for j, share in enumerate(view.ds["quantile"].values):
             at = view.ds.isel(design=k, quantile=j)
-            numbers = {
-                f"{name.replace('_', ' ')} [{view.quantity.display_unit}]": view.quantity.shown(float(at[name]))
-                for name in Estimates._fields
+            row = {"design": label, "quantile": share}
+            row |= {
+                f"{name.replace('_', ' ')} [{q.display_unit}]": q.shown(float(at[name])) for name in Estimates._fields
             }
-            lost = int(is_lost(at["status"].values).sum())
-            rows.append({"design": label, "quantile": share} | numbers | {"runs": at["runs"].size, "lost": lost})
-    return pd.DataFrame(rows)
+            rows.append(row | {"runs": at["runs"].size, "lost": int(is_lost(at["status"].values).sum())})
+    return {"designs": pd.DataFrame(rows)}

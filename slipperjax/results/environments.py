@@ -1,46 +1,21 @@
-"""Texts, tables and pictures of vibration environments, in g as in test reports."""
-
-from collections.abc import Iterator
-from typing import Any
+"""Texts and tables of vibration environments, in g as in test reports."""
 
 import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
 
-from ..plots.environment import RMS, greatest_of_rails, named_place, of_place, three_digits, vibration
-from .kind import Kind, Units
-
-
-class EnvironmentKind(Kind):
-    """The vibration environment of places."""
-
-    title = "Vibration environment"
-    reports = True
-
-    def summary(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        return environment_summary(ds)
-
-    def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-        return {"bands": environment_table(ds)}
-
-    def plot(self, ds: xr.Dataset, place: int = 0, units: Units = None, **options: Any) -> Any:
-        return vibration(ds, place, **options)
-
-    def pages(self, ds: xr.Dataset, units: Units = None) -> Iterator[Figure]:
-        for place in range(ds.sizes["place"]):
-            yield vibration(ds, place)[0, 0].figure
+from ..plots.environment import RMS, greatest_of_rails, named_place, places_of, three_digits
+from ..plots.style import Units
 
 
-def environment_table(report: xr.Dataset) -> pd.DataFrame:
-    """Return a report by frequency, a row for each band of each place.
+def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
+    """Return an environment by frequency, a row for each band of each place.
 
     Columns are the place's coordinates [m], both edges of the band [Hz], and along each direction the maximum, the
     mean and the 95/50 limit over rails of the density [g^2/Hz], and of the shock response of an oscillator whose
     natural frequency is the upper edge [g].
     """
-    tables = []
-    for place in range(report.sizes["place"]):
-        at = of_place(report, place)
+    rows = []
+    for at in places_of(ds):
         columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
         columns |= {"low [Hz]": at["low"].values, "high [Hz]": at["high"].values}
         # there is one edge more than bands: the lowest edge has no row
@@ -50,16 +25,15 @@ def environment_table(report: xr.Dataset) -> pd.DataFrame:
                 for name in at["summary"].values:
                     one = values.sel(direction=direction, summary=name)
                     columns[f"{kind} {direction} {name} [{unit}]"] = one.values
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
+        rows.append(pd.DataFrame(columns))
+    return {"bands": pd.concat(rows, ignore_index=True)}
 
 
-def environment_summary(report: xr.Dataset) -> list[str]:
-    """Return a report as a text, two lines for each place: the greatest values of all rails."""
+def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
+    """Return an environment as a text, two lines for each place: the greatest values of all rails."""
     lines = []
-    low, high = (float(report[name][end]) for name, end in (("low", 0), ("high", -1)))
-    for place in range(report.sizes["place"]):
-        at = of_place(report, place)
+    low, high = (float(ds[name][end]) for name, end in (("low", 0), ("high", -1)))
+    for at in places_of(ds):
         greatest = greatest_of_rails(at)
         level, in_bands, loudest = (
             " ".join(f"{direction} {three_digits(value)}" for direction, value in greatest[name].items())

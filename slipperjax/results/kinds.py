@@ -1,32 +1,67 @@
-"""The kinds of results, by the functions that make them."""
+"""The kinds of results, by the functions that make them: texts, tables and pictures of each."""
 
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pandas as pd
 import xarray as xr
 
 from ..flow.datasets import function_of
+from ..plots.branches import branches, event_curves
+from ..plots.comparisons import comparison
+from ..plots.designs import design_overview
+from ..plots.environment import vibration
+from ..plots.fits import fit_overview
+from ..plots.runs import run_overview
+from ..plots.style import Units
+from ..plots.sweeps import of_sweep
+from ..plots.trajectories import overview
 from ..tools.checks import require
-from .branches import BranchKind, CurveKind, OwnBranchKind
-from .comparisons import ComparisonKind
-from .designs import DesignKind
-from .environments import EnvironmentKind
-from .fits import FitKind
-from .kind import Kind
-from .motions import MotionKind, OrbitKind
-from .runs import RunKind
-from .sweeps import SweepKind
+from . import cases, comparisons, environments, motions, runs, searches
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Kind(NamedTuple):
+    """Functions that make texts, tables and pictures of the datasets of one kind of results."""
+
+    summary: Callable[[xr.Dataset, Units], list[str]]
+    tables: Callable[[xr.Dataset, Units], dict[str, pd.DataFrame]]
+    """The main table is the first."""
+    plot: Callable[..., Any]
+    """Returns Axes, all of one figure."""
+    title: str = ""
+    """Title of a PDF with a text and pictures; empty where a PDF has the picture alone, which takes no units."""
+    report: Callable[[xr.Dataset, Units], list[str]] | None = None
+    """Text of the PDF; None for the summary."""
+    pages: "Callable[[xr.Dataset], Iterable[Figure]] | None" = None
+    """Pictures of the PDF; None for the one picture."""
+
+
+SWEEP = Kind(cases.summary, cases.tables, of_sweep)
+SEVERAL_RUNS = Kind(cases.summary_of_runs, cases.tables, of_sweep)
+BRANCH = Kind(motions.branch_summary, motions.branch_tables, branches)
 KINDS: dict[str, Kind] = {
-    "simulate": MotionKind(),
-    "periodic_orbit": OrbitKind(),
-    "continue_orbit": BranchKind(),
-    "continue_event": CurveKind(),
-    "continue_motion": OwnBranchKind(),
-    "sweep": SweepKind(),
-    "follow": SweepKind(),
-    "run": RunKind(),
-    "compare": ComparisonKind(),
-    "environment": EnvironmentKind(),
-    "optimise_design": DesignKind(),
-    "fit": FitKind(),
+    "simulate": Kind(motions.summary, motions.tables, overview),
+    "periodic_orbit": Kind(motions.orbit_summary, motions.orbit_tables, overview),
+    "continue_orbit": BRANCH,
+    "continue_event": Kind(motions.curve_summary, motions.points_tables, event_curves),
+    "continue_motion": BRANCH._replace(plot=partial(branches, quantity="state_0")),
+    "sweep": SWEEP,
+    "follow": SWEEP,
+    "run": Kind(runs.summary, runs.tables, run_overview, "Run over a rail", runs.report),
+    "compare": Kind(comparisons.summary, comparisons.tables, comparison, "Designs compared"),
+    "environment": Kind(
+        environments.summary,
+        environments.tables,
+        lambda ds, units=None, **options: vibration(ds, **options),
+        "Vibration environment",
+        pages=lambda ds: (vibration(ds, place)[0, 0].figure for place in range(ds.sizes["place"])),
+    ),
+    "optimise_design": Kind(searches.design_summary, searches.design_tables, design_overview),
+    "fit": Kind(searches.fit_summary, searches.fit_tables, fit_overview),
 }
 
 
@@ -37,4 +72,4 @@ def kind_of(ds: xr.Dataset) -> Kind:
     """
     function = function_of(ds)
     require(function in KINDS, "result", f"be of one of {', '.join(KINDS)}", function)
-    return KINDS[function]
+    return SEVERAL_RUNS if function == "run" and ds["status"].ndim else KINDS[function]

@@ -1,76 +1,58 @@
-"""Texts, tables and pictures of runs over a length of rail."""
+"""Texts and tables of a run over a length of rail."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ..flow.status import counted, is_lost, step_error
+from ..flow.status import is_lost, step_error
 from ..model.dynamics import static_loads
 from ..model.parameters import PARAMETERS
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import PARTS, Scene
 from ..model.travel import LEAST_SPEED, SpeedProgramme
-from ..plots.runs import PEAKS, RunView, edges_of, in_hundredths, main_peak, peak_of, run_overview, speed_name
-from ..plots.style import AXES, shown_columns
-from ..plots.sweeps import of_sweep
-from ..tools.units import STANDARD_GRAVITY
-from .kind import Kind, Units
-from .run_tables import APART, tables, words
+from ..plots.runs import PEAKS, RunView, edges_of, main_peak, peak_of, speed_name
+from ..plots.style import AXES, Units
+from . import run_tables
+from .run_tables import APART, words
 
 LENGTHS = 8
 """Most lengths of rail in a list with their status."""
 NET = "peak_slipper_force"
 
 
-class RunKind(Kind):
-    """One run over a length of rail, or several over parameters."""
-
-    title = "Run over a rail"
-    reports = True
-
-    def summary(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        if ds["status"].ndim:
-            return summary_of_runs(ds)
-        return summary(RunView.of(ds, units=units))
-
-    def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-        if ds["status"].ndim:
-            return {"runs": shown_columns(ds, *map(str, ds["status"].dims), units=units)}
-        return tables(RunView.of(ds, units=units))
-
-    def plot(self, ds: xr.Dataset, **options: Any) -> Any:
-        return of_sweep(ds, **options) if ds["status"].ndim else run_overview(ds, **options)
-
-    def report(self, ds: xr.Dataset, units: Units = None) -> list[str]:
-        view = RunView.of(ds, units=units)
-        text = summary(view)
-        worst = self.tables(ds, units)["worst places"]
-        if len(worst):
-            text += ["", f"Worst places, {_said(view.quantity('distance'), APART)} apart or more", ""]
-            text += worst.to_string(index=False, float_format="{:.2f}".format).splitlines()
-        return [*text, "", "Scene", "", *described(view)]
-
-
-def summary_of_runs(ds: xr.Dataset) -> list[str]:
-    """Return several runs as a text: their number, and how many are lost."""
-    status = ds["status"].values
-    lines = [f"{status.size} runs over {', '.join(map(str, ds['status'].dims))}"]
-    return lines + [f"{n} runs: {meaning}" for meaning, n in counted(status).items()]
-
-
-def summary(view: RunView) -> list[str]:
+def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return a run as a text, a line for each result: first its status, and nothing else where the run is lost."""
-    lines = [f"status: {view.status}"]
-    lengths = [f"{_from_to(view, *ends)}: {words(status)}" for *ends, status in view.flagged]
-    lines += lengths[:LENGTHS]
-    if len(lengths) > LENGTHS:
-        lines.append(f"and {len(lengths) - LENGTHS} further lengths with a status")
+    return list(_summary(RunView.of(ds, units=units)))
+
+
+def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
+    """Return the windows of a run, its hundreds of metres and its worst places as tables."""
+    return run_tables.tables(RunView.of(ds, units=units))
+
+
+def report(ds: xr.Dataset, units: Units = None) -> list[str]:
+    """Return the text of a report: summary, worst places and scene."""
+    view = RunView.of(ds, units=units)
+    text = list(_summary(view))
+    worst = run_tables.tables(view)["worst places"]
+    if len(worst):
+        text += ["", f"Worst places, {view.said('distance', APART)} apart or more", ""]
+        text += worst.to_string(index=False, float_format="{:.2f}".format).splitlines()
+    return [*text, "", "Scene", "", *_described(view)]
+
+
+def _summary(view: RunView) -> Iterator[str]:
+    yield f"status: {view.status}"
+    flagged = view.flagged
+    for *ends, status in flagged[:LENGTHS]:
+        yield f"{view.where(*ends)}: {words(status)}"
+    if len(flagged) > LENGTHS:
+        yield f"and {len(flagged) - LENGTHS} further lengths with a status"
     # numbers of a lost run mean nothing
-    lost = is_lost(view.status) or is_lost(view.codes).all()
-    return lines if lost else [*lines, *_results(view)]
+    if not (is_lost(view.status) or is_lost(view.codes).all()):
+        yield from _results(view)
 
 
 def _results(view: RunView) -> Iterator[str]:
@@ -80,15 +62,14 @@ def _results(view: RunView) -> Iterator[str]:
     values = speed.shown(ds[speed_name(ds)].values)
     # a single speed where it does not change
     speeds = " to ".join(dict.fromkeys((f"{values.min():.4g}", f"{values.max():.4g}")))
-    seconds = float(np.ptp(view.times))
     ends = edges_of(ds, "distance")[[0, -1]]
-    yield f"{_from_to(view, *ends)} in {seconds:.4g} s, speed {speeds} {speed.display_unit}"
+    yield f"{view.where(*ends)} in {float(np.ptp(view.times)):.4g} s, speed {speeds} {speed.display_unit}"
     programme = None if view.scene is None else view.scene.speed
     stops = programme.stops if isinstance(programme, SpeedProgramme) else []
     for *length, duration in stops:
         if length[0] < ends[1] and length[1] > ends[0]:
-            least = _said(speed, LEAST_SPEED)
-            yield f"slower than {least} from {_from_to(view, *length)}, for {duration:.3g} s: passed at that speed"
+            least = view.said("speed", LEAST_SPEED)
+            yield f"slower than {least} from {view.where(*length)}, for {duration:.3g} s: passed at that speed"
     lost = is_lost(view.codes)
     if lost.any():
         yield "without the lengths that have no meaning:"
@@ -96,20 +77,20 @@ def _results(view: RunView) -> Iterator[str]:
         yield from _net_loads(view)
     if "peak_force" in ds:
         at = peak_of(ds)
-        point = f"{at['contact'].item()} ({at['end'].item()})"
-        yield from _peak(view, "peak_force", "highest single contact point", point, at)
+        point = f"{at['contact'].item()} ({at['end'].item()}), "
+        yield from _peak(view, "peak_force", "highest single contact point", at, point)
     if "impacts" in ds:
         impacts = float(ds["impacts"].sum())
         seconds = float(np.diff(view.times)[~lost].sum())
         yield f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second"
     known = [name for name in ACCELERATIONS if f"peak_{name}" in ds]
     if known:
-        most = [f"{name} {_said(view.quantity(name), ds[f'peak_{name}'].max())}" for name in known]
+        most = [f"{name} {view.said(name, ds[f'peak_{name}'].max())}" for name in known]
         yield f"greatest accelerations: {', '.join(most)}"
     # recorded only where the scene has friction
     if "friction_work" in ds:
         heat = view.units.of(Quantity("friction_work", "J", "heat", shown_unit="kJ"))
-        yield f"friction work {_said(heat, ds['friction_work'].sum())}"
+        yield f"friction work {heat.shown(float(ds['friction_work'].sum())):.4g} {heat.display_unit}"
     name = main_peak(ds)
     if f"{name}_percentile" in ds:
         text = f"99th percentile of a window's {view.quantity(name).long_name}"
@@ -131,48 +112,32 @@ def _net_loads(view: RunView) -> Iterator[str]:
         if axis == "z" and view.scene is not None:
             static = static_load(view.scene, slipper, float(at["peak_slipper_distance"]))
             if static > 0:
-                load = _said(view.quantity(NET), static)
+                load = view.said(NET, static)
                 times = f": {abs(float(at[NET])) / static:.3g} times its static load of {load}"
-        yield from _peak(view, NET, f"greatest net {AXES[axis]} force of a slipper", slipper, at, times)
+        text = f"greatest net {AXES[axis]} force of a slipper"
+        yield from _peak(view, NET, text, at, f"{slipper}, " if slipper else "", times)
     if "peak_slipper_moment" in ds:
         moment = abs(ds["peak_slipper_moment"])
         most = moment.max([dim for dim in moment.dims if dim != "about"])
-        q = view.quantity("peak_slipper_moment")
-        each = [f"{about} {_said(q, value)}" for about, value in zip(most["about"].values, most, strict=True)]
+        each = [f"{one['about'].item()} {view.said('peak_slipper_moment', one)}" for one in most]
         yield f"greatest net moments of a slipper about its middle: {', '.join(each)}"
 
 
-def _peak(view: RunView, name: str, text: str, at_what: str, at: xr.Dataset, times: str = "") -> Iterator[str]:
+def _peak(view: RunView, name: str, text: str, at: xr.Dataset, of: str, times: str = "") -> Iterator[str]:
     """Yield a text on a force of `PEAKS`, which `at` has, and its place, unless nothing touched."""
-    force = float(at[name])
     # NaN is also no force
-    if not abs(force) > 0:
-        return
-    distance = view.quantity("distance")
-    where = f"{in_hundredths(distance.shown(float(at[PEAKS[name].place])))} {distance.display_unit}"
-    place = f"{where} and {_said(view.quantity('speed'), at[speed_name(view.ds)])}"
-    yield f"{text} {_said(view.quantity(name), force)} at {f'{at_what}, ' * bool(at_what)}{place}{times}"
+    if abs(at[name]) > 0:
+        place = f"{view.where(at[PEAKS[name].place].item())} and {view.said('speed', at[speed_name(view.ds)])}"
+        yield f"{text} {view.said(name, at[name])} at {of}{place}{times}"
 
 
 def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterator[str]:
     """Yield a text on the largest value of all stretches, and its stretch; nothing where no value is known."""
     # stretches with lost windows are NaN
-    k = int(values.fillna(-np.inf).values.argmax())
+    k = int(values.fillna(-np.inf).argmax())
     if np.isfinite(values[k]):
-        stretch = _from_to(view, *edges_of(view.ds, "stretch")[k : k + 2])
-        yield f"worst {text}: {_said(view.quantity(name), values[k])} from {stretch}"
-
-
-def _said(q: Quantity, value: Any) -> str:
-    """Return a value [SI unit] of a quantity as a text, in its display unit; an acceleration in m/s^2 also in g."""
-    text = f"{q.shown(float(value)):.4g} {q.display_unit}"
-    return f"{text} ({float(value) / STANDARD_GRAVITY:.3g} g)" if q.display_unit == "m/s^2" else text
-
-
-def _from_to(view: RunView, begin: float, end: float) -> str:
-    """Return a length of rail [m] as a text."""
-    ends = " to ".join(map(in_hundredths, view.places([begin, end]).tolist()))
-    return f"{ends} {view.quantity('distance').display_unit}"
+        stretch = view.where(*edges_of(view.ds, "stretch")[k : k + 2])
+        yield f"worst {text}: {view.said(name, values[k])} from {stretch}"
 
 
 def static_load(scene: Scene, slipper: str, distance: float) -> float:
@@ -181,16 +146,14 @@ def static_load(scene: Scene, slipper: str, distance: float) -> float:
     return float(loads[scene.slipper.names.index(slipper) if slipper else 0])
 
 
-def described(view: RunView) -> list[str]:
+def _described(view: RunView) -> list[str]:
     """Return the scene of a run as a text: its named numbers, and a line for each part."""
     scene = view.scene
     if scene is None:
         return []
-    numbers = []
-    for q in PARAMETERS.values():
-        value = q.of(scene)
-        # parameters with a single number
-        if value is not None and np.ndim(value) == 0:
-            numbers.append(view.units.of(q).named(value).replace("_", " "))
+    values = [(q, q.of(scene)) for q in PARAMETERS.values()]
+    # parameters with a single number
+    single = [(q, value) for q, value in values if value is not None and np.ndim(value) == 0]
+    numbers = [view.units.of(q).named(value).replace("_", " ") for q, value in single]
     parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
     return [", ".join(numbers), *parts]

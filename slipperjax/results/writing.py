@@ -1,12 +1,12 @@
 """Files of results, by their endings."""
 
-import functools
 import importlib.util
 import io
 import os
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from .kind import Kind
+    from .kinds import Kind
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".nc", *PICTURES, ".csv", ".xlsx", ".mat")
@@ -60,44 +60,49 @@ def contents_of(
     for given in paths:
         path = user_path(given, "paths")
         ending = check_ending(path)
-        if ending in PICTURES:
-            contents[path] = functools.partial(_picture, kind, ds, ending, units, options)
-        elif ending == ".csv":
+        if ending == ".csv":
             contents |= _tables(path, kind.tables(ds, units))
-        elif ending == ".xlsx":
-            contents[path] = functools.partial(_workbook, kind, ds, units)
         else:
-            contents[path] = functools.partial(_NUMBERS[ending], ds)
+            contents[path] = partial(_content, kind, ds, ending, units, options)
     return contents
 
 
-def _netcdf(ds: "xr.Dataset") -> Content:
-    # made in memory, because HDF5 ends the whole process where a disk is full
-    return ds.to_netcdf(engine="h5netcdf")
+def _content(
+    kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
+) -> Content:
+    """Return the content of a file of a result, by its ending; a PDF has all pages of the report, if any."""
+    if ending == ".nc":
+        # made in memory, because HDF5 ends the whole process where a disk is full
+        return ds.to_netcdf(engine="h5netcdf")
+    if ending == ".mat":
+        return _matlab(ds)
+    if ending == ".xlsx":
+        return _workbook(kind, ds, units)
+    from ..plots.style import content_of, png
+
+    own = {"units": units} if kind.title and units is not None else {}
+    # all Axes of a picture are in one figure
+    draw = lambda: np.asarray(kind.plot(ds, **own, **options)).flat[0].figure
+    if ending == ".pdf" and kind.title:
+        text = (kind.report or kind.summary)(ds, units)
+        return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])
+    return png(draw(), 300) if ending == ".png" else content_of(draw(), ending[1:])
 
 
 def _matlab(ds: "xr.Dataset") -> Content:
     """Return variables, coordinates and attributes for MATLAB, where names have only letters, digits and _."""
     from scipy.io import savemat
 
-    named = {_matlab_name(str(name)): _matlab_value(ds[name].values) for name in ds.variables}
-    named["attributes"] = {_matlab_name(str(name)): _matlab_value(value) for name, value in ds.attrs.items()}
+    def named(values: Mapping[Any, Any]) -> dict[str, Any]:
+        arrays = {re.sub(r"\W+", "_", str(name)).strip("_"): np.asarray(value) for name, value in values.items()}
+        # texts of different lengths are cells
+        texts = {name for name, array in arrays.items() if array.dtype.kind in "OUT" and array.ndim}
+        return {name: array.astype(object) if name in texts else array for name, array in arrays.items()}
+
     content = io.BytesIO()
-    savemat(content, named, long_field_names=True, oned_as="column")
+    contents = named(ds.variables) | {"attributes": named(ds.attrs)}
+    savemat(content, contents, long_field_names=True, oned_as="column")
     return content.getvalue()
-
-
-def _matlab_name(name: str) -> str:
-    return re.sub(r"\W+", "_", name).strip("_")
-
-
-def _matlab_value(value: Any) -> Any:
-    array = np.asarray(value)
-    # texts of different lengths are cells
-    return array.astype(object) if array.dtype.kind in "OUT" and array.ndim else value
-
-
-_NUMBERS: "dict[str, Callable[[xr.Dataset], Content]]" = {".nc": _netcdf, ".mat": _matlab}
 
 
 def _tables(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Callable[[], Content]]:
@@ -105,12 +110,9 @@ def _tables(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Call
     contents = {}
     for k, (name, table) in enumerate(tables.items()):
         more = f"_{name.replace(' ', '')}" if k else ""
-        contents[path.with_name(f"{path.stem}{more}.csv")] = functools.partial(_csv, table)
+        make = lambda table=table: table.to_csv(index=False, float_format="%.9g").encode()
+        contents[path.with_name(f"{path.stem}{more}.csv")] = make
     return contents
-
-
-def _csv(table: "pd.DataFrame") -> Content:
-    return table.to_csv(index=False, float_format="%.9g").encode()
 
 
 def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Content:
@@ -130,20 +132,7 @@ def _workbook(kind: "Kind", ds: "xr.Dataset", units: Sequence[str] | None) -> Co
     return content.getvalue()
 
 
-def _picture(
-    kind: "Kind", ds: "xr.Dataset", ending: str, units: Sequence[str] | None, options: Mapping[str, Any]
-) -> Content:
-    """Return the picture of a result as the content of a file; a PDF has all pages of the report, if any."""
-    from ..plots.style import FILES
-
-    if ending == ".pdf" and kind.reports:
-        return _report(kind.title, kind.report(ds, units), kind.pages(ds, units))
-    own = {"units": units} if kind.reports and units is not None else {}
-    # all Axes of a picture are in one figure
-    return FILES[ending](np.asarray(kind.plot(ds, **own, **options)).flat[0].figure)
-
-
-def _report(title: str, text: Sequence[str], pictures: "Iterator[Figure]") -> Content:
+def _report(title: str, text: Sequence[str], pictures: "Iterable[Figure]") -> Content:
     """Return pages: text, then pictures."""
     import matplotlib.pyplot as plt
     from matplotlib.backends.backend_pdf import PdfPages
