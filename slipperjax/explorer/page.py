@@ -130,49 +130,34 @@ class Page:
         self.choice = Select(title="Shown", options=[], width=190)
         self.choice.on_change("value", self._chosen)
         self.legend = Div(width=WIDTH)
-        self.map: Any = figure(
-            width=WIDTH,
-            height=440,
-            name="map",
-            tools="box_select,wheel_zoom,pan,reset,save",
-            active_drag="box_select",
-            x_range=Range1d(0, 1),
-            y_range=Range1d(0, 1),
-        )
+        extents = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
+        tools = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
+        self.map: Any = figure(width=WIDTH, height=440, name="map", **extents, **tools)
         self.map.grid.visible = False
         # a double tap is two quick clicks
         for event, heard in ((Tap, self._tapped), (DoubleTap, self._tapped), (SelectionGeometry, self._boxed)):
             self.map.on_event(event, heard)
         self.mapper = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
-        self.pixels = source("image", "x", "y", "dw", "dh")
-        self.map.image("image", "x", "y", "dw", "dh", color_mapper=self.mapper, source=self.pixels)
+        self.pixels = self.map.image([], [], [], [], [], color_mapper=self.mapper).data_source
         self.bar = ColorBar(color_mapper=self.mapper, width=12, visible=False)
         self.map.add_layout(self.bar, "right")
-        self.dots = source("x", "y")
-        self.map.scatter("x", "y", source=self.dots, size=3, color=COLORS["blue"])
-        self.curve = source("x", "y")
-        self.map.step("x", "y", source=self.curve, mode="before", color=COLORS["blue"])
+        blue = COLORS["blue"]
+        self.dots = self.map.scatter([], [], size=3, color=blue).data_source
+        self.curve = self.map.step([], [], mode="before", color=blue).data_source
+        self.place = self.map.vspan([], color="black", line_dash="dotted").data_source
         self.cross = source("x", "y")
-        self.place = source("x")
-        self.map.vspan("x", source=self.place, color="black", line_dash="dotted")
         style = dict(marker="cross", size=18, source=self.cross)
         self.map.scatter("x", "y", line_width=5, color="white", **style)  # an edge, seen on dark colours
         self.map.scatter("x", "y", line_width=2, color="black", name="cross", **style)
         self.sliders = {}
         # each slider computes its case while it moves
         for name, ends in SLIDERS.items():
-            low, high = map(PARAMETERS[name].shown, ends)
-            self.sliders[name] = Slider(
-                title=pictures.label(PARAMETERS[name]),
-                width=WIDTH - 16,
-                start=low,
-                end=high,
-                value=low,
-                step=(high - low) / 480,
-                format="0.[000]",
-                name=name,
-            )
-            self.sliders[name].on_change("value", functools.partial(self._slid, name))
+            q = PARAMETERS[name]
+            low, high = map(q.shown, ends)
+            span = dict(start=low, end=high, value=low, step=(high - low) / 480)
+            slider = Slider(title=pictures.label(q), width=WIDTH - 16, format="0.[000]", name=name, **span)
+            slider.on_change("value", functools.partial(self._slid, name))
+            self.sliders[name] = slider
         self.controls = column(*self.sliders.values(), visible=not self.session.view.is_run)
         return column(self.choice, self.legend, self.map, self.controls)
 
@@ -202,20 +187,19 @@ class Page:
         x = q.shown(view.axis(name))
         y = np.array([0.0])
         if view.is_run:
-            self.curve.data = curve = pictures.along(view, choice)
-            x = curve["x"]
-            y = np.append(curve["y"], 0.0)
+            self.curve.data = pictures.along(view, choice)
+            x = self.curve.data["x"]
+            y = np.append(self.curve.data["y"], 0.0)
         elif view.ds:
             self.dots.data = pictures.dots(view, choice)
-            y = np.asarray(self.dots.data["y"])
+            y = self.dots.data["y"]
         self._set_axes(pictures.label(q), pictures.label(quantity_of(choice, view.ds)), x, y)
 
     def _show_map(self, view: View) -> None:
         """Draw cases over two parameters as an image."""
-        quantities = [view.quantity(name) for name in view.names]
-        y, x = (q.shown(view.axis(name)) for q, name in zip(quantities, view.names, strict=True))
-        up, across = map(pictures.label, quantities)
-        self._set_axes(across, up, x, y)
+        up, across = map(view.quantity, view.names)
+        y, x = (q.shown(view.axis(q.name)) for q in (up, across))
+        self._set_axes(pictures.label(across), pictures.label(up), x, y)
         # no map before a part of it is computed
         self.pixels.data = {name: [] for name in self.pixels.data}
         if not view.ds:
@@ -240,9 +224,8 @@ class Page:
         for extent, values in ((self.map.x_range, x), (self.map.y_range, y)):
             low, high = _ends(values)
             margin = 0.02 * (high - low)
-            low -= margin
-            high += margin
-            extent.update(start=low, end=high, reset_start=low, reset_end=high)
+            ends = dict(start=low - margin, end=high + margin)
+            extent.update(**ends, **{f"reset_{name}": end for name, end in ends.items()})
 
     def _mark(self) -> None:
         """Draw the place of the case: a cross on a map, a line in a diagram."""

@@ -56,12 +56,9 @@ class Panels:
         self.time = panel("Motion over time", "forcing periods", name="time")
         self.phase = panel("Phase portrait, red once per period")
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]", width=692)
-        self.curve = source("x", "y")
-        self.orbit = source("x", "y")
-        self.strobe = source("x", "y")
-        self.time.line("x", "y", source=self.curve, color=blue)
-        self.phase.line("x", "y", source=self.orbit, color=blue, line_width=0.5)
-        self.phase.scatter("x", "y", source=self.strobe, color=COLORS["red"], size=5)
+        self.curve = self.time.line([], [], color=blue).data_source
+        self.orbit = self.phase.line([], [], color=blue, line_width=0.5).data_source
+        self.strobe = self.phase.scatter([], [], color=COLORS["red"], size=5).data_source
         self.lines = source("xs", "ys", "name", "color", "dash")
         self.forces.multi_line(
             "xs", "ys", source=self.lines, color="color", line_dash="dash", line_width=1.5, legend_field="name"
@@ -86,22 +83,13 @@ class Panels:
         # the same glyphs at both ends; the browser sets their data for each instant
         for end in ("front", "rear"):
             f = panel("Slipper around the rail head", "y [mm]", "z [mm]", height=250, match_aspect=True)
-            rail = source("x", "y")
-            slipper = source("x", "y")
+            rail = f.patch([], [], color="#d9d9d9", line_color="#8a8a8a").data_source
+            slipper = f.patch([], [], color=COLORS["blue"], fill_alpha=0.4).data_source
             dots = source("x", "y", "tip_x", "tip_y", "color", "alpha", "name", "at_x", "at_y")
-            f.patch("x", "y", source=rail, color="#d9d9d9", line_color="#8a8a8a")
-            f.patch("x", "y", source=slipper, color=COLORS["blue"], fill_alpha=0.4)
             f.segment("x", "y", "tip_x", "tip_y", source=dots, color="color", line_width=4)
             f.scatter("x", "y", source=dots, size=8, line_color="color", fill_color="color", fill_alpha="alpha")
-            f.text(
-                "at_x",
-                "at_y",
-                "name",
-                source=dots,
-                text_font_size="10px",
-                text_align="center",
-                text_baseline="middle",
-            )
+            text = dict(text_font_size="10px", text_align="center", text_baseline="middle")
+            f.text("at_x", "at_y", "name", source=dots, **text)
             args |= {end: slipper, f"{end}_dots": dots}
             self.ends[end] = f, rail, dots
             figures.append(f)
@@ -122,19 +110,15 @@ class Panels:
             return
         velocity = self.motion.value
         coordinate = SECTIONS[velocity]
-        across = quantity(coordinate)
-        up = quantity(velocity)
+        across, up = quantity(coordinate), quantity(velocity)
+        plane = lambda ds: dict(x=across.shown(ds[coordinate].values), y=up.shown(ds[velocity].values))
         window = shown.case.window  # None for a steady motion
         self.title.text = _words(shown)
         last = phase = shown.ds
         # a steady motion is drawn over its last periods, a run over all periods
         if window is None:
             every = (shown.ds.sizes["time"] - 1) // SETTLED
-            strobe = shown.ds.isel(time=slice(None, None, every))
-            self.strobe.data = {
-                "x": across.shown(strobe[coordinate].values),
-                "y": up.shown(strobe[velocity].values),
-            }
+            self.strobe.data = plane(shown.ds.isel(time=slice(None, None, every)))
             last = shown.ds.isel(time=slice(-4 * every - 1, None))  # forcing periods
             phase = shown.ds.isel(time=slice(-64 * every - 1, None))
         else:
@@ -142,7 +126,7 @@ class Panels:
             self.window.data = {"x": window}
         time = last["period"].values * shown.unit
         self.curve.data = {"x": time, "y": across.shown(last[coordinate].values)}
-        self.orbit.data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
+        self.orbit.data = plane(phase)
         # peaks of the whole run may be before the drawn part
         lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6, self.slipper.value)
         # points in contact

@@ -8,7 +8,7 @@ import xarray as xr
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS
 from ..model.quantities import POINT_DIMS, SECTIONS, Quantity
-from ..plots.maps import categories, motions_of, regimes_of
+from ..plots.maps import categories, dots_of, motions_of, regimes_of
 from ..plots.runs import edges_of
 from ..plots.sections import Frames, outline
 from ..plots.style import flagged, highest, lost, quantity_of
@@ -59,7 +59,7 @@ def picture_of(view: View, choice: str) -> Picture:
     if choice not in ("motion", "regime"):
         numbers = np.where(flagged(ds, *dims), np.nan, highest(ds, choice, *dims))
         return Picture(numbers, {}, label(quantity_of(choice, ds)))
-    words = motions_of(ds, *dims) if choice == "motion" else regimes_of(ds, *dims)
+    words = (motions_of if choice == "motion" else regimes_of)(ds, *dims)
     # missing cases have no colour
     words = np.where(ds["status"].transpose(*dims) == Status.NOT_RUN, "", words)
     return Picture(*categories(ds, words), choice)
@@ -88,18 +88,11 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, list[fl
 
 def dots(view: View, choice: str) -> dict[str, np.ndarray]:
     """Return dots over one parameter: the points of a section, or the highest number of each case."""
-    (name,) = view.names
-    values = view.ds[choice].astype(float)
+    ds = view.ds
+    # the highest of all points
     if choice not in SECTIONS:
-        values = values.max([d for d in values.dims if d not in view.ds["status"].dims])
-    values = values.where(np.isfinite(values) & (view.ds["status"] == Status.FINITE))
-    rows = values.transpose(name, ...).values.reshape(values.sizes[name], -1)
-    # a dot for each number
-    case, crossing = np.nonzero(np.isfinite(rows))
-    return {
-        "x": view.quantity(name).shown(view.axis(name)[case]),
-        "y": quantity_of(choice, view.ds).shown(rows[case, crossing]),
-    }
+        ds = ds.assign({choice: ds[choice].max([d for d in ds[choice].dims if d not in ds["status"].dims])})
+    return dict(zip("xy", dots_of(ds, choice, *view.names), strict=True))
 
 
 def along(view: View, choice: str) -> dict[str, np.ndarray]:
@@ -108,7 +101,7 @@ def along(view: View, choice: str) -> dict[str, np.ndarray]:
     y = highest(view.ds, choice, "distance")
     # numbers of a lost run mean nothing
     if lost(view.ds):
-        y = np.full_like(y, np.nan)
+        y = np.nan * y
     return {"x": edges_of(view.ds, "distance"), "y": np.append(y[:1], y)}
 
 
@@ -118,17 +111,12 @@ def slipper_columns(drawn: Frames, unit: float) -> dict[str, np.ndarray]:
     **Arguments:** `unit`: unit of the column `x`, which is the time.
     """
     columns = {"x": drawn.period * unit}
+    corners = outline(drawn.shape, drawn.points)
+    points = 1e3 * drawn.points
     for k, end in enumerate(("front", "rear")):
-        points = 1e3 * drawn.points[:, k]
-        force = drawn.force[:, k]
-        places = {
-            "corner": outline(drawn.shape, drawn.points[:, k]),
-            "point": points,
-            "tip": points + drawn.arrows[:, k],
-        }
+        columns[f"{end}_force"] = drawn.force[:, k] / 1e3
         # one column for each axis, contiguous for the browser
-        for name, place in places.items():
-            columns[f"{end}_{name}_y"] = np.ascontiguousarray(place[..., 0])
-            columns[f"{end}_{name}_z"] = np.ascontiguousarray(place[..., 1])
-        columns[f"{end}_force"] = force / 1e3
+        for name, places in (("corner", corners), ("point", points), ("tip", points + drawn.arrows)):
+            for axis, values in zip("yz", np.moveaxis(places[:, k], -1, 0), strict=True):
+                columns[f"{end}_{name}_{axis}"] = np.ascontiguousarray(values)
     return columns
