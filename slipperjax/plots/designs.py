@@ -134,7 +134,7 @@ def _draw_trials(ds: xr.Dataset, ax: Axes) -> None:
     _finish_plane(ds, ax, shown(ds, "trial_smooth"), dots)
 
 
-def _places(ds: xr.Dataset, name: str) -> list[np.ndarray]:
+def _places(ds: xr.Dataset, name: str) -> list[Any]:
     """Return a number of each design variable, for the first two, in display units."""
     return [one.shown(ds[name].sel(variable=one.name).values) for one in design_variables(ds)[:2]]
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ from ..model.parameters import PARAMETERS
 from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
-from ..tools.types import Numbers, Real
+from ..tools.types import Numbers
 from ..tools.units import STANDARD_GRAVITY
 from .branches import DASHED, datasets_of, joined, stable_parts
 from .style import (
@@ -112,7 +112,7 @@ class RunView(NamedTuple):
         """Return distances [m] in their shown unit."""
         return self.quantity(DISTANCE.name).shown(np.asarray(places))
 
-    def said(self, name: str, value: Real) -> str:
+    def said(self, name: str, value: Any) -> str:
         """Return a value [SI unit] of a quantity as a text, in its shown unit; an acceleration in m/s^2 also in g."""
         q = self.quantity(name)
         text = f"{q.shown(float(value)):.4g} {q.display_unit}"
@@ -278,7 +278,7 @@ def _draw_forces(ax: Axes, view: RunView, name: str) -> None:
         place = peak[words.place].item()
         text = f"{view.said(name, peak[name])}: {peak[words.dim].item()}, {view.where(place)}"
         high = abs(force.shown(peak[name]))
-        ax.plot(view.places(place), high, "o", ms=3.5, mew=0, color=line_color(1), label=text)
+        ax.plot(view.places([place]), [high], "o", ms=3.5, mew=0, color=line_color(1), label=text)
     ax.set_ylabel(with_unit(words.label, force.display_unit, brackets=True))
     ax.set_ylim(bottom=0)
     # lengths of rail that have their own status

@@ -134,7 +134,7 @@ def _peak(view: RunView, name: str, text: str, at: xr.Dataset, of: str, times: s
 def _worst(view: RunView, text: str, name: str, values: xr.DataArray) -> Iterator[str]:
     """Yield a text on the largest value of all stretches, and its stretch; nothing where no value is known."""
     # stretches with lost windows are NaN
-    k = int(values.fillna(-np.inf).argmax())
+    k = int(values.fillna(-np.inf).values.argmax())
     if np.isfinite(values[k]):
         stretch = view.where(*edges_of(view.ds, "stretch")[k : k + 2])
         yield f"worst {text}: {view.said(name, values[k])} from {stretch}"

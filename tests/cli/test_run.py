@@ -12,8 +12,9 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
+from slipperjax.flow.datasets import run_attributes
 from slipperjax.model.surveys import SurveyedTrack
-from slipperjax.plots.runs import RunView, peak_of
+from slipperjax.plots.runs import peak_of
 from slipperjax.results.runs import static_load, summary
 from slipperjax.tools.units import STANDARD_GRAVITY
 
@@ -246,8 +247,8 @@ def test_the_worst_stretch_is_named():
     data["peak_force_percentile"] = (("stretch", "percentile"), [[1e3], [4e3], [2e3]])
     coords = {"distance": ends, "stretch": [150.0, 250.0, 300.0], "percentile": [99.0], "end": ["front", "rear"]}
     coords |= {"point": ["A"], "speed": ("distance", 0 * ends + 25), "seconds": ("distance", (ends - 50) / 25)}
-    view = RunView.of(xr.Dataset(data, coords, {"window [m]": 1.0}), sj.paper_scene())
-    text = "\n".join(summary(view))
+    attrs = run_attributes(sj.paper_scene(), sj.Motion(), {"function": "run"})
+    text = "\n".join(summary(xr.Dataset(data, coords, attrs | {"window [m]": 1.0})))
     assert "50 to 300 m in 10 s, speed 25 m/s\n" in text
     assert "highest single contact point 0.001 kN at A1 (front), 51 m and 25 m/s\n" in text
     assert "\n500 impacts, 50 per second\n" in text

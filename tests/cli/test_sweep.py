@@ -15,7 +15,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.cli import main
 from slipperjax.flow.status import ASKED
-from slipperjax.results.sweeps import SweepKind
+from slipperjax.results.cases import summary
 from slipperjax.sweeps.store import Archive
 
 from .commands import TEN, call, error_of
@@ -134,15 +134,15 @@ def test_chaos_stands_with_its_least_mean_life_in_a_line():
     data = {"regime": ("speed", regimes), "status": ("speed", [0] * 3), "steps_per_period": ("speed", [50] * 3)}
     ds = xr.Dataset(data)
     told = "1 periodic, 0 regular, 2 chaotic{}, 0 unresolved, 0 transient chaos"
-    assert told.format("") in "; ".join(SweepKind().summary(ds))
+    assert told.format("") in "; ".join(summary(ds))
     with_life = told.format(" (mean life 3365 periods or more)")
-    assert with_life in "; ".join(SweepKind().summary(ds.assign(least_mean_life=("speed", life))))
+    assert with_life in "; ".join(summary(ds.assign(least_mean_life=("speed", life))))
     # the error of a case that is lost says nothing, and statuses come before all numbers
     part = ds.drop_vars("regime").assign(status=("speed", [0, 4, 6]), probe_error=("speed", [0.01, 7e5, 0.2]))
-    words = "; ".join(SweepKind().summary(part))
+    words = "; ".join(summary(part))
     assert words.endswith("; half the step changes the motion by 2.0e-01 scales at most")
     assert "; 2 cases flagged (1 pressed in: " in words
-    assert told.format("") in "; ".join(SweepKind().summary(ds.assign(least_mean_life=("speed", [np.nan] * 3))))
+    assert told.format("") in "; ".join(summary(ds.assign(least_mean_life=("speed", [np.nan] * 3))))
 
 
 DASK = """

@@ -27,19 +27,6 @@ def run():
     return sj.simulate(SCENE, 3, steps_per_period=50)
 
 
-@pytest.fixture(scope="module")
-def animation(run):
-    """Gives the last period while it is drawn: matplotlib warns of animations that never were."""
-    animation = plots.animate(run, magnify=2.5, last=1.0, every=5, fps=10)
-    animation._init_draw()
-    return animation
-
-
-def panels(figure):
-    """Gives the front and the rear panel, and the history."""
-    return figure.axes[:3]
-
-
 def points_of(ax):
     """Gives the slipper's points as drawn [mm]."""
     return np.asarray(ax.collections[0].get_offsets())
@@ -51,9 +38,9 @@ def arrows_of(ax):
     return np.stack([quiver.U, quiver.V], axis=1)
 
 
-def drawn_gaps(ax):
+def drawn_gaps(ax, rail=RAIL):
     """Gives distances of the drawn points from the drawn rail head along the normals [m]."""
-    return 1e-3 * np.sum((points_of(ax) - 1e3 * RAIL) * NORMALS, axis=1)
+    return 1e-3 * np.sum((points_of(ax) - 1e3 * rail) * NORMALS, axis=1)
 
 
 def test_offsets_along_the_faces_are_those_of_the_vectors():
@@ -67,8 +54,7 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
         return face_offsets(SCENE, 0.3, motion), contacts(rail_frame(SCENE, 0.3), motion).gap, rails
 
     offset, gap, rails = found(motion)
-    for k, x in enumerate((0.1, -0.1)):
-        rail = rails[k]
+    for k, (x, rail) in enumerate(zip((0.1, -0.1), rails, strict=True)):
         c, s = np.cos(rail.roll), np.sin(rail.roll)
         rolled = np.array([[c, -s], [s, c]])
         points = np.column_stack([np.full(10, x), SCENE.section.points])
@@ -82,16 +68,17 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
 
 
 @pytest.mark.full
-def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, animation):
+def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, tmp_path):
+    animation = plots.animate(run, magnify=2.5, last=1.0, every=5, fps=10)
     gap, force = (np.asarray(a)[101:] for a in (run.reactions.gap, run.reactions.contact_force))
-    longest = 0.5 * 42.0  # mm: half of the section's height for the highest force
     most = int(np.unravel_index(np.argmax(force), force.shape)[0])
-    front, rear, history = panels(animation._fig)
+    front, rear, history = animation._fig.axes[:3]
     for k in (0, 17, most):
         animation._draw_frame(k)
         for end, ax in enumerate((front, rear)):
             np.testing.assert_allclose(drawn_gaps(ax), 2.5 * gap[k, end], atol=1e-9)
-            expected = longest * force[k, end][:, None] / force.max() * NORMALS
+            # half of the section's height of 42 mm for the highest force
+            expected = 0.5 * 42.0 * force[k, end][:, None] / force.max() * NORMALS
             np.testing.assert_allclose(arrows_of(ax), expected, atol=1e-9)
             filled = [to_hex(c) != "#ffffff" for c in ax.collections[0].get_facecolors()]
             assert filled == (force[k, end] > 0).tolist()
@@ -100,24 +87,11 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, ani
         assert front.texts[10].get_text() == f"forcing period {period:.2f}"
     assert np.min(gap) < 0 < np.max(gap)  # both open and penetrating
     assert f"longest arrow {force.max() / 1e3:.3g} kN" in animation._fig.get_suptitle()
-
-
-def test_a_section_of_one_face_can_be_drawn():
-    flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
-    scene = sj.Scene(SCENE.speed, SCENE.slipper, flat, SCENE.track, SCENE.contact)
-    ax = plots.section(scene)
-    quiver = ax.collections[1]
-    assert np.all(quiver.V > 0)  # upwards
-    assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below
-
-
-@pytest.mark.full
-def test_frames_are_the_saved_states_that_are_asked_for(animation, tmp_path):
+    # of each fifth saved state
     assert list(animation.new_frame_seq()) == list(range(0, 50, 5))
     assert animation._interval == pytest.approx(100.0)
-    path = tmp_path / "slipper.gif"
-    animation.save(path, PillowWriter(fps=10), dpi=40)
-    with Image.open(path) as picture:
+    animation.save(tmp_path / "slipper.gif", PillowWriter(fps=10), dpi=40)
+    with Image.open(tmp_path / "slipper.gif") as picture:
         assert picture.n_frames == 10
 
 
@@ -138,12 +112,11 @@ def test_wrong_arguments_of_an_animation_are_named(run):
 @pytest.mark.full
 def test_datasets_are_shown_with_their_scene(run):
     ds = run.ds.assign_coords(clearance=3e-3)
-    front = panels(plots.instant(ds, SCENE, at=2.4, magnify=1.0, last=1.0))[0]
+    front = plots.instant(ds, SCENE, at=2.4, magnify=1.0, last=1.0).axes[0]
     wide = SCENE.replace(clearance=3e-3)
     motion = sj.Motion.from_euler(**{name: float(ds[name][120]) for name in ("y", "z", "roll", "pitch", "yaw")})
     gap = contacts(rail_frame(wide, 2.4), motion).gap[:10]
-    drawn_gap = 1e-3 * np.sum((points_of(front) - 1e3 * np.asarray(wide.section.track_points)) * NORMALS, axis=1)
-    np.testing.assert_allclose(drawn_gap, gap, atol=1e-9)
+    np.testing.assert_allclose(drawn_gaps(front, np.asarray(wide.section.track_points)), gap, atol=1e-9)
 
 
 def test_a_section_shows_where_the_points_are():
@@ -153,8 +126,12 @@ def test_a_section_shows_where_the_points_are():
     positions = {t.get_text(): np.array(t.get_position()) for t in ax.texts}
     for name, point in zip(SCENE.section.names, np.asarray(SCENE.section.points), strict=True):
         assert np.linalg.norm(positions[name] - 1e3 * point) < 8
-    dots, quiver = ax.collections
-    magnified = default_magnification(SCENE.section)
-    assert (np.asarray(dots.get_offsets()) - 1e3 * RAIL) == pytest.approx(magnified * 0.5 * NORMALS)
-    assert np.stack([quiver.U, quiver.V], 1) / np.hypot(quiver.U, quiver.V)[:, None] == pytest.approx(NORMALS)
+    assert points_of(ax) - 1e3 * RAIL == pytest.approx(default_magnification(SCENE.section) * 0.5 * NORMALS)
+    arrows = arrows_of(ax)
+    assert arrows / np.linalg.norm(arrows, axis=1, keepdims=True) == pytest.approx(NORMALS)
     assert labels(ax) == ("$y$ [mm]", "$z$ [mm]")
+    # also of one face
+    flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
+    ax = plots.section(sj.Scene(SCENE.speed, SCENE.slipper, flat, SCENE.track, SCENE.contact))
+    assert np.all(arrows_of(ax)[:, 1] > 0)  # upwards
+    assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below

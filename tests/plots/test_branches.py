@@ -48,26 +48,19 @@ def branch(
 def simulated(over="clearance"):
     values = np.array([[1.0, 2.0], [3.0, NAN], [4.0, 5.0]])
     data = {name: ((over, "crossing"), values) for name in ("v_y", "v_z")}
-    data |= {"status": (over, [0, 0, 1])}
-    return xr.Dataset(data, {over: [1e-3, 2e-3, 3e-3]})
+    return xr.Dataset(data | {"status": (over, [0, 0, 1])}, {over: [1e-3, 2e-3, 3e-3]})
 
 
 def lines(ax, style):
-    """Gives the parts of lines of a style, points each."""
-    return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]
-
-
-def _parts(points):
-    finite = np.isfinite(np.asarray(points)).all(axis=1)
-    cuts = np.flatnonzero(~finite)
-    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(points, cuts) if len(part) > 1]
-
-
-def markers(ax, marker):
-    return [line.get_xydata().tolist() for line in marked(ax, marker)]
-
-
-# lines through points
+    """Gives the unbroken parts of lines of a style, points each."""
+    found = []
+    for line in ax.lines:
+        points = np.asarray(line.get_xydata())
+        finite = np.isfinite(points).all(axis=1)
+        if line.get_linestyle() == style:
+            parts = np.split(np.arange(len(points)), np.flatnonzero(~finite))
+            found += [points[part[finite[part]]].tolist() for part in parts if len(part) > 1]
+    return found
 
 
 @pytest.mark.parametrize(
@@ -114,9 +107,6 @@ def test_events_take_the_stability_of_what_is_beside_them():
     assert stable_parts(ds).tolist() == [True, True, False, False, True]
 
 
-# branches
-
-
 def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
     ax = plots.branches(branch())
     np.testing.assert_allclose(lines(ax, "-"), [[[1, 10], [2, 11], [3, 12]]])
@@ -126,6 +116,7 @@ def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
     # the state at the start of the period, and other variables
     ax = plots.branches(branch(), "start_y")
     np.testing.assert_allclose(lines(ax, "-"), [[[1, 0], [2, 1], [3, 2]]])
+    assert ax.get_ylabel() == "start $y$ [mm]"
     ax = plots.branches(branch(), "slowest_touchdown")
     assert lines(ax, "--")[0][-1] == pytest.approx([1.0, 4.5])
     assert ax.get_ylabel() == "slowest touchdown [m/s]"
@@ -137,8 +128,9 @@ def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
 def test_events_are_marked_at_each_crossing_and_explained():
     flips = dict(labels=("", "PD", "", "", ""), velocity=[[4.0, 8.0]] * 5, time=[[0.1, 0.6]] * 5)
     ax = plots.branches([branch(), branch(period=2, **flips)])
-    np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
-    np.testing.assert_allclose(markers(ax, "^"), [[[2, 4], [2, 8]]])
+    (fold,), (flip,) = marked(ax, "D"), marked(ax, "^")
+    np.testing.assert_allclose(fold.get_xydata(), [[3, 12]])
+    np.testing.assert_allclose(flip.get_xydata(), [[2, 4], [2, 8]])
     of_each = [[f"period {period}, stable", f"period {period}, unstable"] for period in (1, 2)]
     assert legend(ax) == [*of_each[0], "LP fold", *of_each[1], "PD flip"]
     ax = plots.branches(branch(range(1, 8), (1,) * 7, ("EP", "LP", "BP", "PD", "NS", "GR", "MX")))
@@ -147,16 +139,21 @@ def test_events_are_marked_at_each_crossing_and_explained():
     check_legend_fits(ax)
 
 
+def test_a_crowd_of_events_is_drawn_a_second_time_enlarged():
+    values = np.array([0.0, 5.0, 5.1, 5.2, 5.3, 10.0])
+    ax = plots.branches(branch(values, (1,) * 6, ("LP", "LP", "PD", "LP", "PD", ""), over="speed"))
+    (inset,) = ax.child_axes
+    low, high = inset.get_xlim()
+    assert 4.5 < low < 5.0 < 5.3 < high < 5.8
+    assert not plots.branches(branch()).child_axes
+
+
 def test_a_branch_lies_over_dots_of_simulations():
     ax = plots.branches(branch(), "v_y", simulated())
     (dots,) = marked(ax, ".")
     np.testing.assert_allclose(dots.get_xydata(), [[1, 1], [1, 2], [2, 3]])
     assert dots.get_zorder() < min(line.get_zorder() for line in ax.lines if line.get_linestyle() == "-")
     assert legend(ax) == ["from simulation", "not trusted", "stable", "unstable", "LP fold"]
-    check_legend_fits(plots.branches([branch(), branch(period=2)], "v_y", simulated()))
-
-
-# multipliers
 
 
 def test_multipliers_are_coloured_by_the_parameter():
@@ -165,9 +162,6 @@ def test_multipliers_are_coloured_by_the_parameter():
     assert len(dots.get_offsets()) == 15
     np.testing.assert_allclose(dots.get_array()[:4], [1, 1, 1, 2])
     assert bar_of(ax).get_ylabel() == "clearance $C$ [mm]"
-
-
-# curves of events
 
 
 def curve(label="LP", outside=(0, 0, 0, 1, 1), varied=("speed", "clearance")):
@@ -179,10 +173,7 @@ def curve(label="LP", outside=(0, 0, 0, 1, 1), varied=("speed", "clearance")):
 
 def regimes():
     over, grid = ("clearance", "speed"), {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}
-    exponent = np.array([-0.2, 0.0, 0.3, 0.1, 0.2, -0.1]).reshape(2, 3, 1)
-    data = {
-        name: ((*over, "count"), value) for name, value in (("exponent", exponent), ("stderr", 0.1 + 0 * exponent))
-    }
+    data = {name: ((*over, "count"), np.full((2, 3, 1), 0.1)) for name in ("exponent", "stderr")}
     data |= {"regime": (over, np.full((2, 3), "unresolved")), "status": (over, np.zeros((2, 3), int))}
     return xr.Dataset(data, grid)
 

@@ -1,4 +1,4 @@
-"""Pictures of datasets made by hand: dots, values in display units, labels, colours and marks."""
+"""Diagrams, maps of exponents, trajectories and rails: numbers in display units, labels, colours and marks."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ import slipperjax as sj
 from slipperjax import plots
 from slipperjax.analysis.kinds import REGIMES
 from slipperjax.model.quantities import COORDINATES, SECTIONS
-from slipperjax.plots.style import COLORS, MOTION_COLORS, POINT_COLORS, axis_label, case_title, png, quantity_of
+from slipperjax.plots.style import COLORS, MOTION_COLORS, POINT_COLORS, case_title, label, shown
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -38,8 +38,7 @@ def trajectory(status=0):
     angle = 2 * np.pi * period
     data = {name: ("time", np.full(401, float(k))) for k, name in enumerate(COORDINATES)}
     data |= {"y": ("time", 1e-3 * np.sin(angle)), "v_y": ("time", 2 * np.cos(angle))}
-    data["roll"] = ("time", 5e-3 * np.sin(angle))
-    data |= {"a_y": ("time", angle), "drive_force": ("time", 10 * angle)}
+    data |= {"roll": ("time", 5e-3 * np.sin(angle)), "drive_force": ("time", 10 * angle)}
     force = np.zeros((401, 2, 3))
     force[200] = 1e3 * np.arange(6).reshape(2, 3)
     data["contact_force"] = (("time", "end", "point"), force)
@@ -50,7 +49,6 @@ def trajectory(status=0):
 REGIME_NAMES = ["periodic", "regular", "chaotic", "unresolved", "chaotic", "periodic"]
 EXPONENTS = np.array([-0.2, 0.0, 0.3, 0.1, 0.2, -0.1])
 LINE = {"speed": np.arange(1.0, 7)}
-GRID = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}
 
 
 def measured(over, status=(0,) * 6, exponent=EXPONENTS):
@@ -65,7 +63,7 @@ def measured(over, status=(0,) * 6, exponent=EXPONENTS):
     return xr.Dataset(data, over)
 
 
-def test_axis_labels_name_quantity_and_display_unit():
+def test_axes_are_labelled_with_quantity_and_display_unit_also_by_xarray():
     wanted = {
         "speed": "speed $V$ [m/s]",
         "roll_amplitude": "roll amplitude $A_R$ [degrees]",
@@ -74,26 +72,26 @@ def test_axis_labels_name_quantity_and_display_unit():
         "contact_force": "contact force $F$ [kN]",
         "case": "case",
     }
-    assert {name: axis_label(name) for name in wanted} == wanted
+    ds = xr.Dataset({name: ("case", [1.0, 2.0]) for name in wanted})
+    assert {name: label(shown(ds, name)) for name in wanted} == wanted
+    (line,) = shown(ds, "start_y").plot()
+    assert (line.axes.get_ylabel(), line.get_ydata()[1]) == ("start $y$ [mm]", 2e3)
     path = "contact.hysteresis"  # which has the unit of its values
     ds = sections(path)
     ds[path].attrs["units"] = "s/m"
     assert plots.bifurcation(ds, "w_x").get_xlabel() == f"{path} [s/m]"
 
 
-# diagrams
-
-
-@pytest.mark.parametrize("over", ["clearance", "roll_amplitude", "case"])
-def test_any_parameter_is_drawn_in_its_display_unit(over):
+@pytest.mark.parametrize(("over", "per"), [("clearance", 1e-3), ("roll_amplitude", np.pi / 180), ("case", 1.0)])
+def test_any_parameter_is_drawn_in_its_display_unit(over, per):
     """With one dot for each crossing, and a cross instead where a case is flagged."""
     ax = plots.bifurcation(sections(over, status=(0, 1, 0, 3)), "w_x")
     (line,), (marks,) = marked(ax, "."), marked(ax, "x")
-    shown = quantity_of(over).shown(np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3]))
-    assert drawn(line)[:, 0] == pytest.approx(shown[[0, 2, 2, 2]])
+    x = np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3]) / per
+    assert drawn(line)[:, 0] == pytest.approx(x[[0, 2, 2, 2]])
     assert drawn(line)[:, 1] == pytest.approx([0, 20, 21, 22])
-    assert labels(ax) == (axis_label(over), r"$\omega_X$ [rad/s]")
-    assert drawn(marks)[:, 0] == pytest.approx(shown[[1, 3]])
+    assert ax.get_ylabel() == r"$\omega_X$ [rad/s]"
+    assert drawn(marks)[:, 0] == pytest.approx(x[[1, 3]])
     assert legend(ax) == ["not trusted"]
     assert ax.get_ylim()[1] < 30  # what is left out does not stretch the axis
 
@@ -106,20 +104,14 @@ def test_followed_motions_and_flagged_cases_are_in_the_legend():
         up, down, start = marked(ax, ".")
         assert [len(drawn(line)) for line in (up, down, start)] == [6, 10, 9]
         assert (drawn(up)[0, 1], drawn(down)[0, 1]) == (0.25, 0.5)
-        up_cross, start_cross = marked(ax, "x")
-        assert drawn(up_cross)[:, 0] == pytest.approx([2.0])
-        assert drawn(start_cross)[:, 0] == pytest.approx([0.5])
-
-
-# exponents
+        assert [drawn(line)[:, 0] for line in marked(ax, "x")] == [pytest.approx([2.0]), pytest.approx([0.5])]
 
 
 def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     ax = plots.exponents(measured({"clearance": np.arange(1, 7) * 1e-3}))
     assert labels(ax) == ("clearance $C$ [mm]", "largest exponent [1/period]")
     assert legend(ax) == ["periodic", "regular", "chaotic", "unresolved"]
-    lines = [line for line in ax.lines if line.get_marker() in "oDs^v"]
-    for name, line in zip(REGIMES, lines, strict=False):
+    for name, line in zip(REGIMES, marked(ax, "oDs^v"), strict=False):
         at = np.flatnonzero(np.array(REGIME_NAMES) == name)
         assert to_hex(line.get_color()) == MOTION_COLORS[name]
         assert drawn(line) == pytest.approx(np.stack([at + 1, EXPONENTS[at]], axis=1))
@@ -130,10 +122,9 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
 def test_flagged_exponents_are_unresolved():
     exponent = np.where(np.arange(6) == 4, np.nan, EXPONENTS)
     ax = plots.exponents(measured(LINE, [0, 0, 1, 0, 1, 0], exponent))
-    speeds = [drawn(line)[:, 0].tolist() for line in ax.lines if line.get_marker() in "oDs^v"]
+    speeds = [drawn(line)[:, 0].tolist() for line in marked(ax, "oDs^v")]
     assert speeds == [[1, 6], [2], [3, 4]]  # periodic, regular, unresolved
-    (marks,) = marked(ax, "x")
-    assert drawn(marks)[:, 0].tolist() == [5]
+    assert drawn(marked(ax, "x")[0])[:, 0].tolist() == [5]
     assert "no exponent" in legend(ax)
     connected = next(line for line in ax.lines if len(drawn(line)) == 6)
     assert np.isnan(drawn(connected)[:, 1]).tolist() == [False, False, True, False, True, False]
@@ -146,9 +137,7 @@ def test_a_regime_map_has_display_units_and_colours_by_sign():
     assert labels(ax) == ("roll amplitude $A_R$ [degrees]", "clearance $C$ [mm]")
     (mesh,) = ax.collections
     assert mesh.get_array().filled(9).ravel() == pytest.approx([*EXPONENTS[:5], 9])
-    edges = np.asarray(mesh.get_coordinates())
-    assert edges[0, :, 0] == pytest.approx([0.05, 0.15, 0.25, 0.35])
-    assert edges[:, 0, 1] == pytest.approx([0.5, 1.5, 2.5])
+    assert ax.dataLim.extents == pytest.approx([0.05, 0.5, 0.35, 2.5])
     assert drawn(marked(ax, "x")[0]) == pytest.approx(np.array([[0.1, 2.0], [0.3, 2.0]]))
     assert bar_of(ax).get_ylabel() == "largest exponent [1/period]"
     mesh.update_scalarmappable()
@@ -157,9 +146,6 @@ def test_a_regime_map_has_display_units_and_colours_by_sign():
     assert colors[2][0] > colors[2][2]  # red above
     assert np.ptp(colors[1][:3]) < 0.02
     assert to_hex(colors[5]) == COLORS["grey"]
-
-
-# trajectories
 
 
 def test_histories_portraits_and_spectra_have_their_units():
@@ -196,8 +182,7 @@ def test_rails_without_waves_are_drawn_over_distance_and_lost_motions_without_nu
     ax = plots.contact_forces(ds.chunk(time=2), most=1)
     assert (ax.get_xlabel(), legend(ax)) == ("distance [m]", ["C2, peak 5 kN at 8.00 m"])
     assert drawn(ax.lines[1]).tolist() == [[8.0, 5.0]]
-    for status in (sj.Status.NOT_FINITE, sj.Status.DERAILED, sj.Status.PRESSED_IN, sj.Status.TOO_FEW_STEPS):
-        assert legend(plots.contact_forces(trajectory(status=int(status)), most=2)) == ["C2", "B2"]
+    assert legend(plots.contact_forces(trajectory(status=int(sj.Status.DERAILED)), most=2)) == ["C2", "B2"]
     assert "peak" in legend(plots.contact_forces(trajectory(status=int(sj.Status.INACCURATE)), most=1))[0]
 
 
@@ -221,16 +206,11 @@ def test_peaks_of_a_part_of_a_run_are_those_of_the_part(part, words):
 
 def test_an_overview_shows_everything_and_names_a_bad_status():
     axes = plots.overview(trajectory())
-    names = ["y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z", *["contact_force"] * 2]
-    wanted = [axis_label(name) for name in [*names, "drive_force", "drive_force"]]
-    assert [ax.get_ylabel() for ax in axes.flat] == wanted
+    assert len({ax.get_ylabel() for ax in axes.flat}) == 12  # all coordinates, contact and drive force
     check_legend_fits(axes[5, 0])
     derailed = plots.overview(trajectory(status=2))[0, 0].figure._suptitle
     assert derailed.get_text().startswith("status: derailed")
     assert to_hex(derailed.get_color()) == COLORS["red"]
-
-
-# titles, axes and style
 
 
 def test_titles_state_the_fixed_parameters_in_display_units():
@@ -245,20 +225,23 @@ def test_titles_state_the_fixed_parameters_in_display_units():
         assert case_title(one) == "speed 2 m/s, clearance 2 mm"
 
 
-def test_every_picture_goes_into_given_axes_or_new_ones_with_a_title():
-    for draw, ds in (
+@pytest.mark.parametrize(
+    ("draw", "ds"),
+    [
         (lambda ds, ax: plots.bifurcation(ds, "w_x", ax), sections(status=(0, 1, 0, 0))),
         (plots.exponents, measured(LINE)),
-        (plots.regime_map, measured(GRID)),
+        (plots.regime_map, measured({"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]})),
         (plots.contact_forces, trajectory()),
-    ):
-        _, ax = plt.subplots()
-        ds = ds.assign_attrs({"length [m]": 0.2})
-        assert draw(ds, ax) is ax
-        assert ax.figure.get_suptitle() == ""
-        new = draw(ds, None).figure
-        assert new.get_suptitle() == "length 0.2 m"
-        new.canvas.draw()  # labels can be typeset
+    ],
+)
+def test_pictures_go_into_given_axes_or_new_ones_with_a_title(draw, ds):
+    _, ax = plt.subplots()
+    ds = ds.assign_attrs({"length [m]": 0.2})
+    assert draw(ds, ax) is ax
+    assert ax.figure.get_suptitle() == ""
+    new = draw(ds, None).figure
+    assert new.get_suptitle() == "length 0.2 m"
+    new.canvas.draw()  # labels can be typeset
 
 
 def test_rails_are_drawn_from_where_they_begin():
@@ -287,36 +270,16 @@ def test_both_rails_of_a_track_are_drawn():
     np.testing.assert_allclose(np.divide(densities[1::2], densities[::2]), 4.0, rtol=1e-9)
 
 
-WRONG = [
-    (lambda: plots.contact_forces(sections()), "`ds` must be .* with `period`, but has v_y"),
-    (
-        lambda: plots.bifurcations(sections().drop_vars("v_y")),
-        "`ds` must be a dataset of sweep or follow, with `v_y`",
-    ),
-    (lambda: plots.bifurcation(sections().expand_dims(mass=2), "v_y"), "`ds` must be swept over 1 parameter"),
-    (lambda: plots.exponents(sections()), "`ds` must be a dataset of lyapunov_sweep, with `regime`"),
-    (lambda: plots.regime_map(measured(LINE)), "`ds` must be swept over 2 parameter"),
-    (lambda: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
-    (lambda: axis_label(sections()), "`name` must be the name of a quantity"),
-    (lambda: png(3, 100), "`figure` must be a figure of matplotlib"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), WRONG, ids=[row[1] for row in WRONG])
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: plots.contact_forces(sections()), "`ds` must be .* with `period`, but has v_y"),
+        (lambda: plots.history(trajectory(), ["y"]), "`name` must be the name of a variable"),
+        (lambda: plots.bifurcation(sections().expand_dims(mass=2), "v_y"), "`ds` must be swept over 1 parameter"),
+        (lambda: plots.regime_map(measured(LINE)), "`ds` must be swept over 2 parameter"),
+        (lambda: plots.spectrum([1.0, 2.0], [1.0]), "`density` must be of the shape"),
+    ],
+)
 def test_wrong_inputs_of_pictures_are_one_line(call, words):
     with pytest.raises(ValueError, match=f"^Argument {words}"):
         call()
-
-
-class InFeet(sj.model.SampledTrack):
-    """A rail whose survey has its distances in feet."""
-
-    distance_unit = "ft"
-
-
-@pytest.mark.full
-def test_surveys_are_drawn_over_their_own_unit_of_distance():
-    scene = dataclasses.replace(sj.paper_scene(), track=InFeet(np.arange(0.0, 400.0), 0.0, 0.0))
-    upper, below, _ = plots.rail(scene)
-    assert upper.get_xlim() == pytest.approx((0.0, 200 / 0.3048))
-    assert below.get_xlabel() == "distance [ft]"

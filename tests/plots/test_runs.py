@@ -7,16 +7,16 @@ from matplotlib.patches import StepPatch
 
 import slipperjax as sj
 from slipperjax import plots
+from slipperjax.flow.datasets import run_attributes
 from slipperjax.plots.runs import peak_of
 
 from .shown import check_legend_fits, drawn, legend, marked
 
 BEGIN, WINDOWS, ENDS = 100.0, 250, [200.0, 300.0, 350.0]
 """Where the run begins [m], how many windows of 1 m it has, and the ends of its stretches [m]."""
-BANDS = [31.6, 39.8, 50.1, 63.1]
 
 
-def made(status=0, bands=True):
+def made(status=0, bands=True, scene=None):
     """Gives a run at 100 m/s, in which the force of point C at the rear is 5 kN at 222.5 m, and others are 1 kN."""
     over = ("distance", "end", "point")
     force, place = np.full((WINDOWS, 2, 3), 1e3), np.full((WINDOWS, 2, 3), 222.0)
@@ -33,15 +33,22 @@ def made(status=0, bands=True):
         "band_a_z": (("stretch", "band"), band),
         "status": ((), status),
     }
-    coords = {"distance": ends, "stretch": ENDS, "band": BANDS, "percentile": [50.0, 90.0, 99.0]}
-    coords |= {"end": ["front", "rear"], "point": ["A", "B", "C"]}
-    coords |= {"speed": ("distance", np.full(WINDOWS, 100.0)), "seconds": ("distance", (ends - BEGIN) / 100)}
-    return xr.Dataset(data, coords, {"window [m]": 1.0, "speed [m/s]": 100.0})
+    coords = {"distance": ends, "stretch": ENDS, "band": [31.6, 39.8, 50.1, 63.1], "percentile": [50.0, 90.0, 99.0]}
+    coords |= {"end": ["front", "rear"], "point": ["A", "B", "C"], "speed": ("distance", np.full(WINDOWS, 100.0))}
+    coords["seconds"] = ("distance", (ends - BEGIN) / 100, {"units": "s"})
+    attrs = {} if scene is None else run_attributes(scene, sj.Motion(), {"function": "run"})
+    return xr.Dataset(data, coords, attrs | {"window [m]": 1.0, "speed [m/s]": 100.0})
 
 
 def heights(ax):
     """Gives numbers and edges of each line of steps."""
     return [patch.get_data()[:2] for patch in ax.patches if isinstance(patch, StepPatch)]
+
+
+def times(ax):
+    """Gives the line of time in the panel of speeds."""
+    (line,) = next(other for other in ax.figure.axes if other.get_ylabel() == "time [s]").lines
+    return drawn(line)
 
 
 def test_a_run_is_drawn_over_one_distance():
@@ -51,8 +58,8 @@ def test_a_run_is_drawn_over_one_distance():
     assert spectra.get_xlabel() == "distance [m]"
     assert np.ptp(drawn(lateral.lines[0])[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
     assert drawn(speed.lines[0])[[0, -1]].tolist() == [[100.0, 100.0], [350.0, 100.0]]
-    beside = next(ax for ax in speed.figure.axes if ax.get_ylabel() == "time [s]")
-    assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array([[100.0, 0.0], [350.0, 2.5]]))
+    assert legend(speed) == ["speed", "time"]
+    assert times(speed)[[0, -1]] == pytest.approx(np.array([[100.0, 0.0], [350.0, 2.5]]))
     (highest, edges), *percentiles = heights(force)
     assert (len(highest), edges[0], edges[-1]) == (WINDOWS, 100.0, 350.0)
     assert (highest[122], np.sum(highest == 1.0)) == (5.0, WINDOWS - 1)
@@ -107,8 +114,7 @@ def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
     for steps in (heights(force)[1], heights(impacts)[0]):
         assert steps[1].tolist() == [BEGIN + part.start, *(ENDS[k] for k in stretches)]
     assert heights(force)[1][0].tolist() == [3.0 * k for k in stretches]
-    beside = next(ax for ax in speed.figure.axes if ax.get_ylabel() == "time [s]")
-    assert drawn(beside.lines[0])[[0, -1], 1] == pytest.approx([part.start / 100, part.stop / 100])
+    assert times(speed)[[0, -1], 1] == pytest.approx([part.start / 100, part.stop / 100])
 
 
 def test_what_a_run_lacks_is_left_out():
@@ -116,17 +122,9 @@ def test_what_a_run_lacks_is_left_out():
     assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "highest single\ncontact point [kN]"]
     assert not len(plots.run_overview(made(bands=False))[-1].collections)
     assert peak_of(made().drop_vars("peak_distance"))["peak_distance"] == 223.0
-    lost = made()
-    lost["peak_force"] = np.nan * lost["peak_force"]
+    lost = made().assign(peak_force=np.nan * made()["peak_force"])
     assert not marked(plots.run_overview(lost)[1], "o")
     assert np.isnan(peak_of(lost)["peak_force"])
-
-
-def test_a_run_is_one():
-    with pytest.raises(ValueError, match=r"`ds` must be of one run, .*, but is over track\.seed"):
-        plots.run_overview(made().assign(status=("track.seed", [0, 0])))
-    with pytest.raises(ValueError, match="`ds` must be a dataset of one run, such as"):
-        plots.run_overview(made().drop_vars("seconds"))
 
 
 def climbed(*, rate=50.0, **data):
@@ -149,6 +147,8 @@ def test_windows_are_drawn_over_their_speed_by_the_way_it_goes():
         assert 300 <= len(way) <= 301
         assert np.all(sign * np.diff(way[:, 0]) >= 0)
         np.testing.assert_allclose(way[:, 1], 1e-2 * way[:, 0])
+    ax = plots.passing(climbed(rms_a_z=("distance", np.ones(640), {"units": "m/s^2"})), quantity="rms_a_z")
+    assert (ax.get_ylabel(), drawn(ax.lines[0])[0, 1]) == ("rms a z [m/s$^{2}$]", 1.0)
 
 
 def test_several_runs_pass_over_branches_and_constant_speeds():
@@ -170,16 +170,28 @@ def test_several_runs_pass_over_branches_and_constant_speeds():
     assert unstable[:2].tolist() == [[200.0, 2.0], [150.0, 3.0]]
 
 
-def test_any_number_of_each_window_is_drawn():
-    run = climbed(rms_a_z=("distance", np.ones(640), {"units": "m/s^2"}))
-    ax = plots.passing(run, quantity="rms_a_z")
-    assert ax.get_ylabel() == "rms a z [m/s$^{2}$]"
-    assert drawn(ax.lines[0])[0, 1] == 1.0
-    stretches, branch = climbed(rms_a_z=("stretch", [1.0])), xr.Dataset({"stable": ("point", [True])})
-    for wrong, words in (
-        ([stretches], "runs with `rms_a_z` of each window, .*, but is over stretch"),
-        ([climbed()], "`runs` must be a dataset of one run, .* with `rms_a_z`"),
-        ([run, branch], r"`branch` must be .* continue_orbit .* with `rms_a_z`"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            plots.passing(*wrong, quantity="rms_a_z")
+STRETCHES, BRANCH = climbed(rms_a_z=("stretch", [1.0])), xr.Dataset({"stable": ("point", [True])})
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (
+            lambda: plots.run_overview(made().assign(status=("track.seed", [0, 0]))),
+            r"`ds` must be of one run, .*, but is over track\.seed",
+        ),
+        (lambda: plots.run_overview(made().drop_vars("seconds")), "`ds` must be a dataset of one run, such as"),
+        (
+            lambda: plots.passing([STRETCHES], quantity="rms_a_z"),
+            "runs with `rms_a_z` of each window, .* over stretch",
+        ),
+        (
+            lambda: plots.passing([climbed()], quantity="rms_a_z"),
+            "`runs` must be a dataset of one run, .* with `rms_",
+        ),
+        (lambda: plots.passing([climbed()], BRANCH), "`branch` must be .* continue_orbit .* with `peak_force`"),
+    ],
+)
+def test_what_cannot_be_drawn_is_named(draw, words):
+    with pytest.raises(ValueError, match=words):
+        draw()

@@ -34,24 +34,20 @@ def drawn(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("result", "name"),
+    ("result", "show", "name"),
     [
-        (over(contact_force=["time"]), "overview"),
-        (over("speed", "length", regime=[], exponent=[], kind=[], period=[]), "regime_map"),
-        (over("speed", regime=[], exponent=[]), "exponents"),
-        (over("speed", "length", kind=[], period=[]), "attractor_map"),
-        (over("speed", **{name: ["crossing"] for name in SECTIONS}, strobe=["strobe_period"]), "bifurcations"),
-        (over("speed", strobe=["strobe_period"], peak_force=["end", "point"]), "quantity_map"),
+        (over(contact_force=["time"]), {}, "overview"),
+        (over("speed", "length", regime=[], exponent=[], kind=[], period=[]), {}, "regime_map"),
+        (over("speed", regime=[], exponent=[]), {}, "exponents"),
+        (over("speed", regime=[], exponent=[]), {"show": "exponent"}, "quantity_map"),
+        (over("speed", "length", kind=[], period=[]), {}, "attractor_map"),
+        (over("speed", **{name: ["crossing"] for name in SECTIONS}, strobe=["strobe_period"]), {}, "bifurcations"),
+        (over("speed", strobe=["strobe_period"], peak_force=["end", "point"]), {}, "quantity_map"),
     ],
 )
-def test_each_sweep_has_its_picture(result, name, drawn):
-    result.plot()
-    assert drawn == [(name, {"name": "peak_force"} if name == "quantity_map" else {})]
-
-
-def test_a_variable_is_drawn_in_place_of_what_fits(drawn):
-    over("speed", regime=[], exponent=[]).plot(show="exponent")
-    assert drawn == [("quantity_map", {"name": "exponent"})]
+def test_each_sweep_has_its_picture_or_that_of_a_chosen_variable(result, show, name, drawn):
+    result.plot(**show)
+    assert drawn == [(name, {"name": show.get("show", "peak_force")} if name == "quantity_map" else {})]
 
 
 def test_sweeps_over_many_parameters_say_that_no_picture_fits():
@@ -79,31 +75,27 @@ def test_results_are_at_hand_as_their_datasets_are():
 
 
 def test_results_say_themselves_and_what_they_have():
-    text = repr(over("speed", peak_force=["point"]))
-    assert text.splitlines() == [
+    result = over("speed", peak_force=["point"])
+    assert repr(result).splitlines() == [
         "Result",
         "  2 cases, 40 steps per period",
         "  0 cases flagged",
         "  variables peak_force, status and steps_per_period; dimensions speed 2 and point 2",
     ]
-    html = over("speed", peak_force=["point"])._repr_html_()
-    assert "2 cases, 40 steps per period" in html
-    assert "peak_force" in html
+    assert "2 cases, 40 steps per period" in result._repr_html_()
+    assert "peak_force" in result._repr_html_()
 
 
-def test_datasets_of_other_functions_are_refused():
+def test_each_question_has_a_kind_of_result_and_datasets_of_others_are_refused():
+    questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "optimise_design", "fit"}
+    assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
     with pytest.raises(ValueError, match=r"`source` must be a result of slipperjax, but is a dataset with no attr"):
         sj.load(xr.Dataset())
     with pytest.raises(ValueError, match=r"`result` must be of one of simulate, .* but is 'tomorrow'"):
         sj.load(xr.Dataset(attrs={"call": '{"function": "tomorrow"}'})).summary()
 
 
-def test_each_question_has_a_kind_of_result():
-    questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "optimise_design", "fit"}
-    assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
-
-
-def test_writing_a_picture_keeps_the_backend_of_the_session(tmp_path):
+def test_writing_a_picture_keeps_the_backend_of_the_session_and_leaves_no_figure_open(tmp_path):
     before = plt.get_backend()
     plt.switch_backend("svg")
     try:

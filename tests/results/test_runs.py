@@ -10,32 +10,29 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax import plots
-from slipperjax.flow.datasets import run_attributes
 from slipperjax.plots.runs import RunView
-from slipperjax.results.run_tables import of_hundreds, of_windows, of_worst, tables
-from slipperjax.results.runs import RunKind, described, summary
+from slipperjax.results.run_tables import of_hundreds, of_windows, of_worst
+from slipperjax.results.runs import report, summary, tables
 
 from ..plots.shown import legend
 from ..plots.test_runs import BEGIN, WINDOWS, made
 
 FEET = ("ft", "lbf", "g")
+SCENE = sj.paper_scene()
 
 
-def run(status=0, **variables):
+def run(status=0, scene=SCENE, **variables):
     """Gives the run of `made`, with impacts, friction and a number of each direction, of 0 to 249 in its windows."""
-    ds, count = made(status), np.arange(float(WINDOWS))
+    ds, count = made(status, scene=scene), np.arange(float(WINDOWS))
     each = np.broadcast_to(count[:, None, None], (WINDOWS, 2, 3))
     more = {name: (("distance", "end", "point"), each) for name in ("impacts", "friction_work", "contact_fraction")}
-    more["spring_force"] = (
-        ("distance", "direction"),
-        count[:, None] * [1.0, 2.0],
-        {"units": "N", "shown_unit": "kN"},
-    )
+    kilonewtons = {"units": "N", "shown_unit": "kN"}
+    more["spring_force"] = ("distance", "direction"), count[:, None] * [1.0, 2.0], kilonewtons
     more["peak_a_z"] = ("distance", count, {"units": "m/s^2"})
     more["rms_a_z"] = ("stretch", [1.0, 9.80665, 3.0], {"units": "m/s^2"})
     ds = ds.assign(more | variables).assign_coords(direction=["lateral", "vertical"])
     ds["friction_work"].attrs["units"] = "J"
-    return ds.assign_attrs(call='{"function": "run"}')
+    return ds
 
 
 def with_net_loads(ds):
@@ -50,9 +47,8 @@ def with_net_loads(ds):
 
 
 def test_net_loads_come_first_in_words_tables_and_pictures():
-    scene = sj.paper_scene().replace(gravity=10.0)
-    view = RunView.of(with_net_loads(run()), scene)
-    lines = summary(view)
+    ds = with_net_loads(run(scene=SCENE.replace(gravity=10.0)))
+    lines = summary(ds)
     assert lines[2:6] == [
         "greatest net vertical force of a slipper 1 kN at 222 m and 100 m/s: 7.14 times its static load of 0.14 kN",
         "greatest net lateral force of a slipper -6 kN at 222.25 m and 100 m/s",
@@ -60,23 +56,22 @@ def test_net_loads_come_first_in_words_tables_and_pictures():
         "highest single contact point 5 kN at C2 (rear), 222.5 m and 100 m/s",
     ]
     assert any("greatest net force of a slipper: 80 kN from 300 to 350 m" in line for line in lines)
-    windows = of_windows(view)
+    windows = of_windows(RunView.of(ds))
     net = windows[["peak_slipper_force", "slipper_load", "peak_slipper_distance"]]
-    assert net.iloc[122].tolist() == [-6e3, "lateral", 222.25]
-    assert net.iloc[0].tolist() == [1e3, "vertical", 222.0]
+    assert net.iloc[[122, 0]].values.tolist() == [[-6e3, "lateral", 222.25], [1e3, "vertical", 222.0]]
     hundreds = of_hundreds(windows)
     assert hundreds["peak_slipper_force"].tolist() == [1e3, -6e3, 1e3]
     assert hundreds["peak_slipper_moment y"].tolist() == [-30.0] * 3
     assert of_worst(windows).iloc[0].tolist() == [222.25, 100.0, "lateral", -6e3, "C2", 5e3]
-    overview = plots.run_overview(view.ds, scene)
-    assert legend(overview[3])[-1] == "-6 kN: lateral, 222.25 m"
-    assert overview[3].patches[0].get_data()[0][122] == 6.0
+    net = plots.run_overview(ds)[3]
+    assert legend(net)[-1] == "-6 kN: lateral, 222.25 m"
+    assert net.patches[0].get_data()[0][122] == 6.0
     # each stretch has its percentiles, times ten
-    assert overview[3].patches[1].get_data()[0].tolist() == [0.0, 30.0, 60.0]
+    assert net.patches[1].get_data()[0].tolist() == [0.0, 30.0, 60.0]
 
 
 def test_tables_join_windows_as_their_numbers_want():
-    windows = of_windows(RunView.of(run(), sj.paper_scene()))
+    windows = of_windows(RunView.of(run()))
     assert windows[["from", "to"]].iloc[[0, -1]].values.tolist() == [[100.0, 101.0], [349.0, 350.0]]
     assert windows["impacts"].tolist() == (6.0 * np.arange(WINDOWS)).tolist()  # of six points
     row = windows.iloc[122]
@@ -121,7 +116,7 @@ def test_worst_places_lie_apart():
 
 
 def test_headers_have_the_units_of_their_numbers():
-    plain, feet = (tables(RunView.of(run(), units=units))["windows"] for units in (None, FEET))
+    plain, feet = (tables(run(), units)["windows"] for units in (None, FEET))
     for name, other, factor in (
         ("from [m]", "from [ft]", 0.3048),
         # the pound-force has a rounded value in no unit system: 0.45359237 kg times standard gravity
@@ -163,59 +158,56 @@ def test_files_hold_what_the_tables_hold(tmp_path):
 
 
 @pytest.mark.full
-def test_pages_have_whole_fonts(tmp_path):
+def test_a_report_has_whole_fonts_and_several_runs_have_their_picture(tmp_path):
     sj.Result(run()).write(tmp_path / "run.pdf")
     content = (tmp_path / "run.pdf").read_bytes()
     assert b"/Type3" not in content  # outlines, which cannot be searched
     assert len(re.findall(rb"/Type /Page\b", content)) == 2
+    runs = sj.Result(
+        xr.concat([run().drop_vars("speed")] * 2, "mass", data_vars="all").assign_coords(mass=[1.0, 2.0])
+    )
+    assert runs.summary() == ["2 runs over mass"]
+    assert len(runs.tables()["runs"]) == 2
 
 
-def test_reports_say_the_run_its_worst_places_and_its_scene():
-    ds = run().assign_attrs(run_attributes(sj.paper_scene(), sj.table_2_start(), {"function": "run"}))
-    words = RunKind().report(ds, FEET)
+def test_reports_say_the_run_its_worst_places_and_its_scene_in_a_user_s_units():
+    words = report(run(), [*FEET, "lb", "in"])
     assert words[:2] == ["status: finite", "328.08 to 1148.29 ft in 2.5 s, speed 328.1 ft/s"]
     assert "Worst places, 32.81 ft apart or more" in words
+    assert any(re.search("clearance 0.03937 in, .* mass 30.865 lb", line) for line in words)
     assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in words
 
 
 def test_a_lost_run_has_no_numbers_anywhere():
     for code in (1, 2, 3, 4):
-        assert summary(RunView.of(run(code), sj.paper_scene())) == [f"status: {sj.Status(code)}"]
-    view = RunView.of(run(2), sj.paper_scene())
-    windows = tables(view)["windows"].drop(columns=["from [m]", "to [m]", "time [s]", "speed [m/s]"])
+        assert summary(run(code)) == [f"status: {sj.Status(code)}"]
+    windows = tables(run(2))["windows"].drop(columns=["from [m]", "to [m]", "time [s]", "speed [m/s]"])
     assert windows.pop("status").unique().tolist() == ["derailed"]
     assert (windows.pop("point") == "").all()
     assert windows.isna().all(axis=None)
-    assert not any("Worst places" in line for line in RunKind().report(run(2)))
+    assert not any("Worst places" in line for line in report(run(2)))
 
 
 def test_windows_that_are_lost_are_named_and_left_out():
     codes = np.zeros(WINDOWS, int)
     codes[120:130] = sj.Status.TOO_FEW_STEPS
-    view = RunView.of(run(6).assign(window_status=("distance", codes)), sj.paper_scene())
-    lines = summary(view)
+    ds = run(6).assign(window_status=("distance", codes))
+    lines = summary(ds)
     assert lines[:2] == [f"status: {sj.Status.INACCURATE}", "220 to 230 m: too few steps"]
     assert lines[4].startswith("highest single contact point 1 kN at A1 (front), 222 m")
     kept = 6 * (sum(range(WINDOWS)) - sum(range(120, 130)))
     assert f"{kept} impacts, {kept / 2.4:.4g} per second" in lines
-    hundreds = tables(view)["100 m"]
+    hundreds = tables(ds)["100 m"]
     assert hundreds["status"].tolist() == ["finite", "finite, too few steps", "finite"]
     assert hundreds["impacts"].isna().tolist() == hundreds["peak_force [kN]"].isna().tolist() == [False, True, False]
     # many lengths are counted
     codes[::10] = sj.Status.DERAILED
-    lines = summary(RunView.of(run(6).assign(window_status=("distance", codes))))
-    assert lines[9] == "and 18 further lengths with a status"
-
-
-def test_scenes_are_told_in_a_user_s_units():
-    numbers, *_ = described(RunView.of(run(), sj.paper_scene(), ["lb", "in"]))
-    assert numbers.startswith("speed 1250 m/s, clearance 0.03937 in, length 0.2 m, mass 30.865 lb")
+    assert summary(ds)[9] == "and 18 further lengths with a status"
 
 
 def test_wrong_files_and_units_are_one_line(tmp_path):
     for wrong, words in (
         (dict(path="run.docx"), "`paths` must end in one of .nc, .png, .svg, .pdf, .csv, .xlsx, .mat, but is"),
-        (dict(path="run"), "`paths` must end in one of"),
         (dict(path="run.csv", units=["foo"]), "`units` must be units of .* but has 'foo'"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -11,7 +11,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.plots.comparisons import comparison
-from slipperjax.results.comparisons import table, verdict
+from slipperjax.results.comparisons import summary as verdict, tables
 from slipperjax.sweeps import over_rails
 from slipperjax.sweeps.compare import _compared, _numbers
 from slipperjax.sweeps.grid import Grid
@@ -201,7 +201,7 @@ def test_too_few_rails_have_no_quantile():
 
 def test_tables_pictures_and_reports_hold_all_designs(tmp_path):
     ds = made(1e3 * drawn(80, 2, 5))
-    frame = table(ds)
+    frame = tables(ds)["designs"]
     assert frame["design"].tolist() == ["clearance 0.8 mm"] * 2 + ["clearance 1.6 mm"] * 2
     np.testing.assert_allclose(frame["value [kN]"], ds["value"].values.ravel() / 1e3)
     left, right = comparison(ds)

@@ -1,4 +1,4 @@
-"""Maps of attractors: names, colours and legends, alone and beneath curves."""
+"""Maps of attractors, basins and any quantity, also beneath curves and while a store grows."""
 
 import json
 
@@ -9,10 +9,13 @@ from matplotlib.colors import to_hex, to_rgb
 
 from slipperjax import plots
 from slipperjax.flow.status import Status
+from slipperjax.model.parameters import PARAMETERS
 from slipperjax.plots.maps import motions_of
 from slipperjax.plots.style import COLORS, MOTION_COLORS
 
-from .shown import check_legend_fits, labels, legend
+from .shown import check_legend_fits, labels, legend, marked
+
+OVER = ("clearance", "speed")
 
 
 def attractor_map():
@@ -20,9 +23,8 @@ def attractor_map():
     period = np.array([[1, 2, 0, 0], [12, 0, 1, 3]])
     status = np.zeros((2, 4), int)
     status[1, 2] = 3
-    dims = ("clearance", "speed")
     grid = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0, 4.0]}
-    return xr.Dataset({"kind": (dims, kind), "period": (dims, period), "status": (dims, status)}, grid)
+    return xr.Dataset({"kind": (OVER, kind), "period": (OVER, period), "status": (OVER, status)}, grid)
 
 
 def curve(period=1):
@@ -31,20 +33,8 @@ def curve(period=1):
     return xr.Dataset({"outside": ("point", np.zeros(5, int))}, coords, attrs)
 
 
-def measured():
-    """Gives a dataset as of `lyapunov_sweep`: the exponents tell more than the recurrence."""
-    ds = attractor_map()
-    regime = np.array(
-        [["periodic", "periodic", "regular", "chaotic"], ["transient chaos", "chaotic", "periodic", "regular"]]
-    )
-    ds["kind"][1] = np.array(["unresolved", "unresolved", "period", "unresolved"])
-    ds["regime"] = ds["kind"].dims, regime
-    ds["exponent"] = (*ds["kind"].dims, "count"), np.where(regime == "chaotic", 0.3, -0.1)[..., None]
-    return ds
-
-
 def test_cases_have_names_and_a_legend_of_the_kinds_that_occur():
-    names = motions_of(attractor_map(), "clearance", "speed")
+    names = motions_of(attractor_map(), *OVER)
     assert names.tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
         ["other periods", "unresolved", "not trusted", "period 3"],
@@ -59,14 +49,19 @@ def test_cases_have_names_and_a_legend_of_the_kinds_that_occur():
     check_legend_fits(plots.attractor_map(attractor_map()))
 
 
-def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
-    ds = measured()
-    assert motions_of(ds, "clearance", "speed").tolist() == [
+def test_exponents_tell_more_than_recurrence_and_colours_of_flagged_cases_agree():
+    ds = attractor_map()
+    regime = [["periodic", "periodic", "regular", "chaotic"], ["transient chaos", "chaotic", "periodic", "regular"]]
+    ds["kind"][1] = np.array(["unresolved", "unresolved", "period", "unresolved"])
+    ds = ds.assign(regime=(OVER, regime), exponent=((*OVER, "count"), np.full((2, 4, 1), 0.3)))
+    assert motions_of(ds, *OVER).tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
         ["transient chaos", "chaotic", "not trusted", "regular"],
     ]
-    kinds, exponents = plots.attractor_map(ds), plots.regime_map(ds)
-    for ax, color in ((kinds, MOTION_COLORS["not trusted"]), (exponents, COLORS["grey"])):
+    for ax, color in (
+        (plots.attractor_map(ds), MOTION_COLORS["not trusted"]),
+        (plots.regime_map(ds), COLORS["grey"]),
+    ):
         mesh = ax.collections[0]
         mesh.update_scalarmappable()
         assert to_hex(mesh.get_facecolors()[6]) == color
@@ -89,6 +84,51 @@ def test_basins_are_named_by_their_motion_and_share():
     many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
     nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)
     assert legend(plots.basin_map(nine))[-1] == "3 others: 30%"
+
+
+def swept(dims=OVER, sizes=(3, 4)):
+    """Gives peak forces [N] at two points, the second larger; one case is flagged and one is not there yet."""
+    values = {"clearance": np.linspace(1e-3, 2e-3, sizes[0]), "speed": np.linspace(1000.0, 1300.0, sizes[-1])}
+    force = 1e3 * (1 + np.arange(np.prod(sizes), dtype=float).reshape(sizes))
+    status = np.zeros(sizes, int)
+    status.flat[1], status.flat[2] = Status.DERAILED, Status.NOT_RUN
+    force.flat[2] = np.nan
+    both = np.stack([0.5 * force, force], axis=-1)
+    coords = {name: (name, values[name], PARAMETERS[name].attributes) for name in dims}
+    data = {"peak_force": ((*dims, "point"), both), "status": (dims, status)}
+    return xr.Dataset(data | {"kind": (dims, np.full(sizes, "period"))}, coords, {"varied": json.dumps(list(dims))})
+
+
+def test_the_largest_value_is_drawn_in_its_display_unit():
+    turned = swept()["peak_force"].transpose("point", "speed", "clearance")
+    for ds in (swept(), swept().assign(peak_force=turned)):  # dimensions may come in any order
+        ax = plots.quantity_map(ds)
+        drawn = ax.collections[0].get_array()
+        assert drawn.shape == (3, 4)
+        assert drawn[0, 0] == 1.0  # kN, of the second point
+        assert drawn.mask.ravel()[:4].tolist() == [False, True, True, False]
+        assert ax.get_xlabel() == "speed $V$ [m/s]"
+        assert len(legend(ax)) == 2  # the flagged case, grey, and what is not there
+
+
+def test_one_parameter_is_a_row_of_dots():
+    ax = plots.quantity_map(swept(("speed",), (5,)))
+    (dots,), (crosses,) = marked(ax, "."), marked(ax, "x")
+    np.testing.assert_array_equal(dots.get_ydata(), [1.0, np.nan, np.nan, 4.0, 5.0])
+    assert crosses.get_xdata().tolist() == [1075.0]  # the flagged one; what is missing has no mark
+
+
+@pytest.mark.parametrize(
+    ("ds", "name", "words"),
+    [
+        (swept(), "kind", "with numbers, but kind"),
+        (swept(), "penetration", "`penetration`"),
+        (swept().expand_dims(mass=[1.0, 2.0]), "peak_force", "over one parameter or two"),
+    ],
+)
+def test_what_cannot_be_drawn_is_named(ds, name, words):
+    with pytest.raises(ValueError, match=words):
+        plots.quantity_map(ds, name)
 
 
 # Machado et al. 2009, doi:10.1109/TVCG.2009.113: full deuteranopia and protanopia, on linear RGB
