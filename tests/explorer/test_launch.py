@@ -70,12 +70,8 @@ def test_sockets_from_pages_of_other_hosts_are_refused(page):
     socket = urllib.parse.urlsplit(page.url).path + "ws"
     for host in ("127.0.0.1", "localhost"):
         assert status_of(page, socket, socket=True, Origin=f"http://{host}:{page.port}") == 101
-    for origin in (
-        "http://evil.example",
-        f"http://evil.example:{page.port}",
-        "http://127.0.0.1.evil.example",
-        "null",
-    ):
+    others = ("http://evil.example", f"http://evil.example:{page.port}", "http://127.0.0.1.evil.example", "null")
+    for origin in others:
         assert status_of(page, socket, socket=True, Origin=origin) == 403, origin
 
 
@@ -97,10 +93,12 @@ def test_the_browser_is_led_by_a_file_of_this_user_alone(page, tmp_path, monkeyp
     assert not list(tmp_path.iterdir())
 
 
-def test_a_port_in_use_is_named(page, capsys):
+def test_a_port_in_use_is_named_and_bound_at_the_loopback_address_only(page, capsys):
     with pytest.raises(OSError, match=f"`port` must be one that is free, but is {page.port}"):
         sj.explore(sj.paper_scene(), GRID, port=page.port)
     assert str(page.port) in error_of(["explore", "--no-browser", "--port", page.port], capsys)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.2", page.port))  # which a server at all addresses would hold
 
 
 def test_a_missing_extra_is_named(capsys, monkeypatch):
@@ -171,8 +169,3 @@ def test_a_followed_path_is_shown_both_ways():
     case = session.case_at(session.nearest(1190.0))
     assert float(case.scene.speed) == 1200.0
     page.worker.close()
-
-
-def test_the_port_is_bound_at_the_loopback_address_only(page):
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.2", page.port))  # which a server at all addresses would hold

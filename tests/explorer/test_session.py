@@ -3,13 +3,14 @@
 import dataclasses
 import threading
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.explorer.pictures import choices, image, picture_of
+from slipperjax.explorer.pictures import choices, dots, image, picture_of
 from slipperjax.explorer.scripts import python_of, scene_text, start_text
 from slipperjax.explorer.session import Session, _on_grid
 from slipperjax.explorer.worker import Worker
@@ -43,31 +44,19 @@ def test_a_click_gives_the_case_of_its_cell():
     assert session.place() == pytest.approx([1e-3, 2000.0])
 
 
-def test_chaos_stands_with_its_least_mean_life():
-    dims = ("clearance", "speed")
-    regime = np.array([["periodic", "periodic", "chaotic"], ["regular", "unresolved", "periodic"]])
-    ds = a_map(regime=(dims, regime), least_mean_life=(dims, np.where(regime == "chaotic", 3365.1, np.nan)))
-    view = Session.of(ds).view
-    for choice in ("regime", "motion"):
-        assert "chaotic (mean life 3365 periods or more)" in picture_of(view, choice).colors
-
-
-def test_a_box_over_seeds_holds_whole_numbers():
-    ds = a_map().rename(speed="track.seed").assign_coords({"track.seed": [0.0, 50.0, 99.0]})
-    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=200.0))
-    ds.attrs |= run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, ds["kind"].dims)
-    session = Session.of(ds)
-    np.testing.assert_array_equal(session.box((5e-4, 1.5e-3), (2.5, 6.5)).grid["track.seed"], [3, 4, 5, 6])
-    assert session.box((5e-4, 1.5e-3), (2.5, 3.5)) is None
-
-
-def test_a_box_is_finer_within_the_map():
+def test_a_box_is_finer_within_the_map_and_holds_whole_seeds():
     session = Session.of(a_map())
     assert session.box((1e-3, 1e-3), (600.0, 900.0)) is None
     box = session.box((5e-4, 1.5e-3), (1500.0, 600.0))
     assert box.grid["clearance"][[0, -1]] == pytest.approx([1e-3, 1.5e-3])
     assert box.grid["speed"][[0, -1]] == pytest.approx([600.0, 1500.0])
     assert tuple(map(len, box.grid.values())) == (16, 25)
+    ds = a_map().rename(speed="track.seed").assign_coords({"track.seed": [0.0, 50.0, 99.0]})
+    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=200.0))
+    ds.attrs |= run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, ds["kind"].dims)
+    session = Session.of(ds)
+    np.testing.assert_array_equal(session.box((5e-4, 1.5e-3), (2.5, 6.5)).grid["track.seed"], [3, 4, 5, 6])
+    assert session.box((5e-4, 1.5e-3), (2.5, 3.5)) is None
 
 
 @pytest.mark.full
@@ -137,9 +126,6 @@ def test_a_script_computes_what_is_shown_of_a_run(along, tmp_path):
     np.testing.assert_array_equal(names["run"].state.motion.y, session.shown.run.state.motion.y)
 
 
-# --- scripts --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "scene", [sj.paper_scene(1234.5, 7e-4, restitution=0.5), sj.paper_scene().replace(**{"section.play.2": 4e-4})]
 )
@@ -161,11 +147,18 @@ def test_a_path_in_a_script_is_the_same_whatever_is_in_it(tmp_path):
     assert names["given"].equals(a_map())
 
 
-def test_a_start_in_a_script_is_the_same_to_the_last_bit():
-    start = sj.State(sj.Motion(y=0.1 + 0.2, w_x=-3e-7), jnp.arange(3.0) / 7)
+@pytest.mark.parametrize(
+    "start",
+    [
+        sj.State(sj.Motion(y=0.1 + 0.2, w_x=-3e-7), jnp.arange(3.0) / 7),
+        sj.Motion(y=1 / 3, modes=sj.model.ModalMotion(jnp.array([0.1 + 0.2, 0.0]), jnp.array([1e-3, -3e-7]))),
+    ],
+    ids=["state", "modes"],
+)
+def test_a_start_in_a_script_is_the_same_to_the_last_bit(start):
     again = eval(start_text(start), {"sj": sj, "jnp": jnp})
-    assert vars(again.motion) == vars(start.motion)
-    assert np.array_equal(again.memory, start.memory)
+    assert jax.tree.structure(again) == jax.tree.structure(start)
+    jax.tree.map(np.testing.assert_array_equal, again, start)
 
 
 def test_a_script_computes_the_map_that_is_shown():
@@ -179,24 +172,28 @@ def test_a_script_computes_the_map_that_is_shown():
     assert scene_to_json(names["scene"]) == scene_to_json(session.view.scene)
 
 
-# --- pictures -------------------------------------------------------------------------------------------------------
-
-
 def test_kinds_of_motions_have_their_colours_and_missing_ones_none():
     picture = picture_of(Session.of(a_map()).view, "motion")
     kinds = list(picture.colors)
     names = [None if np.isnan(k) else kinds[int(k)] for k in picture.values.ravel()]
     assert names == ["period 1", "other periods", "chaotic", "quasi-periodic", "not trusted", None]
     assert picture.colors["chaotic"] == MOTION_COLORS["chaotic"]
+    # chaos is named with its least mean life
+    dims = ("clearance", "speed")
+    life = np.where(a_map()["kind"] == "chaotic", 3365.1, np.nan)
+    view = Session.of(a_map(least_mean_life=(dims, life))).view
+    assert "chaotic (mean life 3365 periods or more)" in picture_of(view, "motion").colors
 
 
 def test_numbers_are_the_highest_of_all_points_in_their_display_unit():
     force = (("clearance", "speed", "point"), np.arange(12.0).reshape(2, 3, 2) * 1e3)
     view = Session.of(a_map(peak_force=force)).view
     assert "peak_force" in choices(view)
-    picture = picture_of(view, "peak_force")
-    assert picture.values[0].tolist() == [1.0, 3.0, 5.0]
-    assert np.isnan(picture.values[1, 1:]).all()
+    values = picture_of(view, "peak_force").values
+    assert values[0].tolist() == [1.0, 3.0, 5.0]
+    assert np.isnan(values[1, 1:]).all()
+    line = Session.of(a_map(peak_force=force).isel(clearance=0, drop=True).assign_attrs(varied='["speed"]')).view
+    assert dots(line, "peak_force")["y"].tolist() == [1.0, 3.0, 5.0]
 
 
 @pytest.mark.parametrize("x", [np.array([1.0, 2.0, 3.0]), np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 7.0])])
@@ -208,9 +205,6 @@ def test_an_image_has_each_value_where_its_cell_is(x):
         column = min(int((place - left) / width * pixels.shape[1]), pixels.shape[1] - 1)
         assert pixels[[0, -1], column].tolist() == values[:, k].tolist()
     assert drawn["dh"] == [2.0]
-
-
-# --- work beside the page -------------------------------------------------------------------------------------------
 
 
 class Collected:

@@ -3,14 +3,12 @@
 import dataclasses
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
 import slipperjax as sj
 from slipperjax.explorer.pictures import along, choices
-from slipperjax.explorer.scripts import start_text
 from slipperjax.explorer.session import Case, Session, Shown
 from slipperjax.flow.datasets import run_attributes
 
@@ -82,12 +80,3 @@ def test_panels_show_the_slipper_that_is_chosen():
     assert panels.frames.data["rear_force"].tolist() == [(np.arange(30.0, 40.0) / 1e3).tolist()] * 5
     single = Panels((), lambda: None)
     assert (panels.slipper.visible, single.slipper.visible) == (True, False)
-
-
-def test_a_start_with_modes_in_a_script_is_the_same_to_the_last_bit():
-    modes = sj.model.ModalMotion(jnp.array([0.1 + 0.2, 0.0]), jnp.array([1e-3, -3e-7]))
-    start = sj.Motion(y=1 / 3, modes=modes)
-    again = eval(start_text(start), {"sj": sj, "jnp": jnp})
-    assert (again.y, again.z) == (1 / 3, 0.0)
-    assert np.array_equal(again.modes.coordinate, modes.coordinate)
-    assert np.array_equal(again.modes.rate, modes.rate)
