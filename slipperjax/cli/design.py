@@ -159,7 +159,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
 def _checked(best: "Design", check: bool, margins: bool) -> "Design":
     """Return a design with the requested checks; print their results."""
     from ..design.checks import event_margins, surroundings
-    from ..results.designs import NEAREST
+    from ..results.searches import NEAREST
 
     # the number of designs grows with the power of the variables
     points = AROUND.get(len(best.design))

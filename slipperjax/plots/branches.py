@@ -260,8 +260,8 @@ def _lines_of(ds: xr.Dataset, name: str) -> xr.DataArray:
     """Return a quantity along a branch over line and point in its display unit; NaN where a line is absent."""
     if name in SECTIONS:
         of_section = check_dataset(ds, "continue_orbit", name, f"{name}_period")[[name, f"{name}_period"]]
-        crossings = of_section.transpose("point", "crossing").values()
-        threads = crossing_threads(*(one.values for one in crossings), int(ds.attrs["orbit_period"]))
+        velocity, time = (one.values for one in of_section.transpose("point", "crossing").values())
+        threads = crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
         return in_display_unit(COORDINATES[name], xr.DataArray(threads, dims=("line", "point")), short=True)
     if name.startswith(START):
         coordinate = name.removeprefix(START)

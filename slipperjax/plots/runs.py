@@ -174,8 +174,8 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, units: Units = None
         axes = grid[:, 0]
         if view.scene is not None:
             # many more places than pixels, so that short waves keep their height
-            places = np.linspace(*edges_of(view.ds, "distance")[[0, -1]], 1 << 16)
-            draw_irregularity(axes[:2], check_scene(view.scene), places, view.units)
+            begin, end = edges_of(view.ds, "distance")[[0, -1]]
+            draw_irregularity(axes[:2], check_scene(view.scene), np.linspace(begin, end, 1 << 16), view.units)
             for ax in axes[: 2 * bool(view.scene.track.rails)]:
                 legend_above(ax)
         for ax, name in zip(axes[rails:], names, strict=True):
