@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from slipperjax import plots
-from slipperjax.plots.branches import crossing_threads, joined, stable_parts
+from slipperjax.plots.branches import crossing_threads, stable_parts
 
 from .shown import bar_of, check_legend_fits, labels, legend, marked
 
@@ -92,13 +92,6 @@ def test_crossings_follow_one_another(velocity, time, period, threads):
     for line, (first, values) in zip(expected, threads, strict=True):
         line[first : first + len(values)] = values
     np.testing.assert_array_equal(crossing_threads(np.array(velocity), np.array(time), period), expected)
-
-
-def test_lines_break_where_values_are_not_finite_or_parts_are_left_out():
-    values = np.array([[1.0, 2.0, NAN, 4.0, 5.0, 6.0]])
-    x, y = joined(np.arange(6.0), values, np.array([True, True, True, True, False]))
-    np.testing.assert_array_equal(x, [0, 1, NAN, 3, 4, NAN])
-    np.testing.assert_array_equal(y, [1, 2, NAN, 4, 5, NAN])
 
 
 def test_events_take_the_stability_of_what_is_beside_them():
