@@ -1,6 +1,5 @@
 """`slipperjax continue`: what it reads, follows, writes and prints, and what an interrupt leaves."""
 
-import importlib
 import os
 import signal
 import threading
@@ -15,6 +14,7 @@ import slipperjax as sj
 from slipperjax.cli.interrupts import on_thread
 from slipperjax.flow.status import ASKED, Status
 from slipperjax.orbits.branches import FINER, OrbitBranch
+from slipperjax.results.kinds import KINDS
 
 from .commands import BRANCH, call, error_of, names, picture
 
@@ -82,12 +82,14 @@ def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     picture(out, 3.5, 2.9)
 
 
-def test_branches_of_flips_are_written_and_drawn_over_a_diagram(branch, room, replaced, tmp_path, capsys):
+def test_branches_of_flips_are_written_and_drawn_over_a_diagram(
+    branch, room, replaced, tmp_path, capsys, monkeypatch
+):
     switched = replaced(SWITCH, return_value=OrbitBranch(branch.ds.assign_attrs(orbit_period=2)))
     drawn = []
-    draw = importlib.import_module("slipperjax.plots.branches").branches  # whose name in plots is the function's
-    note = lambda ds, quantity, **more: drawn.append((quantity, more)) or draw(ds, quantity, **more)
-    replaced("results.branches.branches", note)
+    kind = KINDS["continue_orbit"]
+    note = lambda ds, quantity, **more: drawn.append((quantity, more)) or kind.plot(ds, quantity, **more)
+    monkeypatch.setitem(KINDS, "continue_orbit", kind._replace(plot=note))
     values = {"v_y": (("speed", "crossing"), [[2.2], [2.3]]), "status": ("speed", [0, 0])}
     brute = xr.Dataset(values, {"speed": [1090.0, 1110.0]}, {"call": '{"function": "sweep"}'})
     brute.to_netcdf(tmp_path / "brute.nc")
