@@ -264,7 +264,7 @@ CASE: dict[str, Adds] = {
     "scene": option(
         "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
-    **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
+    **{name: _of_case(name) for name in PARAMETERS if not name.startswith(("inertia", "play"))},
     "wavelength": option(
         "--wavelength",
         Measure(Quantity("wavelength", "m", "irregularity wavelength")),
@@ -329,7 +329,7 @@ class Case(NamedTuple):
         slippers = self.scene.slipper.names
         words = [f"{len(slippers)} slippers"] if slippers else []
         units = ShownUnits(self.file.units if self.file else ())
-        for name in ("speed", "clearance", "length"):
+        for name in ("speed", "clearance", "play.vertical", "play.lateral", "length"):
             q = PARAMETERS[name]
             value = known.get(f"{name} [{q.unit}]")
             if value is not None:

@@ -21,7 +21,7 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, PayloadMotion
 from ..model.layout import coordinates
-from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
+from ..model.parameters import PARAMETERS, STARTS, PlayAlong, check_units, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import scene_from_json, scene_to_json
@@ -121,7 +121,10 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
         "contact_memory": type(scene.contact_memory).__name__,
     }
     for name, q in PARAMETERS.items():
-        value = q.of(scene)
+        # a clearance states the plays along both axes, too
+        if isinstance(q, PlayAlong) and "clearance [m]" in out:
+            continue
+        value = q.stated(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     name = "wavelengths"

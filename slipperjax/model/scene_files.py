@@ -33,7 +33,7 @@ from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .loads import SumLoad, TabulatedLoad
 from .modes import Modes, load_modes
-from .parameters import PARAMETERS, half_play
+from .parameters import DIRECTIONS, PARAMETERS
 from .quantities import ShownUnits
 from .scene import INNER, NUMBERS, PARTS, START, Scene
 from .section import Section
@@ -127,9 +127,9 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """Return the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
-    `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` the `file` of a
-    history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
-    `run` takes length, begin, window, steps_per_period, solver and units.
+    `clearance`, or `play = { vertical = ..., lateral = ... }`, in place of the `play` of each face; `track` takes the
+    `file` of a survey, and `speed` the `file` of a history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y,
+    w_z; `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`. Each may have a `clearance` and a `section`; values that this section
     leaves out are those of the scene's section. `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
     `environment` takes places, window, low, high and quality; tables `[sensors.NAME]` have the fields of `Sensor`.
@@ -242,7 +242,7 @@ class _Reader:
                 raise ValueError(f"`section` must be a table, but is {brief(own)}.")
             values = {"section": self.part("section", dict(own), section)} if own else {}
             rest = {name: value for name, value in table.items() if name != "section"}
-            return self.made(Mount, self.with_play(rest, len(section.faces)), "mounts", **values)
+            return self.made(Mount, self.with_play(rest, values.get("section", section)), "mounts", **values)
 
     def modes(self, table: Table, body: eqx.Module) -> Modes:
         """Return the elastic modes of a sled: from a file, of a beam, or from the table's numbers."""
@@ -271,16 +271,28 @@ class _Reader:
             values = {key: quantity(key, value, units.get(key, unit_of(Sensor, key))) for key, value in table.items()}
             return Sensor(name, **values)
 
-    def with_play(self, table: Table, faces: int) -> Table:
-        """Return a table in which `clearance` is replaced by the play of each face, which is half of it."""
-        if "clearance" not in table:
+    def with_play(self, table: Table, section: Section) -> Table:
+        """Return a table with the play of each face of a section, in place of a `clearance`, of which each face has
+        half, or in place of a vertical and a lateral play."""
+        play = table.get("play")
+        along = isinstance(play, dict) and not {"values", "unit"} & set(play)
+        if "clearance" not in table and not along:
             return table
-        if "play" in table:
+        if "clearance" in table and play is not None:
             raise ValueError("`clearance` and `play` must not both be given.")
-        unit = PARAMETERS["clearance"].unit
-        play = half_play(np.asarray(quantity("clearance", table["clearance"], unit)), faces)
-        rest = {name: value for name, value in table.items() if name != "clearance"}
-        return rest | {"play": {"values": play.tolist(), "unit": unit}}
+        rest = {name: value for name, value in table.items() if name not in ("clearance", "play")}
+        total = {"clearance": table.get("clearance")}
+        if along:
+            assert isinstance(play, dict)
+            check_known(play, DIRECTIONS)
+            total = {f"play.{name}": play.get(name) for name in DIRECTIONS}
+        of_faces = np.empty(len(section.faces))
+        for name, value in total.items():
+            p = PARAMETERS[name]
+            given = quantity(name, value, p.unit)
+            mine = slice(None) if p.direction is None else np.asarray(section.directions) == p.direction
+            of_faces[mine] = np.asarray(p.check(given)) / 2
+        return rest | {"play": {"values": of_faces.tolist(), "unit": "m"}}
 
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
@@ -305,7 +317,11 @@ class _Reader:
         # `clearance` is the only name in a file that is not a field of its part
         if kind is Section:
             check_known(table, ("clearance", *arguments_of(kind)))
-            table = self.with_play(table, len(table.get("faces", values.get("faces", Section.faces))))
+            rest = {field: value for field, value in table.items() if field not in ("clearance", "play")}
+            # the directions of faces do not depend on the play
+            faces = len(table.get("faces", values.get("faces", Section.faces)))
+            shape = self.made(kind, rest, name, **values | {"play": np.zeros(faces)})
+            table = self.with_play(table, shape)
         return self.made(kind, table, name, **values)
 
     def programme(self, table: Table) -> SpeedProgramme:

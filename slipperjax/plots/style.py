@@ -528,7 +528,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     **Returns:** the text, empty where the dataset has no parameter.
     """
     ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a dataset of a run")
-    rows = [["speed", "clearance", "length"]]
+    rows = [["speed", "clearance", "play.vertical", "play.lateral", "length"]]
     if full:
         rows[0] += ["mass", "gravity"]
         rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..flow.datasets import scene_attributes
 from ..flow.status import counted, is_lost, step_error
 from ..model.dynamics import static_loads
 from ..model.parameters import PARAMETERS
@@ -186,11 +187,11 @@ def described(view: RunView) -> list[str]:
     scene = view.scene
     if scene is None:
         return []
+    known = scene_attributes(scene)
     numbers = []
     for q in PARAMETERS.values():
-        value = q.of(scene)
-        # parameters with a single number
-        if value is not None and np.ndim(value) == 0:
+        value = known.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]")
+        if value is not None:
             numbers.append(view.units.of(q).named(value).replace("_", " "))
     parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
     return [", ".join(numbers), *parts]

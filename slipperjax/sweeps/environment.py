@@ -87,7 +87,7 @@ def environment(
     # at constant speed samples are at equal times, and are used directly where they are dense enough
     equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > least
     found = vibration_environment(
-        _accelerations(scene, histories, at),
+        accelerations_at(scene, histories, at),
         rate,
         time=None if equal else seconds,
         highest=RELIABLE * steps,
@@ -158,10 +158,10 @@ def _histories(
     samples = rows[0].shape[1]
     rate = np.min(steps, axis=0) / np.diff(ends)
     joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
-    return joined, _sample_times(ends, samples), np.repeat(rate, samples)
+    return joined, sample_times(ends, samples), np.repeat(rate, samples)
 
 
-def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
+def sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
     """Return the times of samples at equal distances within windows [s], from the times at the ends of windows."""
     from scipy.interpolate import PchipInterpolator
 
@@ -169,7 +169,7 @@ def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
     return PchipInterpolator(np.arange(len(ends)), ends)(places)
 
 
-def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
+def accelerations_at(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return accelerations of places on the body along its axes [m/s^2], (rails, places, directions, samples)."""
     # in the order of `AccelerationHistory`: a_y and a_z, three alpha, three w, and the modes
     across, angular, spin, modal = np.split(histories[:, None], [2, 5, 8], axis=-1)
