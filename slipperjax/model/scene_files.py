@@ -11,6 +11,7 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 """
 
 import dataclasses
+import functools
 import json
 import re
 import tomllib
@@ -27,7 +28,7 @@ from ..tools.checks import brief, finite, hint, instance, positive, require
 from ..tools.description import TYPE, arguments_of, build, describe, known_type, type_name
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path
-from ..tools.tables import TableError
+from ..tools.tables import TableError, station
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
@@ -42,8 +43,9 @@ from .sled import Mount, Sled
 from .slipper import AbstractBody, Slipper
 from .starts import AtRest
 from .step_size import given_steps
-from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
+from .surveys import SIDES, SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
+from .tracks import AbstractTrack, LocalTrack, StraightTrack, SumTrack, TwoRails
 from .travel import SpeedProgramme, Stage
 
 BODY = ("slipper", "mounts", "modes")
@@ -179,7 +181,9 @@ class _Reader:
                 values[name] = SumLoad([self.load(row, k) for k, row in enumerate(value)])
                 continue
             with self.placed(name if isinstance(value, dict) else ""):
-                if name in PARTS:
+                if name == "track":
+                    values[name] = self.track(dict(value), values.get(name))
+                elif name in PARTS:
                     values[name] = self.part(name, dict(value), values.get(name))
                 elif name == "start":
                     start = self.start(dict(value))
@@ -324,6 +328,33 @@ class _Reader:
             table = self.with_play(table, shape)
         return self.made(kind, table, name, **values)
 
+    def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
+        """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
+        of_all = table.pop("faults", [])
+        of_one = {side: list(_taken(table, side, "faults")) for side in SIDES}
+        track = self.part("track", table, inherited)
+        assert isinstance(track, AbstractTrack)
+        unit = getattr(track, "distance_unit", "m")
+        for row in of_all:
+            track = SumTrack(track, self.fault(row, unit))
+        if any(of_one.values()):
+            require(track.rails, "faults", "be [[track.faults]] on a track of one rail", shown="of one side")
+            sides = {side: [self.fault(row, unit) for row in rows] for side, rows in of_one.items()}
+            joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
+            track = SumTrack(track, TwoRails(*(joined.get(side, StraightTrack()) for side in SIDES)))
+        return track
+
+    def fault(self, row: object, unit: str) -> LocalTrack:
+        """Return a fault of a rail from its table; `unit`: of stations."""
+        table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
+        check_known(table, ("at", "kind", "height", "length", "direction"))
+        at = table.get("at")
+        is_station = isinstance(at, str) and "+" in at
+        place = station("at", at, unit) if is_station else quantity("at", at, "m")
+        values = {name: quantity(name, table.get(name), "m") for name in ("height", "length")}
+        kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
+        return LocalTrack([place], [values["height"]], values["length"], **kind)
+
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
         check_known(table, SPEEDS)
@@ -449,6 +480,19 @@ class _Reader:
                 if wanted and here == table:
                     header = header or at
         return header
+
+
+def _taken(table: Table, name: str, inner: str) -> list[Any]:
+    """Remove a value of a table within a table, and the table where nothing is left; return the value."""
+    part = table.get(name)
+    if not isinstance(part, dict) or inner not in part:
+        return []
+    rest = {key: value for key, value in part.items() if key != inner}
+    if rest:
+        table[name] = rest
+    else:
+        del table[name]
+    return part[inner]
 
 
 def check_known(names: Iterable[str], known: Collection[str]) -> None:
