@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -10,11 +10,12 @@ import xarray as xr
 from jaxtyping import Array, Float
 from scipy.integrate import cumulative_trapezoid
 
+from ..analysis.quantiles import Estimates, estimate, least_rails
 from ..flow.datasets import load_base
 from ..flow.status import is_lost
 from ..model.scene import Scene
 from ..results.result import Result
-from ..tools.checks import finite, not_negative, positive, require, tuple_of
+from ..tools.checks import finite, not_negative, one_of, positive, require, tuple_of
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.fields import ShapeChecked, field
@@ -28,6 +29,13 @@ AXES = ("y", "z")
 """Axes of forces."""
 ABOUT = ("x", "y", "z")
 """Axes of moments."""
+LABELS = {
+    "slipper_force": ("slipper", "N", "axis", "net force of a slipper"),
+    "slipper_moment": ("slipper", "N m", "about", "net moment of a slipper about its middle"),
+    "cut_force": ("cut", "N", "axis", "force of the part behind a cut on the part in front"),
+    "cut_moment": ("cut", "N m", "about", "moment of the part behind a cut on the part in front"),
+}
+"""Dimension, unit, axes and description of loads by name."""
 
 
 class Cut(ShapeChecked):
@@ -56,12 +64,22 @@ class Peaks(NamedTuple):
     """Speed along the track [m/s]."""
 
 
-def loads(runs: Result | xr.Dataset, means: Numbers = (), cuts: Sequence[Cut] = ()) -> Result:
+def loads(
+    runs: Result | xr.Dataset,
+    means: Numbers = (),
+    cuts: Sequence[Cut] = (),
+    *,
+    over: str | None = None,
+    quantiles: Sequence[float] = (0.5, 0.95),
+    seed: int = 0,
+) -> Result:
     """Return the loads that size slippers, their bolts and a sled: the greatest of each run, and where it occurs.
 
     ```python
-    runs = sj.run(scene, {"track.seed": range(32)}, length=400.0, record=["slipper_peak", "slipper_load"])
-    report = sj.loads(runs, means=[1e-3, 5e-3])
+    scene, rails = sj.sweeps.on_rails(scene, 80)
+    record = ["slipper_peak", "slipper_load"]
+    runs = sj.run(scene, rails, product=False, length=400.0, record=record)
+    report = sj.sweeps.loads(runs, means=[1e-3, 5e-3], over="case")
     ```
 
     A bolt does not follow the shortest peaks. Therefore loads are also averaged over intervals of time. The result
@@ -70,13 +88,15 @@ def loads(runs: Result | xr.Dataset, means: Numbers = (), cuts: Sequence[Cut] = 
 
     **Arguments:**
 
-    - `runs`: of `slipperjax.run`, over any parameters, with the records "slipper_peak" and "slipper_load"; with
-        `cuts` also "body_acceleration".
+    - `runs`: of `slipperjax.run`, over any parameters, with the record "slipper_peak"; with `means` or `cuts` also
+        with "slipper_load", and with `cuts` also with "body_acceleration".
     - `means`: lengths of the intervals of time [s].
     - `cuts`: planes across a rigid sled. The loads at a cut are those of the rear part on the front part: forces
         along y and z, and moments about the point of the plane with y = z = 0. They follow from the net loads of the
         slippers in front, and from inertia and weight of the mass in front. Forces along x and a load of the scene
         are left out.
+    - `over`: dimension of the runs whose members are independent, such as rails; then loads also have quantiles.
+    - `quantiles`: shares of the independent runs with lower loads [1]; `seed`: of the bootstrap of their errors.
 
     **Returns:** a `Result` over the parameters of the runs and the interval `mean` [s] with
 
@@ -84,54 +104,91 @@ def loads(runs: Result | xr.Dataset, means: Numbers = (), cuts: Sequence[Cut] = 
       z), for a sled over `slipper`: net loads of the contacts, which a mount carries;
     - `cut_force` [N] and `cut_moment` [N m] over `cut`;
     - for each of these the distance travelled, such as `slipper_force_distance` [m], and the speed,
-      `slipper_force_speed` [m/s]. For a moment of an interval of 0 s this is the middle of the window.
+      `slipper_force_speed` [m/s]. For a moment of an interval of 0 s this is the middle of the window;
+    - with `over` the magnitude that a share of the runs does not exceed, over `quantile`, such as
+      `slipper_force_value`, its standard error `slipper_force_stderr`, and its 95 % interval, `slipper_force_low` and
+      `slipper_force_high`. A share that needs more runs is NaN.
 
-    Lost runs are NaN. Samples of a window limit how short an interval may be, and how exact peaks at cuts are, see
-    `LoadHistory`.
+    Lost runs are NaN, and do not count for quantiles. Samples of a window limit how short an interval may be, and how
+    exact peaks at cuts are, see `LoadHistory`.
 
     **Raises:** `ValueError` for runs without the records, and for cuts of an elastic sled.
     """
     ds = getattr(runs, "ds", runs)
-    need = f'a result of slipperjax.run with the records "slipper_peak" and "{HISTORY}"'
-    records = {HISTORY, "peak_slipper_force", "peak_slipper_moment"}
-    require(isinstance(ds, xr.Dataset) and records <= set(ds), "runs", f"be {need}", shown="another")
+    known = isinstance(ds, xr.Dataset) and {"peak_slipper_force", "peak_slipper_moment"} <= set(ds)
+    require(known, "runs", 'be a result of slipperjax.run with the record "slipper_peak"', shown="another")
     scene, _ = load_base(ds)
     durations, cuts = check_loads(scene, means, cuts)
-    require(not cuts or MOTION in ds, "runs", f'have the record "{MOTION}" for `cuts`', shown="none")
+    for needed, name in ((cuts or len(durations) > 1, HISTORY), (cuts, MOTION)):
+        require(not needed or name in ds, "runs", f'have the record "{name}" for `means` or `cuts`', shown="none")
     status = ds["status"]
+    if over is not None:
+        one_of("over", over, [str(name) for name in status.dims])
     each = [
         _of_run(ds.isel(dict(zip(status.dims, at, strict=True))), scene, durations, cuts)
         for at in np.ndindex(status.shape)
     ]
     slippers = {"slipper": list(scene.slipper.names)} if scene.slipper.names else {}
-    of_cuts = {"cut": [cut.name or f"cut{k}" for k, cut in enumerate(cuts, 1)]}
-    data = {}
-    for name, of, unit, along, text in (
-        ("slipper_force", slippers, "N", "axis", "net force of a slipper"),
-        ("slipper_moment", slippers, "N m", "about", "net moment of a slipper about its middle"),
-        ("cut_force", of_cuts, "N", "axis", "force of the part behind a cut on the part in front"),
-        ("cut_moment", of_cuts, "N m", "about", "moment of the part behind a cut on the part in front"),
-    ):
+    of_cuts = {"cut": [cut.name or f"cut{k}" for k, cut in enumerate(cuts, 1)]} if cuts else {}
+    data: dict[str, Any] = {}
+    for name, (of, unit, along, text) in LABELS.items():
         if name not in each[0]:
             continue
-        dims = (*status.dims, *of, "mean", along)
+        dims = (*status.dims, *(slippers if of == "slipper" else of_cuts), "mean", along)
         peaks = Peaks(*(np.stack(values) for values in zip(*(one[name] for one in each), strict=True)))
-        shown = lambda a: a.reshape(*status.shape, *a.shape[1:])
-        data[name] = column(dims, shown(peaks.value), unit, f"greatest mean {text}")
-        data[f"{name}_distance"] = column(dims, shown(peaks.distance), "m", "distance travelled")
-        data[f"{name}_speed"] = column(dims, shown(peaks.speed), "m/s", "speed")
+        value, distance, speed = (a.reshape(*status.shape, *a.shape[1:]) for a in peaks)
+        data[name] = column(dims, value, unit, f"greatest {text}")
+        data[f"{name}_distance"] = column(dims, distance, "m", "distance travelled")
+        data[f"{name}_speed"] = column(dims, speed, "m/s", "speed")
+        if over is not None:
+            magnitude = np.moveaxis(np.abs(value), dims.index(over), 0)
+            rest = [dim for dim in dims if dim != over]
+            data |= _quantiles(name, magnitude, rest, quantiles, unit, text, seed)
     coords = {
         **{name: values for name, values in ds.coords.items() if set(values.dims) <= set(status.dims)},
         **slippers,
-        **(of_cuts if cuts else {}),
+        **of_cuts,
         "mean": column("mean", durations, "s", "length of the interval of time"),
         "axis": list(AXES),
         "about": list(ABOUT),
     }
-    known = {name: value for name, value in ds.attrs.items() if not name.startswith("status")}
-    call = dict(function="loads", means=durations, cuts=list(cuts))
-    made = xr.Dataset(data | {"status": status}, coords, known | {"call": json.dumps(describe(call))})
-    return Result(made)
+    if over is not None:
+        coords["quantile"] = column("quantile", list(quantiles), "1", "share of the runs below")
+    kept = {name: value for name, value in ds.attrs.items() if not name.startswith("status")}
+    call = dict(function="loads", means=durations, cuts=list(cuts), over=over, quantiles=list(quantiles), seed=seed)
+    return Result(xr.Dataset(data | {"status": status}, coords, kept | {"call": json.dumps(describe(call))}))
+
+
+def _quantiles(
+    name: str,
+    magnitude: Float[np.ndarray, "runs ..."],
+    dims: Sequence[str],
+    quantiles: Sequence[float],
+    unit: str,
+    text: str,
+    seed: int,
+) -> dict[str, Any]:
+    """Return variables with the quantiles over independent runs, and their errors; the first axis is of the runs."""
+    flat = magnitude.reshape(len(magnitude), 1, -1)
+    found = [_estimated(flat, share, seed) for share in quantiles]
+    variables = {}
+    for part, words in {
+        "value": f"quantile of the {text}",
+        "stderr": "standard error",
+        "low": "lower end of the 95 % interval",
+        "high": "upper end of the 95 % interval",
+    }.items():
+        values = np.stack([getattr(one, part) for one in found], axis=-1)
+        shape = (*magnitude.shape[1:], len(quantiles))
+        variables[f"{name}_{part}"] = column((*dims, "quantile"), values.reshape(shape), unit, words)
+    return variables
+
+
+def _estimated(flat: Float[np.ndarray, "runs 1 loads"], share: float, seed: int) -> Estimates:
+    """Return quantiles of loads; NaN where there are too few runs."""
+    if len(flat) < least_rails(share):
+        return Estimates(*(np.full(flat.shape[-1], np.nan) for _ in Estimates._fields))
+    return estimate(flat, share, 0, seed=seed)
 
 
 def check_loads(
@@ -149,66 +206,65 @@ def check_loads(
 
 def _of_run(ds: xr.Dataset, scene: Scene, durations: np.ndarray, cuts: Sequence[Cut]) -> dict[str, Peaks]:
     """Return the greatest loads of one run by name."""
-    history = ds[HISTORY].transpose("distance", "sample", ..., "load").values
-    samples = history.shape[1]
-    # loads of slippers along one axis, also of a single slipper
-    of_slippers = history.reshape(len(history) * samples, -1, history.shape[-1])
-    ends = np.append(begins(ds).values, ds["seconds"].values)
-    time = sample_times(ends, samples)
-    window = ds.attrs["window [m]"]
-    first = float(ds["distance"][0]) - window
-    places = first + np.arange(len(time)) * window / samples
+    window = float(ds.attrs["window [m]"])
     speeds = ds["speed_along" if "speed_along" in ds.coords else "speed"].values
+    peaks = {"slipper_force": _peaks(ds, "peak_slipper_force", "axis", speeds)}
+    peaks["slipper_moment"] = _peaks(ds, "peak_slipper_moment", "about", speeds)
+    found = {name: [peak] for name, peak in peaks.items()}
+    if HISTORY in ds:
+        history = ds[HISTORY].transpose("distance", "sample", ..., "load").values
+        samples = history.shape[1]
+        # with an axis of slippers also for a single slipper
+        of_slippers = history.reshape(len(history) * samples, -1, history.shape[-1])
+        time = sample_times(np.append(begins(ds).values, ds["seconds"].values), samples)
+        first = float(ds["distance"][0]) - window
+        places = first + np.arange(len(time)) * window / samples
+        inside = {"slipper_force": of_slippers[..., :2], "slipper_moment": of_slippers[..., 2:]}
+        if cuts:
+            motion = ds[MOTION].transpose("distance", "sample", "component").values
+            need = f"have as many samples of {MOTION} as of {HISTORY}"
+            require(motion.shape[1] == samples, "runs", need, shown=f"{motion.shape[1]} and {samples}")
+            at_cuts = [_at_cut(scene, cut, of_slippers, motion.reshape(len(time), -1)) for cut in cuts]
+            joined = np.stack(at_cuts, axis=1)
+            inside |= {"cut_force": joined[..., :2], "cut_moment": joined[..., 2:]}
+        for name, values in inside.items():
+            # peaks of slippers are known from the steps, others from samples
+            for duration in durations[len(found.get(name, [])) :]:
+                value, at = _greatest_mean(values, time, duration)
+                place = np.interp(at, time, places)
+                k = np.clip(((place - first) / window).astype(int), 0, len(speeds) - 1)
+                found.setdefault(name, []).append(Peaks(value, place, speeds[k]))
     lost = bool(is_lost(int(ds["status"])))
-
-    def greatest(values: np.ndarray) -> Peaks:
-        """Return the greatest means of loads (samples, parts, loads) over intervals of time."""
-        rows = [_greatest_mean(values, time, duration) for duration in durations]
-        value, at = (np.stack(of_each, axis=1) for of_each in zip(*rows, strict=True))
-        place = np.interp(at, time, places)
-        speed = speeds[np.clip(((place - first) / window).astype(int), 0, len(speeds) - 1)]
-        return Peaks(*(np.where(lost, np.nan, a) for a in (value, place, speed)))
-
-    # peaks between samples are known from the steps
-    force = _with_peaks(greatest(of_slippers[..., :2]), ds, "peak_slipper_force", "axis", speeds)
-    moment = _with_peaks(greatest(of_slippers[..., 2:]), ds, "peak_slipper_moment", "about", speeds)
-    single = not scene.slipper.names
-    found = {
-        "slipper_force": Peaks(*(a[0] for a in force)) if single else force,
-        "slipper_moment": Peaks(*(a[0] for a in moment)) if single else moment,
+    joined = {
+        name: (np.stack(of_each, axis=1) for of_each in zip(*rows, strict=True)) for name, rows in found.items()
     }
-    if cuts:
-        motion = ds[MOTION].transpose("distance", "sample", "component").values
-        need = f"have as many samples of {MOTION} as of {HISTORY}"
-        require(motion.shape[1] == samples, "runs", need, shown=f"{motion.shape[1]} and {samples}")
-        motion = motion.reshape(len(time), -1)
-        inside = np.stack([_at_cut(scene, cut, of_slippers, motion) for cut in cuts], axis=1)
-        found |= {"cut_force": greatest(inside[..., :2]), "cut_moment": greatest(inside[..., 2:])}
-    return found
+    single = not scene.slipper.names
+    made = {}
+    for name, arrays in joined.items():
+        of_parts = Peaks(*(np.where(lost, np.nan, a) for a in arrays))
+        made[name] = Peaks(*(a[0] for a in of_parts)) if single and name.startswith("slipper") else of_parts
+    return made
 
 
-def _with_peaks(found: Peaks, ds: xr.Dataset, name: str, along: str, speeds: np.ndarray) -> Peaks:
-    """Return greatest means with the peaks of a run's windows in place of the means over 0 s."""
+def _peaks(ds: xr.Dataset, name: str, along: str, speeds: np.ndarray) -> Peaks:
+    """Return the peaks of a run from those of its windows, (slippers, loads)."""
     values = ds[name].transpose("distance", ..., along).values
     values = values.reshape(len(values), -1, values.shape[-1])
-    which = np.argmax(np.abs(values), axis=0)
-    pick = lambda a: np.take_along_axis(a, which[None], axis=0)[0]
-    middle = ds["distance"].values - ds.attrs["window [m]"] / 2
-    place = np.broadcast_to(middle[:, None, None], values.shape)
     if name == "peak_slipper_force":
-        place = ds["peak_slipper_distance"].transpose("distance", ..., along).values.reshape(values.shape)
-    lost = np.isnan(found.value[:, 0]).all()
-    of_peak = (pick(values), pick(place), speeds[which])
-    for mean, peak in zip(found, of_peak, strict=True):
-        mean[:, 0] = np.where(lost, np.nan, peak)
-    return found
+        places = ds["peak_slipper_distance"].transpose("distance", ..., along).values.reshape(values.shape)
+    else:
+        middles = ds["distance"].values - ds.attrs["window [m]"] / 2
+        places = np.broadcast_to(middles[:, None, None], values.shape)
+    which = np.argmax(np.abs(values), axis=0)
+    at_peak = lambda a: np.take_along_axis(a, which[None], axis=0)[0]
+    return Peaks(at_peak(values), at_peak(places), speeds[which])
 
 
 def _greatest_mean(
     values: Float[np.ndarray, "samples parts loads"], time: Float[np.ndarray, " samples"], duration: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of greatest magnitude over all intervals of a length, and the time in the middle [s], of each
-    load; NaN where a run is shorter.
+    load.
 
     Between samples loads are linear, and their integrals quadratic. Intervals begin or end at samples.
     """
@@ -218,9 +274,8 @@ def _greatest_mean(
         integral = cumulative_trapezoid(values, time, axis=0, initial=0.0)
         begins_at = np.concatenate([time, time - duration])
         begins_at = begins_at[(begins_at >= time[0]) & (begins_at + duration <= time[-1])]
-        if not len(begins_at):
-            unknown = np.full(values.shape[1:], np.nan)
-            return unknown, unknown
+        longest = f"be shorter than the run, {time[-1] - time[0]:g} s"
+        require(len(begins_at), "means", longest, shown=f"{duration:g} s")
         between = lambda at: _integral_until(at, time, values, integral)
         means = (between(begins_at + duration) - between(begins_at)) / duration
         middles = begins_at + duration / 2

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .checks import brief, warn
+from .checks import brief, require, warn
 from .files import content_of, listed, readable, user_path
 from .units import unit_factor
 
