@@ -10,6 +10,7 @@ from .designs import DesignKind
 from .environments import EnvironmentKind
 from .fits import FitKind
 from .kind import Kind
+from .loads import LoadsKind
 from .motions import MotionKind, OrbitKind
 from .runs import RunKind
 from .sweeps import SweepKind
@@ -25,6 +26,7 @@ KINDS: dict[str, Kind] = {
     "run": RunKind(),
     "compare": ComparisonKind(),
     "environment": EnvironmentKind(),
+    "loads": LoadsKind(),
     "optimise_design": DesignKind(),
     "fit": FitKind(),
 }
