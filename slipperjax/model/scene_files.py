@@ -39,7 +39,7 @@ from .quantities import ShownUnits
 from .scene import INNER, NUMBERS, PARTS, START, Scene
 from .section import Section
 from .sensors import UNITS, Sensor
-from .sled import Mount, Sled
+from .sled import Cut, Mount, Sled
 from .slipper import AbstractBody, Slipper
 from .starts import AtRest
 from .step_size import given_steps
@@ -90,6 +90,13 @@ class EnvironmentTable(ShapeChecked):
             require(self.low < self.high, "low", f"be below {self.high:g} Hz", shown=f"{self.low:g} Hz")
 
 
+class LoadsTable(ShapeChecked):
+    """The table `loads` of a scene's file: arguments of `slipperjax.sweeps.loads` other than its runs."""
+
+    means: Float[Array, " means"] = field("s", positive, default=())
+    quantiles: tuple[float, ...] | None = None
+
+
 class SceneFile(NamedTuple):
     """Contents of a scene's file."""
 
@@ -102,6 +109,8 @@ class SceneFile(NamedTuple):
     """Units in which results are shown, such as "ft" and "lbf"."""
     environment: dict[str, Any] | None
     """Arguments of `slipperjax.environment` other than its runs [SI unit]; None where the file has none."""
+    loads: dict[str, Any] | None
+    """Arguments of `slipperjax.sweeps.loads` other than its runs [SI unit]; None where the file has none."""
     sensors: list[Sensor]
     """The sensors of the file's tables `sensors`."""
 
@@ -134,7 +143,8 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     w_z; `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`. Each may have a `clearance` and a `section`; values that this section
     leaves out are those of the scene's section. `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
-    `environment` takes places, window, low, high and quality; tables `[sensors.NAME]` have the fields of `Sensor`.
+    `environment` takes places, window, low, high and quality; `loads` takes means, quantiles and tables
+    `[[loads.cuts]]` with the fields of `Cut`; tables `[sensors.NAME]` have the fields of `Sensor`.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -172,7 +182,7 @@ class _Reader:
         for name in ("speed", "slipper", "section", "track", "contact"):
             if name not in values and name not in self.tables:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
-        start = run = environment = None
+        start = run = environment = loads = None
         sensors: list[Sensor] = []
         for name, value in self.tables.items():
             if name in BODY:
@@ -191,6 +201,8 @@ class _Reader:
                     run = self.arguments(RunTable, value, name)
                 elif name == "environment":
                     environment = self.arguments(EnvironmentTable, value, name)
+                elif name == "loads":
+                    loads = self.loads(dict(value))
                 elif name == "sensors":
                     sensors = [self.sensor(*one) for one in value.items()]
                 elif name == "speed" and isinstance(value, dict):
@@ -202,11 +214,11 @@ class _Reader:
             values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
             units = () if run is None else run.pop("units", ())
-            return SceneFile(Scene(**values), start, run, units, environment, sensors)
+            return SceneFile(Scene(**values), start, run, units, environment, loads, sensors)
 
     def check_names(self) -> None:
         """Raise `ValueError` for unknown names, and for values in place of tables."""
-        tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "sensors")
+        tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "loads", "sensors")
         check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
             several = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
@@ -224,6 +236,12 @@ class _Reader:
         """Return one of several loads, by its number."""
         with self.placed("load", number):
             return self.part("load", dict(table), None)
+
+    def loads(self, table: Table) -> dict[str, Any]:
+        """Return the arguments of `slipperjax.sweeps.loads`; each cut is a table [[loads.cuts]]."""
+        rows = table.pop("cuts", [])
+        check_tables("cuts", rows)
+        return self.arguments(LoadsTable, table, "loads") | {"cuts": [self.made(Cut, row, "loads") for row in rows]}
 
     def body(self, inherited: eqx.Module | None, section: Section) -> eqx.Module:
         """Return the slipper, or the sled on mounts, from their tables and the body and the section of the scene."""

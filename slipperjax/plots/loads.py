@@ -62,11 +62,8 @@ def _load(at: xr.Dataset, name: str, part: str, axis: str) -> Load:
     k = int(np.argmax(known))
     where = dict(zip(dims, np.unravel_index(k, at["status"].shape), strict=True))
     one = at.isel(where)
-    named = [
-        quantity_of(str(c), at).named(float(one[c]))
-        for c in at.coords
-        if set(at[c].dims) & set(dims) and c != "scene_number"
-    ]
+    varied = [str(c) for c in at.coords if c != SCENE_NUMBER and set(at[c].dims) & set(dims)]
+    named = [quantity_of(c, at).named(float(one[c])) for c in varied]
     quantiles = np.zeros((0, 4))
     if f"{name}_value" in at:
         parts = [at[f"{name}_{of}"].values for of in ("value", "stderr", "low", "high")]

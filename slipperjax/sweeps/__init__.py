@@ -6,7 +6,7 @@ from .explain import Estimate as Estimate
 from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump, find_jump as find_jump
 from .grid import sample_box as sample_box
-from .loads import Cut as Cut, loads as loads
+from .loads import loads as loads
 from .orbits import NearestOrbit as NearestOrbit
 from .plan import AbstractStage as AbstractStage
 from .records import LargestExponent as LargestExponent, MotionKind as MotionKind

@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, check_quality, vibration_environment
-from ..flow.datasets import load_base, varied_names
+from ..flow.datasets import load_base
 from ..flow.status import is_lost
 from ..model.scene import Scene
 from ..results.result import Result
@@ -139,7 +139,7 @@ def _histories(
     rows = []
     steps = []
     for ds in runs:
-        over = varied_names(ds)
+        over = [str(name) for name in ds["status"].dims]
         require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
         values = ds[name].transpose(..., "distance", "sample", "component").values
         good = ~is_lost(np.atleast_1d(ds["status"].values))

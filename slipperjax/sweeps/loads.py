@@ -4,21 +4,20 @@ import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
 
 from ..analysis.quantiles import Estimates, estimate, least_rails
 from ..flow.datasets import load_base
 from ..flow.status import is_lost
 from ..model.scene import Scene
+from ..model.sled import Cut
 from ..results.result import Result
-from ..tools.checks import finite, not_negative, one_of, positive, require, tuple_of
+from ..tools.checks import not_negative, one_of, require, tuple_of
 from ..tools.columns import column
 from ..tools.description import describe
-from ..tools.fields import ShapeChecked, field
 from ..tools.types import Numbers
 from .environment import accelerations_at, sample_times
 from .windows import AccelerationHistory, LoadHistory, begins
@@ -36,21 +35,6 @@ LABELS = {
     "cut_moment": ("cut", "N m", "about", "moment of the part behind a cut on the part in front"),
 }
 """Dimension, unit, axes and description of loads by name."""
-
-
-class Cut(ShapeChecked):
-    """A plane across a sled, with the mass in front of it, for the loads between both parts of the sled."""
-
-    x: Float[Array, ""] = field("m", finite)
-    """Place of the plane along the track, from the sled's centre of mass [m]."""
-    mass: Float[Array, ""] = field("kg", positive)
-    """Mass in front of the plane, slippers included [kg]."""
-    centre: Float[Array, "3"] = field("m", finite)
-    """Centre of this mass, from the sled's centre of mass [m]."""
-    inertia: Float[Array, "3"] = field("kg m^2", positive)
-    """Moments of inertia of this mass about axes along x, y and z through its centre [kg m^2]."""
-    name: str = eqx.field(static=True, default="")
-    """Name in results; empty: "cut1", "cut2" and so on."""
 
 
 class Peaks(NamedTuple):
