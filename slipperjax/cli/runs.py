@@ -66,7 +66,7 @@ class _Comparing(click.Command):
 @option(
     "--rails",
     COUNT,
-    "Run over so many rails, first the survey, or over seeds of a random rail; the median needs 8 rails, 0.95 needs 80.",
+    "Number of rails, first the survey, or of seeds of a random rail; the median needs 8, the share 0.95 needs 80.",
     default=Default(COMPARE, "rails"),
 )
 @option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
