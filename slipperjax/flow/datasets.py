@@ -206,7 +206,11 @@ def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
     _described(ds, "scene")
     need = "be of one scene: these are joined from several, and only the first's is known"
     require(has_one_scene(ds), "source", need, shown="of several")
-    scene = scene_from_json(ds.attrs["scene"])
+    try:
+        scene = scene_from_json(ds.attrs["scene"])
+    except OSError as error:
+        asked = ds.encoding.get("source", "the result")
+        raise type(error)(f"{asked} was made with a file that cannot be read now: {error}") from None
     description = _described(ds, "start")
     # the description of a motion, or of a state with its memory
     of_motion = description.get("motion", description)

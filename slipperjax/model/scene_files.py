@@ -52,7 +52,7 @@ BODY = ("slipper", "mounts", "modes")
 """Tables of the body: a sled has its own tables for mounts and modes."""
 BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping": "", "places": "m"}
 """Arguments of `Modes.beam` with their units."""
-SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
+SPEEDS = ("file", "cutoff", "stages", "start", "distance", "speed", "scale", "source", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
@@ -384,7 +384,8 @@ class _Reader:
             stages = [self.made(Stage, row, "stages") for row in rows]
             programme = SpeedProgramme.stages(stages, start=start, **begin)
         elif "file" in table:
-            programme = load_speed(self.beside(table.pop("file")), **begin)
+            more = {"cutoff": quantity("cutoff", table.pop("cutoff"), "Hz")} if "cutoff" in table else {}
+            programme = load_speed(self.beside(table.pop("file")), **begin, **more)
         elif "thrust" in table:
             return self.thrust(table, **begin).programme()
         elif "time" in table and "distance" not in table:

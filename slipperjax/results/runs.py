@@ -86,10 +86,11 @@ def _results(view: RunView) -> Iterator[str]:
     yield f"{_from_to(view, *ends)} in {seconds:.4g} s, speed {speeds} {speed.display_unit}"
     programme = None if view.scene is None else view.scene.speed
     stops = programme.stops if isinstance(programme, SpeedProgramme) else []
-    for *length, duration in stops:
-        if length[0] < ends[1] and length[1] > ends[0]:
-            least = _said(speed, LEAST_SPEED)
-            yield f"slower than {least} from {_from_to(view, *length)}, for {duration:.3g} s: passed at that speed"
+    slow = [stop for stop in stops if stop[0] < ends[1] and stop[1] > ends[0]]
+    if slow:
+        where = f"from {_from_to(view, *slow[0][:2])}" + f" and at {len(slow) - 1} further places" * (len(slow) > 1)
+        duration = sum(seconds for *_, seconds in slow)
+        yield f"slower than {_said(speed, LEAST_SPEED)} {where}, for {duration:.3g} s: passed at that speed"
     lost = is_lost(view.codes)
     if lost.any():
         yield "without the lengths that have no meaning:"
