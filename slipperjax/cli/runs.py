@@ -86,14 +86,15 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
     rails, for the quantiles of its loads; or compare designs by many runs over the same rails from the same starts.
 
-    FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input. With a
-    table [environment] the vibration environment of its places is also printed, with a table [loads] the loads that
-    size parts; they are written into further files with -environment and -loads in their names.
+    FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input; or the
+    result of a run, which is repeated, with the changes of options such as --set play.vertical="0.1 in". With a table
+    [environment] the vibration environment of its places is also printed, with a table [loads] the loads that size
+    parts; they are written into further files with -environment and -loads in their names.
     """
     file = case.file
     path = click.get_current_context().params["scene"]
     if file is None or file.run is None:
-        raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], but is {path}.")
+        raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], or a run, but is {path}.")
     # options that the user gave override the file
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
