@@ -84,6 +84,7 @@ class EnvironmentTable(ShapeChecked):
     low: Float[Array, ""] | None = field("Hz", positive, default=None)
     high: Float[Array, ""] | None = field("Hz", positive, default=None)
     quality: Float[Array, ""] | None = field("", positive, default=None)
+    margin: Float[Array, ""] | None = field("", finite, default=None)
 
     def __check_init__(self):
         if self.low is not None and self.high is not None:
@@ -143,7 +144,7 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     w_z; `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`. Each may have a `clearance` and a `section`; values that this section
     leaves out are those of the scene's section. `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
-    `environment` takes places, window, low, high and quality; `loads` takes means, quantiles and tables
+    `environment` takes places, window, low, high, quality and margin [dB]; `loads` takes means, quantiles and tables
     `[[loads.cuts]]` with the fields of `Cut`; tables `[sensors.NAME]` have the fields of `Sensor`.
 
     **Arguments:** `file`: its name, for errors.

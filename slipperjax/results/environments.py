@@ -1,14 +1,21 @@
 """Texts, tables and pictures of vibration environments, in g as in test reports."""
 
+import datetime
+import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
 from ..plots.environment import RMS, greatest_of_rails, named_place, of_place, three_digits, vibration
 from .kind import Kind, Units
+
+FILE = r'"file": "([^"]+)", "sha256": "([^"]+)"'
+"""A file with its digest, in the JSON of a scene."""
 
 
 class EnvironmentKind(Kind):
@@ -21,7 +28,12 @@ class EnvironmentKind(Kind):
         return environment_summary(ds)
 
     def tables(self, ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-        return {"bands": environment_table(ds)}
+        return {"bands": environment_table(ds), "specification": specification_table(ds)}
+
+    def report(self, ds: xr.Dataset, units: Units = None) -> list[str]:
+        lines = [*environment_summary(ds), "", *stated(ds)]
+        lines += ["", "Specification", ""]
+        return lines + specification_table(ds).to_string(index=False, float_format="{:.4g}".format).splitlines()
 
     def plot(self, ds: xr.Dataset, place: int = 0, units: Units = None, **options: Any) -> Any:
         return vibration(ds, place, **options)
@@ -54,6 +66,45 @@ def environment_table(report: xr.Dataset) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
+def specification_table(report: xr.Dataset) -> pd.DataFrame:
+    """Return the straight-line specification, a row for each breakpoint of each place and direction, in g^2/Hz."""
+    tables = []
+    for place in range(report.sizes["place"]):
+        at = of_place(report, place)
+        for direction in at["direction"].values:
+            one = at.sel(direction=direction)
+            known = np.isfinite(one["specification_frequency"].values)
+            columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
+            columns |= {
+                "direction": str(direction),
+                "frequency [Hz]": one["specification_frequency"].values[known],
+                "density [g^2/Hz]": one["specification_density"].values[known],
+                "g-RMS": float(one["specification_rms"]),
+            }
+            tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def stated(report: xr.Dataset) -> list[str]:
+    """Return what a specification was made from: rails, speeds, windows, margin, files, versions and the day."""
+    call = json.loads(report.attrs["call"])
+    low, high = (report.attrs[f"{end} speed [m/s]"] for end in ("lowest", "highest"))
+    window, count = report.attrs["window of densities [s]"], report.attrs["windows of densities"]
+    rails = report.sizes["rail"]
+    scene = report.attrs.get("scene", "")
+    files = [f"{name} (sha256 {digest})" for name, digest in re.findall(FILE, scene)]
+    versions = json.loads(report.attrs.get("versions", "{}"))
+    return [
+        f"{rails} run{'s' * (rails > 1)} from {low:.4g} to {high:.4g} m/s",
+        f"densities: Welch's method, {count} Hann windows of {window:.3g} s that overlap by half, in sixth octaves",
+        "maximax: the greatest density of all windows and runs; mean: over all windows, the greatest of all runs",
+        f"specification: straight lines {call.get('margin') or 0:g} dB above the maximax density",
+        f"shock response: oscillators of Q = {call.get('quality') or 10:g}, greatest of all runs",
+        *(f"made with {name}" for name in files),
+        f"slipperjax {versions.get('slipperjax', 'unknown')}, printed on {datetime.date.today().isoformat()}",
+    ]
+
+
 def environment_summary(report: xr.Dataset) -> list[str]:
     """Return a report as a text, two lines for each place: the greatest values of all rails."""
     lines = []
@@ -77,4 +128,15 @@ def environment_summary(report: xr.Dataset) -> list[str]:
             f"highest shock response {three_digits(shock.max())} g along {worst} at {three_digits(frequency)} Hz; "
             f"level within 6 dB of its highest for {greatest['duration'][strongest]:.3g} s along {strongest}"
         )
+        of_lines = at["specification_rms"].to_series()
+        most = of_lines.idxmax()
+        lines.append(f"specification along {most}: {_points(at.sel(direction=most))}; {of_lines[most]:.3g} g-RMS")
     return lines
+
+
+def _points(one: xr.Dataset) -> str:
+    """Return the breakpoints of a specification as a text."""
+    frequency, density = (one[f"specification_{name}"].values for name in ("frequency", "density"))
+    known = np.isfinite(frequency)
+    points = zip(frequency[known], density[known], strict=True)
+    return ", ".join(f"{three_digits(f)} Hz {level:.2g}" for f, level in points) + " g^2/Hz"
