@@ -4,14 +4,15 @@ import numpy as np
 from jaxtyping import Float
 
 from ..tools.checks import finite, number, numbers, require, whole
+from ..tools.types import Numbers
 
-ENOUGH = 1.0
+ENOUGH = 0.5
 """Mean height of lines above a spectrum at which further breakpoints are not worth it [dB]."""
 
 
 def straight_lines(
-    frequency: Float[np.ndarray, " bands"],
-    density: Float[np.ndarray, " bands"],
+    frequency: Numbers,
+    density: Numbers,
     *,
     margin: float = 0.0,
     breakpoints: int = 8,
@@ -20,7 +21,7 @@ def straight_lines(
 
     Of all lines between some frequencies, those with the least mean height above the spectrum are found by a linear
     program. Frequencies are added one after the other, each where it lowers the mean height most, until the mean
-    height is below 1 dB or there are as many as allowed.
+    height is below 0.5 dB or there are as many as allowed.
 
     **Arguments:** `frequency`: increasing [Hz]; `density`: positive, in any unit; `margin`: added to the spectrum
     first [dB]; `breakpoints`: greatest number of frequencies, at least two.
@@ -29,12 +30,14 @@ def straight_lines(
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    places = np.log(numbers("frequency", frequency, 1, "Hz"))
-    levels = 10 * np.log10(numbers("density", density, 1)) + number(finite, "margin", margin, "dB")
-    alike = places.shape == levels.shape and len(places) >= 2
-    require(alike, "density", f"have a value for each frequency, {len(places)}", shown=f"shape {levels.shape}")
-    known = np.isfinite(places).all() and np.isfinite(levels).all() and bool(np.all(np.diff(places) > 0))
-    require(known, "frequency", "increase, with positive densities", shown="others")
+    bands = numbers("frequency", frequency, 1, "Hz")
+    spectrum = numbers("density", density, 1)
+    alike = bands.shape == spectrum.shape and len(bands) >= 2
+    require(alike, "density", f"have a value for each frequency, {len(bands)}", shown=f"shape {spectrum.shape}")
+    rising = bands[0] > 0 and np.all(np.diff(bands) > 0)
+    require(rising and np.all(spectrum > 0), "frequency", "increase, with positive densities", shown="others")
+    places = np.log(bands)
+    levels = 10 * np.log10(spectrum) + number(finite, "margin", margin, "dB")
     most = whole("breakpoints", breakpoints, 2)
     # neighbouring bands stand for the width between their middles
     widths = np.gradient(places)
@@ -64,7 +67,7 @@ def _least_above(
     return float(widths @ (shares @ found.x - levels) / widths.sum()), found.x
 
 
-def rms_of_lines(frequency: Float[np.ndarray, " points"], density: Float[np.ndarray, " points"]) -> float:
+def rms_of_lines(frequency: Numbers, density: Numbers) -> float:
     """Return the root mean square under straight lines on logarithmic axes, the integral of their power laws.
 
     **Arguments:** `frequency` [Hz] and `density` [unit^2/Hz] of the breakpoints.

@@ -128,9 +128,8 @@ class Clearance(Parameter):
         super().check_exists(scene)
         mounts = getattr(getattr(scene, "slipper", None), "mounts", ())
         own = bool(mounts) and all(mount.play is not None for mount in mounts)
-        require(
-            not own, self.name, "be set where slippers use the section's play", shown="given: mounts have their own"
-        )
+        need = "be set where slippers use the play of the section"
+        require(not own, self.name, need, shown="given for mounts that have their own play")
 
     def _read(self, leaf: Array) -> Real | np.ndarray:
         # over all faces, each of which has half of the clearance

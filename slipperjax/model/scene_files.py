@@ -354,25 +354,32 @@ class _Reader:
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
         unit = getattr(track, "distance_unit", "m")
-        for row in of_all:
-            track = SumTrack(track, self.fault(row, unit))
+        for k, row in enumerate(of_all):
+            track = SumTrack(track, self.fault(row, unit, "track.faults", k))
         if any(of_one.values()):
             require(track.rails, "faults", "be [[track.faults]] on a track of one rail", shown="of one side")
-            sides = {side: [self.fault(row, unit) for row in rows] for side, rows in of_one.items()}
+            sides = {
+                side: [self.fault(row, unit, f"track.{side}.faults", k) for k, row in enumerate(rows)]
+                for side, rows in of_one.items()
+            }
             joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
             track = SumTrack(track, TwoRails(*(joined.get(side, StraightTrack()) for side in SIDES)))
         return track
 
-    def fault(self, row: object, unit: str) -> LocalTrack:
-        """Return a fault of a rail from its table; `unit`: of stations."""
-        table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
-        check_known(table, ("at", "kind", "height", "length", "direction"))
-        at = table.get("at")
-        is_station = isinstance(at, str) and "+" in at
-        place = station("at", at, unit) if is_station else quantity("at", at, "m")
-        values = {name: quantity(name, table.get(name), "m") for name in ("height", "length")}
-        kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
-        return LocalTrack([place], [values["height"]], values["length"], **kind)
+    def fault(self, row: object, unit: str, place: str, number: int) -> LocalTrack:
+        """Return a fault of a rail from its table.
+
+        **Arguments:** `unit`: of stations; `place`, `number`: of the table, for errors.
+        """
+        with self.placed(place, number):
+            table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
+            check_known(table, ("at", "kind", "height", "length", "direction"))
+            at = table.get("at")
+            is_station = isinstance(at, str) and "+" in at
+            middle = station("at", at, unit) if is_station else quantity("at", at, "m")
+            height, length = (quantity(name, table.get(name), "m") for name in ("height", "length"))
+            kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
+            return LocalTrack([middle], [height], length, **kind)
 
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
@@ -471,7 +478,9 @@ class _Reader:
         except TableError:  # this error names its own file
             raise
         except ValueError as error:
-            names = self.tables.get(table, {}) if table else self.tables
+            names: Any = self.tables
+            for word in filter(None, table.split(".")):
+                names = names.get(word, {}) if isinstance(names, dict) else {}
             if isinstance(names, list):
                 names = names[number]
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
