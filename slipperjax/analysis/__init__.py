@@ -49,5 +49,6 @@ from .shooting import (
     minimal_period as minimal_period,
     shoot as shoot,
 )
+from .specification import rms_of_lines as rms_of_lines, straight_lines as straight_lines
 from .spectra import find_line as find_line, power_spectral_density as power_spectral_density
 from .step_error import with_step_error as with_step_error

@@ -10,7 +10,7 @@ import click
 
 from ..tools.checks import TOLD
 from ..tools.tables import TableError
-from . import cache, design, explore, fit, motions, new, runs, study, sweep  # noqa: F401  (each adds its commands)
+from . import cache, design, explore, fit, motions, new, runs, show, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
 from .options import INTERRUPTED, WRONG, app as app
 

@@ -8,10 +8,11 @@ import dataclasses
 import functools
 import importlib
 import inspect
+import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 import diffrax
@@ -29,6 +30,9 @@ from ..tools.cache import compile_cache, keep_in
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, read_standard_input, user_path
 from .files import USUAL
+
+if TYPE_CHECKING:
+    from ..results.result import AbstractResult
 
 LOST = 1
 """Exit code where no computed number means anything."""
@@ -264,7 +268,7 @@ CASE: dict[str, Adds] = {
     "scene": option(
         "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
-    **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
+    **{name: _of_case(name) for name in PARAMETERS if not name.startswith(("inertia", "play"))},
     "wavelength": option(
         "--wavelength",
         Measure(Quantity("wavelength", "m", "irregularity wavelength")),
@@ -329,7 +333,7 @@ class Case(NamedTuple):
         slippers = self.scene.slipper.names
         words = [f"{len(slippers)} slippers"] if slippers else []
         units = ShownUnits(self.file.units if self.file else ())
-        for name in ("speed", "clearance", "length"):
+        for name in ("speed", "clearance", "play.vertical", "play.lateral", "length"):
             q = PARAMETERS[name]
             value = known.get(f"{name} [{q.unit}]")
             if value is not None:
@@ -423,8 +427,19 @@ def make_case(
         except ValueError:
             numbers[name] = parsed(name, value, parameter(name, made).unit)
     made = made.replace(**numbers)
-    file = found if isinstance(found, SceneFile) else None
+    file = found if found is None or isinstance(found, SceneFile) else _as_file(found)
     return Case(made, start, resolve_solver(made, solver), steps_per_period, file)
+
+
+def _as_file(result: "AbstractResult") -> SceneFile | None:
+    """Return the result of one run as the file that would repeat it; None for other results."""
+    call = result.call
+    if call["function"] != "run":
+        return None
+    names = ("length", "begin", "window", "steps_per_period", "refine", "solver")
+    asked = {name: call[name] for name in names if call.get(name) is not None}
+    units = tuple(json.loads(result.ds.attrs.get("shown_units", "[]")))
+    return SceneFile(result.scene, result.start, asked, units, None, None, [])
 
 
 def make_bounds(

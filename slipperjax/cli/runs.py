@@ -4,7 +4,7 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,8 +36,6 @@ from .options import (
 if TYPE_CHECKING:
     from ..results.result import Result
 
-FURTHER = "-environment"
-"""Text added to the names of files with the vibration environment of a run."""
 COMPARE = "sweeps.compare.compare"
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
@@ -68,63 +66,118 @@ class _Comparing(click.Command):
 @option(
     "--rails",
     COUNT,
-    "With --over: number of rails, first the survey, or seeds of a random rail; the median needs 8, 0.95 needs 80.",
+    "Number of rails, first the survey, or of seeds of a random rail; the median needs 8, the share 0.95 needs 80.",
     default=Default(COMPARE, "rails"),
 )
 @option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
 @option(
     "--quantiles",
     float,
-    "With --over: share of the runs with lower values; the last share decides; repeat for several.",
+    "With --rails or --over: share of the runs with lower values; of several shares, for which the option is "
+    "repeated, the last decides.",
     multiple=True,
     default=Default(COMPARE, "quantiles"),
 )
-@option("--store", FILE, "With --over: keep runs in this store, from which the same command continues.")
+@option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
 def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, **ensemble: object) -> int:
-    """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
-    designs by many runs over the same rails from the same starts.
+    """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
+    rails, for the quantiles of its loads; or compare designs by many runs over the same rails from the same starts.
 
-    FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input. With a
-    table [environment], the vibration environment of its places is also printed, and written into further files with
-    -environment in their names.
+    FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input; or the
+    result of a run, which is repeated, with the changes of options such as --set play.vertical="0.1 in". With a table
+    [environment] the vibration environment of its places is also printed, with a table [loads] the loads that size
+    parts; they are written into further files with -environment and -loads in their names.
     """
-    from ..sweeps.environment import check_environment, environment
-    from ..sweeps.runs import run as over_rail
-    from ..sweeps.windows import AccelerationHistory, default_records
-
     file = case.file
     path = click.get_current_context().params["scene"]
     if file is None or file.run is None:
-        raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], but is {path}.")
+        raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], or a run, but is {path}.")
     # options that the user gave override the file
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
     if over is not None:
         return _compared(case, over, options | ensemble, files)
+    if given("rails"):
+        require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
+        return _over_rails(case, options, ensemble, files)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    further = None
-    places = file.environment
-    if places is not None:
-        # checked before a long run
-        check_environment(case.scene, **places)
-        further = files.named(FURTHER)
-        history = AccelerationHistory(math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples))
-        options["record"] = [*default_records(case.scene), history]
+    return _single(case, options, files)
+
+
+def _single(case: Case, options: dict[str, object], files: Outputs) -> int:
+    """Run once; write and print the run, its vibration environment and its loads."""
+    from ..sweeps.environment import check_environment, environment
+    from ..sweeps.loads import check_loads, loads
+    from ..sweeps.runs import run as over_rail
+
+    file = case.file
+    assert file is not None
+    # checked before a long run
+    if file.environment is not None:
+        check_environment(case.scene, **file.environment)
+    if file.loads is not None:
+        check_loads(case.scene, file.loads["means"], file.loads["cuts"])
+    reports = [
+        (more, files.named(more), ask, asked)
+        for more, ask, asked in (
+            ("-environment", environment, file.environment),
+            ("-loads", loads, file.loads),
+        )
+        if asked is not None
+    ]
     with keeping(files.keep):
-        ran = over_rail(case.scene, **options, probe=3, progress=True)
+        ran = over_rail(case.scene, **options, record=_records(case, options), probe=3, progress=True)
     _keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
-    if further is not None and places is not None and not lost:
-        report = environment(ran, **places)
+    for _, further, ask, asked in [] if lost else reports:
+        report = ask(ran, **asked)
         said(further.write(report), *report.summary())
     return LOST if lost else 0
+
+
+def _records(case: Case, options: Mapping[str, object]) -> list[object]:
+    """Return the records of a run, with those that the tables of the file need."""
+    from ..sweeps.windows import AccelerationHistory, LoadHistory, default_records
+
+    file = case.file
+    assert file is not None
+    sized = file.loads or {}
+    samples = math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples)
+    records: list[object] = [*default_records(case.scene)]
+    if file.environment is not None or sized.get("cuts"):
+        records.append(AccelerationHistory(samples))
+    if sized.get("means") or sized.get("cuts"):
+        records.append(LoadHistory(samples))
+    return records
+
+
+def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, object], files: Outputs) -> int:
+    """Run over many rails; write and print the loads of each slipper, with their quantiles."""
+    from ..sweeps.compare import on_rails
+    from ..sweeps.loads import check_loads, loads
+    from ..sweeps.runs import run as over_rail
+
+    assert case.file is not None
+    sized = {"quantiles": ensemble["quantiles"]} | (case.file.loads or {})
+    check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
+    scene, rails = on_rails(case.scene, ensemble["rails"])
+    require(rails, "--rails", "be 2 or more", ensemble["rails"])
+    store = ensemble["store"]
+    with keeping(lambda ds: kept_in(store), store):
+        ran = over_rail(
+            scene, rails, product=False, **options, record=_records(case, options), store=store, progress=True
+        )
+    report = loads(ran, over="case", **sized)
+    _keep_units(report, case)
+    said(files.write(report), case.text(start=_start(case)), *report.summary())
+    return LOST if is_lost(report["status"].values).all() else 0
 
 
 def _keep_units(result: "Result", case: Case) -> None:

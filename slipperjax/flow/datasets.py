@@ -21,7 +21,7 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, PayloadMotion
 from ..model.layout import coordinates
-from ..model.parameters import PARAMETERS, STARTS, check_units, of_motion, parameter
+from ..model.parameters import PARAMETERS, STARTS, PlayAlong, check_units, of_motion, parameter
 from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import scene_from_json, scene_to_json
@@ -121,7 +121,10 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
         "contact_memory": type(scene.contact_memory).__name__,
     }
     for name, q in PARAMETERS.items():
-        value = q.of(scene)
+        # a clearance states the plays along both axes, too
+        if isinstance(q, PlayAlong) and "clearance [m]" in out:
+            continue
+        value = q.stated(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     name = "wavelengths"
@@ -203,7 +206,11 @@ def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
     _described(ds, "scene")
     need = "be of one scene: these are joined from several, and only the first's is known"
     require(has_one_scene(ds), "source", need, shown="of several")
-    scene = scene_from_json(ds.attrs["scene"])
+    try:
+        scene = scene_from_json(ds.attrs["scene"])
+    except OSError as error:
+        asked = ds.encoding.get("source", "the result")
+        raise type(error)(f"{asked} was made with a file that cannot be read now: {error}") from None
     description = _described(ds, "start")
     # the description of a motion, or of a state with its memory
     of_motion = description.get("motion", description)

@@ -63,6 +63,7 @@ from .scene_files import (
     scene_to_json as scene_to_json,
 )
 from .sensors import Sensor as Sensor
+from .sled import Cut as Cut
 from .step_size import contact_duration as contact_duration, default_steps_per_period as default_steps_per_period
 from .surveys import SurveyedRails as SurveyedRails, SurveyedTrack as SurveyedTrack, load_speed as load_speed
 from .thrust import RocketSled as RocketSled, WaterBrake as WaterBrake

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import Check, brief, finite, hint, instance, not_negative, positive, require
 from ..tools.compile import as_argument
@@ -29,6 +29,10 @@ from .tracks import HarmonicTrack, on_host
 
 # a Scene, whose module imports this one
 AnyScene = TypeVar("AnyScene", bound=eqx.Module)
+
+
+DIRECTIONS = ("lateral", "vertical")
+"""Names of directions of play."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,6 +61,10 @@ class Parameter(Quantity):
         """Return the value in a scene [unit]; None where the scene has no such part, or where the part is None."""
         leaf = self.leaf(scene)
         return None if leaf is None else self._read(leaf)
+
+    def stated(self, scene: eqx.Module) -> Real | np.ndarray | None:
+        """Return the value in a scene as `of`, but NaN for a mean of several different numbers."""
+        return self.of(scene)
 
     def check_exists(self, scene: eqx.Module) -> None:
         """Raise `ValueError` where a scene has no such part; a part that is None can be set."""
@@ -105,8 +113,23 @@ class Parameter(Quantity):
         return every.at[(..., *self.index)].set(value)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Clearance(Parameter):
     """The total play, half of it at each face; where faces differ, twice the mean play of the faces."""
+
+    direction: int | None = None
+    """0 for the lateral axis, 1 for the vertical axis, None for both."""
+
+    def stated(self, scene):
+        leaf = self.leaf(scene)
+        return None if leaf is None else _twice_the_play(leaf, np.ones(leaf.shape[-1:], bool))
+
+    def check_exists(self, scene):
+        super().check_exists(scene)
+        mounts = getattr(getattr(scene, "slipper", None), "mounts", ())
+        own = bool(mounts) and all(mount.play is not None for mount in mounts)
+        need = "be set where slippers use the play of the section"
+        require(not own, self.name, need, shown="given for mounts that have their own play")
 
     def _read(self, leaf: Array) -> Real | np.ndarray:
         # over all faces, each of which has half of the clearance
@@ -114,6 +137,48 @@ class Clearance(Parameter):
 
     def _write(self, value: Array, leaf: Array) -> Array:
         return half_play(value, leaf.shape[-1])
+
+
+class PlayAlong(Clearance):
+    """The total play along one axis, half of it at each face whose normal is nearest to this axis."""
+
+    @property
+    def words(self) -> str:
+        assert self.direction is not None
+        return f"{DIRECTIONS[self.direction]} play"
+
+    def of(self, scene):
+        """Return twice the mean play of these faces [m]; NaN without such faces."""
+        leaf = self.leaf(scene)
+        if leaf is None:
+            return None
+        mine = self._faces(scene)
+        with np.errstate(invalid="ignore"):
+            total = (on_host(leaf) * mine).sum(axis=-1)
+            return 2 * total / mine.sum(axis=-1)
+
+    def stated(self, scene):
+        leaf = self.leaf(scene)
+        return None if leaf is None else _twice_the_play(leaf, self._faces(scene))
+
+    def replaced(self, scene, value):
+        self.check_exists(scene)
+        half = as_argument(value)[..., None] / 2
+        leaf = jnp.where(self._faces(scene), half, self._where(scene))
+        return eqx.tree_at(self._where, scene, leaf)
+
+    def _faces(self, scene: eqx.Module) -> Bool[Array | np.ndarray, "*cases faces"]:
+        """Return whether a face is of this direction."""
+        return on_host(scene.section.directions == self.direction)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _twice_the_play(play: Array, faces: Array | np.ndarray) -> np.ndarray | None:
+    """Return twice the play of some faces [m]; NaN where they differ or there are none, None where it is traced."""
+    if is_traced(play) or is_traced(faces):
+        return None
+    least = np.min(np.where(faces, np.asarray(play), np.inf), axis=-1)
+    most = np.max(np.where(faces, np.asarray(play), -np.inf), axis=-1)
+    return np.where(least == most, 2 * least, np.nan)
 
 
 def half_play(clearance: Array | np.ndarray, faces: int) -> Float[Array, "*cases faces"]:
@@ -165,6 +230,18 @@ PARAMETERS: dict[str, Parameter] = {
             shown_unit="mm",
             path="section.play",
             check=not_negative("clearance", "m", plausible=(0.0, 0.04)),
+        ),
+        *(
+            PlayAlong(
+                f"play.{name}",
+                "m",
+                f"total {name} play of slipper and rail",
+                shown_unit="mm",
+                path="section.play",
+                check=not_negative(f"play.{name}", "m", plausible=(0.0, 0.04)),
+                direction=direction,
+            )
+            for direction, name in enumerate(DIRECTIONS)
         ),
         _named("slipper.length", Slipper),
         _named("slipper.mass", Slipper),

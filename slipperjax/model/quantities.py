@@ -50,6 +50,11 @@ class Quantity:
     """Unit in pictures and on the command line; empty for the SI unit."""
 
     @property
+    def words(self) -> str:
+        """The name in words."""
+        return self.name.replace("_", " ")
+
+    @property
     def per_shown(self) -> float:
         """SI units in one display unit."""
         if self.shown_unit in PER_SHOWN:
@@ -82,7 +87,7 @@ class Quantity:
     def named(self, value: Any) -> str:
         """Return the name with a value in SI units [unit], such as "clearance 1.5 mm"; the unit 1 is left out."""
         unit = "" if self.display_unit == "1" else f" {self.display_unit}"
-        return f"{self.name} {self.shown(float(value)):.5g}{unit}"
+        return f"{self.words} {self.shown(float(value)):.5g}{unit}"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 """
 
 import dataclasses
+import functools
 import json
 import re
 import tomllib
@@ -27,30 +28,31 @@ from ..tools.checks import brief, finite, hint, instance, positive, require
 from ..tools.description import TYPE, arguments_of, build, describe, known_type, type_name
 from ..tools.fields import ShapeChecked, field, unit_of
 from ..tools.files import user_path
-from ..tools.tables import TableError
+from ..tools.tables import TableError, station
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion, check_motion
 from .loads import SumLoad, TabulatedLoad
 from .modes import Modes, load_modes
-from .parameters import PARAMETERS, half_play
+from .parameters import DIRECTIONS, PARAMETERS
 from .quantities import ShownUnits
 from .scene import INNER, NUMBERS, PARTS, START, Scene
 from .section import Section
 from .sensors import UNITS, Sensor
-from .sled import Mount, Sled
+from .sled import Cut, Mount, Sled
 from .slipper import AbstractBody, Slipper
 from .starts import AtRest
 from .step_size import given_steps
-from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
+from .surveys import SIDES, SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
+from .tracks import AbstractTrack, LocalTrack, StraightTrack, SumTrack, TwoRails
 from .travel import SpeedProgramme, Stage
 
 BODY = ("slipper", "mounts", "modes")
 """Tables of the body: a sled has its own tables for mounts and modes."""
 BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping": "", "places": "m"}
 """Arguments of `Modes.beam` with their units."""
-SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
+SPEEDS = ("file", "cutoff", "stages", "start", "distance", "speed", "scale", "source", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
@@ -82,10 +84,18 @@ class EnvironmentTable(ShapeChecked):
     low: Float[Array, ""] | None = field("Hz", positive, default=None)
     high: Float[Array, ""] | None = field("Hz", positive, default=None)
     quality: Float[Array, ""] | None = field("", positive, default=None)
+    margin: Float[Array, ""] | None = field("", finite, default=None)
 
     def __check_init__(self):
         if self.low is not None and self.high is not None:
             require(self.low < self.high, "low", f"be below {self.high:g} Hz", shown=f"{self.low:g} Hz")
+
+
+class LoadsTable(ShapeChecked):
+    """The table `loads` of a scene's file: arguments of `slipperjax.sweeps.loads` other than its runs."""
+
+    means: Float[Array, " means"] = field("s", positive, default=())
+    quantiles: tuple[float, ...] | None = None
 
 
 class SceneFile(NamedTuple):
@@ -100,6 +110,8 @@ class SceneFile(NamedTuple):
     """Units in which results are shown, such as "ft" and "lbf"."""
     environment: dict[str, Any] | None
     """Arguments of `slipperjax.environment` other than its runs [SI unit]; None where the file has none."""
+    loads: dict[str, Any] | None
+    """Arguments of `slipperjax.sweeps.loads` other than its runs [SI unit]; None where the file has none."""
     sensors: list[Sensor]
     """The sensors of the file's tables `sensors`."""
 
@@ -127,12 +139,13 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """Return the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
-    `clearance` in place of the `play` of each face; `track` takes the `file` of a survey, and `speed` the `file` of a
-    history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
-    `run` takes length, begin, window, steps_per_period, solver and units.
+    `clearance`, or `play = { vertical = ..., lateral = ... }`, in place of the `play` of each face; `track` takes the
+    `file` of a survey, and `speed` the `file` of a history; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y,
+    w_z; `run` takes length, begin, window, steps_per_period, solver and units.
     A sled's slippers are tables `[[mounts]]`. Each may have a `clearance` and a `section`; values that this section
     leaves out are those of the scene's section. `modes` takes the `file` of modes, or a `beam`, see `Modes.beam`;
-    `environment` takes places, window, low, high and quality; tables `[sensors.NAME]` have the fields of `Sensor`.
+    `environment` takes places, window, low, high, quality and margin [dB]; `loads` takes means, quantiles and tables
+    `[[loads.cuts]]` with the fields of `Cut`; tables `[sensors.NAME]` have the fields of `Sensor`.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -170,7 +183,7 @@ class _Reader:
         for name in ("speed", "slipper", "section", "track", "contact"):
             if name not in values and name not in self.tables:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
-        start = run = environment = None
+        start = run = environment = loads = None
         sensors: list[Sensor] = []
         for name, value in self.tables.items():
             if name in BODY:
@@ -179,7 +192,9 @@ class _Reader:
                 values[name] = SumLoad([self.load(row, k) for k, row in enumerate(value)])
                 continue
             with self.placed(name if isinstance(value, dict) else ""):
-                if name in PARTS:
+                if name == "track":
+                    values[name] = self.track(dict(value), values.get(name))
+                elif name in PARTS:
                     values[name] = self.part(name, dict(value), values.get(name))
                 elif name == "start":
                     start = self.start(dict(value))
@@ -187,6 +202,8 @@ class _Reader:
                     run = self.arguments(RunTable, value, name)
                 elif name == "environment":
                     environment = self.arguments(EnvironmentTable, value, name)
+                elif name == "loads":
+                    loads = self.loads(dict(value))
                 elif name == "sensors":
                     sensors = [self.sensor(*one) for one in value.items()]
                 elif name == "speed" and isinstance(value, dict):
@@ -198,11 +215,11 @@ class _Reader:
             values["slipper"] = self.body(values.get("slipper"), values["section"])
         with self.placed(""):
             units = () if run is None else run.pop("units", ())
-            return SceneFile(Scene(**values), start, run, units, environment, sensors)
+            return SceneFile(Scene(**values), start, run, units, environment, loads, sensors)
 
     def check_names(self) -> None:
         """Raise `ValueError` for unknown names, and for values in place of tables."""
-        tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "sensors")
+        tables = (*PARTS, "mounts", "modes", "start", "run", "environment", "loads", "sensors")
         check_known(self.tables, ("base", *NUMBERS, *tables))
         for name, value in self.tables.items():
             several = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
@@ -220,6 +237,12 @@ class _Reader:
         """Return one of several loads, by its number."""
         with self.placed("load", number):
             return self.part("load", dict(table), None)
+
+    def loads(self, table: Table) -> dict[str, Any]:
+        """Return the arguments of `slipperjax.sweeps.loads`; each cut is a table [[loads.cuts]]."""
+        rows = table.pop("cuts", [])
+        check_tables("cuts", rows)
+        return self.arguments(LoadsTable, table, "loads") | {"cuts": [self.made(Cut, row, "loads") for row in rows]}
 
     def body(self, inherited: eqx.Module | None, section: Section) -> eqx.Module:
         """Return the slipper, or the sled on mounts, from their tables and the body and the section of the scene."""
@@ -242,7 +265,7 @@ class _Reader:
                 raise ValueError(f"`section` must be a table, but is {brief(own)}.")
             values = {"section": self.part("section", dict(own), section)} if own else {}
             rest = {name: value for name, value in table.items() if name != "section"}
-            return self.made(Mount, self.with_play(rest, len(section.faces)), "mounts", **values)
+            return self.made(Mount, self.with_play(rest, values.get("section", section)), "mounts", **values)
 
     def modes(self, table: Table, body: eqx.Module) -> Modes:
         """Return the elastic modes of a sled: from a file, of a beam, or from the table's numbers."""
@@ -271,16 +294,28 @@ class _Reader:
             values = {key: quantity(key, value, units.get(key, unit_of(Sensor, key))) for key, value in table.items()}
             return Sensor(name, **values)
 
-    def with_play(self, table: Table, faces: int) -> Table:
-        """Return a table in which `clearance` is replaced by the play of each face, which is half of it."""
-        if "clearance" not in table:
+    def with_play(self, table: Table, section: Section) -> Table:
+        """Return a table with the play of each face of a section, in place of a `clearance`, of which each face has
+        half, or in place of a vertical and a lateral play."""
+        play = table.get("play")
+        along = isinstance(play, dict) and not {"values", "unit"} & set(play)
+        if "clearance" not in table and not along:
             return table
-        if "play" in table:
+        if "clearance" in table and play is not None:
             raise ValueError("`clearance` and `play` must not both be given.")
-        unit = PARAMETERS["clearance"].unit
-        play = half_play(np.asarray(quantity("clearance", table["clearance"], unit)), faces)
-        rest = {name: value for name, value in table.items() if name != "clearance"}
-        return rest | {"play": {"values": play.tolist(), "unit": unit}}
+        rest = {name: value for name, value in table.items() if name not in ("clearance", "play")}
+        total = {"clearance": table.get("clearance")}
+        if along:
+            assert isinstance(play, dict)
+            check_known(play, DIRECTIONS)
+            total = {f"play.{name}": play.get(name) for name in DIRECTIONS}
+        of_faces = np.empty(len(section.faces))
+        for name, value in total.items():
+            p = PARAMETERS[name]
+            given = quantity(name, value, p.unit)
+            mine = slice(None) if p.direction is None else np.asarray(section.directions) == p.direction
+            of_faces[mine] = np.asarray(p.check(given)) / 2
+        return rest | {"play": {"values": of_faces.tolist(), "unit": "m"}}
 
     def part(self, name: str, table: Table, inherited: eqx.Module | None) -> eqx.Module:
         """Return one part of the scene, from its table and the part that it inherits."""
@@ -305,8 +340,46 @@ class _Reader:
         # `clearance` is the only name in a file that is not a field of its part
         if kind is Section:
             check_known(table, ("clearance", *arguments_of(kind)))
-            table = self.with_play(table, len(table.get("faces", values.get("faces", Section.faces))))
+            rest = {field: value for field, value in table.items() if field not in ("clearance", "play")}
+            # the directions of faces do not depend on the play
+            faces = len(table.get("faces", values.get("faces", Section.faces)))
+            shape = self.made(kind, rest, name, **values | {"play": np.zeros(faces)})
+            table = self.with_play(table, shape)
         return self.made(kind, table, name, **values)
+
+    def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
+        """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
+        of_all = table.pop("faults", [])
+        of_one = {side: list(_taken(table, side, "faults")) for side in SIDES}
+        track = self.part("track", table, inherited)
+        assert isinstance(track, AbstractTrack)
+        unit = getattr(track, "distance_unit", "m")
+        for k, row in enumerate(of_all):
+            track = SumTrack(track, self.fault(row, unit, "track.faults", k))
+        if any(of_one.values()):
+            require(track.rails, "faults", "be [[track.faults]] on a track of one rail", shown="of one side")
+            sides = {
+                side: [self.fault(row, unit, f"track.{side}.faults", k) for k, row in enumerate(rows)]
+                for side, rows in of_one.items()
+            }
+            joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
+            track = SumTrack(track, TwoRails(*(joined.get(side, StraightTrack()) for side in SIDES)))
+        return track
+
+    def fault(self, row: object, unit: str, place: str, number: int) -> LocalTrack:
+        """Return a fault of a rail from its table.
+
+        **Arguments:** `unit`: of stations; `place`, `number`: of the table, for errors.
+        """
+        with self.placed(place, number):
+            table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
+            check_known(table, ("at", "kind", "height", "length", "direction"))
+            at = table.get("at")
+            is_station = isinstance(at, str) and "+" in at
+            middle = station("at", at, unit) if is_station else quantity("at", at, "m")
+            height, length = (quantity(name, table.get(name), "m") for name in ("height", "length"))
+            kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
+            return LocalTrack([middle], [height], length, **kind)
 
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
@@ -319,7 +392,8 @@ class _Reader:
             stages = [self.made(Stage, row, "stages") for row in rows]
             programme = SpeedProgramme.stages(stages, start=start, **begin)
         elif "file" in table:
-            programme = load_speed(self.beside(table.pop("file")), **begin)
+            more = {"cutoff": quantity("cutoff", table.pop("cutoff"), "Hz")} if "cutoff" in table else {}
+            programme = load_speed(self.beside(table.pop("file")), **begin, **more)
         elif "thrust" in table:
             return self.thrust(table, **begin).programme()
         elif "time" in table and "distance" not in table:
@@ -404,7 +478,9 @@ class _Reader:
         except TableError:  # this error names its own file
             raise
         except ValueError as error:
-            names = self.tables.get(table, {}) if table else self.tables
+            names: Any = self.tables
+            for word in filter(None, table.split(".")):
+                names = names.get(word, {}) if isinstance(names, dict) else {}
             if isinstance(names, list):
                 names = names[number]
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
@@ -433,6 +509,19 @@ class _Reader:
                 if wanted and here == table:
                     header = header or at
         return header
+
+
+def _taken(table: Table, name: str, inner: str) -> list[Any]:
+    """Remove a value of a table within a table, and the table where nothing is left; return the value."""
+    part = table.get(name)
+    if not isinstance(part, dict) or inner not in part:
+        return []
+    rest = {key: value for key, value in part.items() if key != inner}
+    if rest:
+        table[name] = rest
+    else:
+        del table[name]
+    return part[inner]
 
 
 def check_known(names: Iterable[str], known: Collection[str]) -> None:

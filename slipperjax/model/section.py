@@ -5,11 +5,12 @@ import re
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, not_negative, require, shown_number, warn, warn_unless_within
 from ..tools.fields import ShapeChecked, field
 from ..tools.tracing import is_traced
+from ..tools.types import AnyArray
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
@@ -107,6 +108,15 @@ class Section(ShapeChecked):
     def face_of_point(self) -> np.ndarray:
         """Index of each point's face, shape (points,)."""
         return np.array([[name in face for face in self.faces].index(True) for name in self.names])
+
+    @property
+    def directions(self) -> Int[AnyArray, "*cases faces"]:
+        """Direction of each face: 0 where its normal is nearer to the lateral axis, 1 nearer to the vertical axis."""
+        start, end = self._corners
+        xp = jnp if is_traced(self.points) else np
+        along = xp.asarray(self.points)[..., end, :] - xp.asarray(self.points)[..., start, :]
+        # the normal is perpendicular to the way from corner to corner
+        return xp.argmin(abs(along), axis=-1)
 
     @property
     def widths(self) -> Float[Array, " faces"]:

@@ -162,3 +162,18 @@ class Sled(AbstractBody):
                 own = eqx.tree_at(lambda section: section.play, own, mount.play)
             slippers.append(Mounted((mount.x, mount.y, mount.z), length, own, mount.rail, ahead))
         return tuple(slippers)
+
+
+class Cut(ShapeChecked):
+    """A plane across a sled, with the mass in front of it, for the loads between both parts of the sled."""
+
+    x: Float[Array, ""] = field("m", finite)
+    """Place of the plane along the track, from the sled's centre of mass [m]."""
+    mass: Float[Array, ""] = field("kg", positive)
+    """Mass in front of the plane, slippers included [kg]."""
+    centre: Float[Array, "3"] = field("m", finite)
+    """Centre of this mass, from the sled's centre of mass [m]."""
+    inertia: Float[Array, "3"] = field("kg m^2", positive)
+    """Moments of inertia of this mass about axes along x, y and z through its centre [kg m^2]."""
+    name: str = eqx.field(static=True, default="")
+    """Name in results; empty: "cut1", "cut2" and so on."""

@@ -5,6 +5,7 @@ import functools
 import hashlib
 import math
 from collections.abc import Mapping, Set
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -289,25 +290,47 @@ def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.
     return {name: np.zeros_like(columns["distance"]) for name in names} | columns
 
 
-def load_speed(file: str | Path, begin: Real = 0.0) -> SpeedProgramme:
+def load_speed(file: str | Path, begin: Real = 0.0, cutoff: Real | None = None) -> SpeedProgramme:
     """Read a measured history of speeds.
 
     A CSV or netCDF file as for `load_rail` has columns `speed` (or velocity) and `distance` (chainage, station) or
     `time`, such as `time [s], velocity [ft/s]`; a file with both is read by distance.
 
-    **Arguments:** `begin`: place of the sled along the rail at the first time, or at distance zero of the file [m].
+    **Arguments:** `begin`: place of the sled along the rail at the first time, or at distance zero of the file [m];
+    `cutoff`: frequency above which noise is removed from speeds over time [Hz], by a Butterworth filter of fourth
+    order, forwards and backwards, so that nothing is delayed; None: no filter.
 
     **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
     """
     aliases = ALIASES | {"velocity": "speed", "v": "speed", "t": "time"}
     along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases)
     begin = number(finite, "begin", begin, "m")
+    speed = columns["speed"]
     try:
+        if cutoff is not None:
+            require(along == "time", "cutoff", "be None for speeds over distance", cutoff)
+            speed = _without_noise(columns["time"], speed, number(positive, "cutoff", cutoff, "Hz"))
         if along == "time":
-            return SpeedProgramme.over_time(columns["time"], columns["speed"], begin=begin)
-        return SpeedProgramme.over_distance(begin + columns["distance"], columns["speed"])
+            programme = SpeedProgramme.over_time(columns["time"], speed, begin=begin)
+        else:
+            programme = SpeedProgramme.over_distance(begin + columns["distance"], speed)
     except ValueError as error:
         raise TableError(f"{file}: {error}") from None
+    _, _, digest = _content(file, None)
+    filtered = "" if cutoff is None else f", low-pass {cutoff:g} Hz"
+    return replace(programme, source=f"{file}, sha256 {digest}{filtered}")
+
+
+def _without_noise(time: np.ndarray, speed: np.ndarray, cutoff: float) -> np.ndarray:
+    """Return speeds [m/s] at equal times [s] without their parts above a frequency [Hz]; none is negative."""
+    from scipy.signal import butter, sosfiltfilt
+
+    step = np.diff(time)
+    require(np.ptp(step) < 1e-3 * step.mean(), "cutoff", "be None for unequal intervals of time", cutoff)
+    need = f"be below half of the sampling rate, {0.5 / step.mean():g} Hz"
+    require(cutoff < 0.5 / step.mean(), "cutoff", need, cutoff)
+    smooth = sosfiltfilt(butter(4, cutoff, fs=1 / step.mean(), output="sos"), speed)
+    return np.maximum(smooth, 0.0)
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:

@@ -449,6 +449,11 @@ class SumTrack(_OfTwo):
         return f"SumTrack({self.one!r}, {self.other!r})"
 
     @property
+    def distance_unit(self) -> str:
+        """Unit of distances in the survey of the first track, if it is a survey; otherwise m."""
+        return getattr(self.one, "distance_unit", "m")
+
+    @property
     def rails(self):
         one, other = self.one.rails, self.other.rails
         # a single track is added to both rails of the other track

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -110,6 +111,8 @@ class SpeedProgramme(ShapeChecked):
     """Factor of all speeds [1], for sweeps and derivatives."""
     time: Float[Array, " places"] | None = field("s", finite, default=None)
     """Times at these distances [s]; None where they follow from the speeds, from zero at the first place."""
+    source: str = eqx.field(static=True, default="")
+    """The file that the speeds were read from, with its digest; empty: none."""
 
     @classmethod
     def over_distance(cls, distance: Numbers, speed: Numbers) -> "SpeedProgramme":

@@ -36,7 +36,7 @@ class Comparison(NamedTuple):
         for name in along:
             q = chosen.of(quantity_of(name, ds))
             values = np.broadcast_to(q.shown(flat[name].values), flat.sizes["design"])
-            words.append([_stated(f"{q.name.replace('_', ' ')} {value:.4g}", q) for value in values])
+            words.append([_stated(f"{q.words} {value:.4g}", q) for value in values])
         record = ds.attrs["record"]
         compared = chosen.of(quantity_of(record, ds.rename(runs=record)))
         return cls(flat, [", ".join(parts) for parts in zip(*words, strict=True)], compared)

@@ -95,6 +95,9 @@ def _draw_density(ax: Axes, at: xr.Dataset) -> None:
         ):
             envelope = at["density_envelope"].sel(summary=name)
             ax.plot(at["frequency"], envelope, lw=1.0, color=color, ls=dashes, label=text)
+    if "specification_frequency" in at:
+        lines = at["specification_frequency"].values, at["specification_density"].values
+        ax.plot(*lines, color="black", lw=0.8, ls=":", label="specification")
     _finish_spectrum(ax, edges)
     ax.set_xlabel(f"frequency [Hz], along {at['direction'].item()}")
 

@@ -256,7 +256,7 @@ def label_axes(ax: Axes, x: xr.DataArray, y: xr.DataArray) -> None:
 
 def name_and_symbol(q: Quantity) -> str:
     """Return the name of a quantity, and its symbol, if any."""
-    return q.name.replace("_", " ") + (f" ${q.symbol}$" if q.symbol else "")
+    return q.words + (f" ${q.symbol}$" if q.symbol else "")
 
 
 def highest(ds: xr.Dataset, name: str, *dims: str, units: ShownUnits = OWN_UNITS) -> xr.DataArray:
@@ -522,7 +522,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     **Returns:** the text, empty where the dataset has no parameter.
     """
     ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a dataset of a run")
-    rows = [["speed", "clearance", "length"], []]
+    rows = [["speed", "clearance", "play.vertical", "play.lateral", "length"], []]
     if full:
         rows[0] += ["mass", "gravity"]
         rows[1] += ["stiffness", "restitution", "amplitude", "roll_amplitude"]

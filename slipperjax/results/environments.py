@@ -1,10 +1,18 @@
 """Texts and tables of vibration environments, in g as in test reports."""
 
+import datetime
+import json
+import re
+
+import numpy as np
 import pandas as pd
 import xarray as xr
 
 from ..plots.environment import RMS, greatest_of_rails, named_place, places_of, three_digits
 from ..plots.style import Units
+
+FILE = r'"file": "([^"]+)", "sha256": "([^"]+)"'
+"""A file with its digest, in the JSON of a scene."""
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
@@ -26,7 +34,58 @@ def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
                     one = values.sel(direction=direction, summary=name)
                     columns[f"{kind} {direction} {name} [{unit}]"] = one.values
         rows.append(pd.DataFrame(columns))
-    return {"bands": pd.concat(rows, ignore_index=True)}
+    return {"bands": pd.concat(rows, ignore_index=True), "specification": _specification(ds)}
+
+
+def _specification(ds: xr.Dataset) -> pd.DataFrame:
+    """Return the straight-line specification, a row for each breakpoint of each place and direction, in g^2/Hz."""
+    tables = []
+    for at in places_of(ds):
+        for direction in at["direction"].values:
+            one = at.sel(direction=direction)
+            known = np.isfinite(one["specification_frequency"].values)
+            columns: dict[str, object] = {f"{axis} [m]": float(at[axis]) for axis in "xyz"}
+            columns |= {
+                "direction": str(direction),
+                "frequency [Hz]": one["specification_frequency"].values[known],
+                "density [g^2/Hz]": one["specification_density"].values[known],
+                "g-RMS": float(one["specification_rms"]),
+            }
+            tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def report(ds: xr.Dataset, units: Units = None) -> list[str]:
+    """Return the text of a report: results, what they were made from, and the specification."""
+    table = _specification(ds).to_string(index=False, float_format="{:.4g}".format)
+    return [*summary(ds), "", *_stated(ds), "", "Specification", "", *table.splitlines()]
+
+
+def _stated(ds: xr.Dataset) -> list[str]:
+    """Return what an environment was made from: rails, speeds, windows, margin, files, versions and the day."""
+    call = json.loads(ds.attrs["call"])
+    low, high = (ds.attrs[f"{end} speed [m/s]"] for end in ("lowest", "highest"))
+    window, count = ds.attrs["window of densities [s]"], ds.attrs["windows of densities"]
+    rails = ds.sizes["rail"]
+    files = [f"{name} (sha256 {digest})" for name, digest in re.findall(FILE, ds.attrs.get("scene", ""))]
+    versions = json.loads(ds.attrs.get("versions", "{}"))
+    return [
+        f"{rails} run{'s' * (rails > 1)} from {low:.4g} to {high:.4g} m/s",
+        f"densities: Welch's method, {count} Hann windows of {window:.3g} s that overlap by half, in sixth octaves",
+        "maximax: the greatest density of all windows and runs; mean: over all windows, the greatest of all runs",
+        f"specification: straight lines {call.get('margin') or 0:g} dB above the maximax density",
+        f"shock response: oscillators of Q = {call.get('quality') or 10:g}, greatest of all runs",
+        *(f"made with {name}" for name in files),
+        f"slipperjax {versions.get('slipperjax', 'unknown')}, printed on {datetime.date.today().isoformat()}",
+    ]
+
+
+def _points(one: xr.Dataset) -> str:
+    """Return the breakpoints of a specification as a text."""
+    frequency, density = (one[f"specification_{name}"].values for name in ("frequency", "density"))
+    known = np.isfinite(frequency)
+    points = zip(frequency[known], density[known], strict=True)
+    return ", ".join(f"{three_digits(f)} Hz {level:.2g}" for f, level in points) + " g^2/Hz"
 
 
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
@@ -51,4 +110,7 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
             f"highest shock response {three_digits(shock.max())} g along {worst} at {three_digits(frequency)} Hz; "
             f"level within 6 dB of its highest for {greatest['duration'][strongest]:.3g} s along {strongest}"
         )
+        of_lines = at["specification_rms"].to_series()
+        most = of_lines.idxmax()
+        lines.append(f"specification along {most}: {_points(at.sel(direction=most))}; {of_lines[most]:.3g} g-RMS")
     return lines

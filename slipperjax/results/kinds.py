@@ -13,12 +13,13 @@ from ..plots.comparisons import comparison
 from ..plots.designs import design_overview
 from ..plots.environment import vibration
 from ..plots.fits import fit_overview
+from ..plots.loads import loads as loads_picture
 from ..plots.runs import run_overview
 from ..plots.style import Units
 from ..plots.sweeps import of_sweep
 from ..plots.trajectories import overview
 from ..tools.checks import require
-from . import cases, comparisons, environments, motions, runs, searches
+from . import cases, comparisons, environments, loads, motions, runs, searches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,8 +59,10 @@ KINDS: dict[str, Kind] = {
         environments.tables,
         lambda ds, units=None, **options: vibration(ds, **options),
         "Vibration environment",
+        environments.report,
         pages=lambda ds: (vibration(ds, place)[0, 0].figure for place in range(ds.sizes["place"])),
     ),
+    "loads": Kind(loads.summary, loads.tables, loads_picture, "Loads", loads.report),
     "optimise_design": Kind(searches.design_summary, searches.design_tables, design_overview),
     "fit": Kind(searches.fit_summary, searches.fit_tables, fit_overview),
 }

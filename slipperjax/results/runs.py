@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..flow.datasets import scene_attributes
 from ..flow.status import is_lost, step_error
 from ..model.dynamics import static_loads
 from ..model.parameters import PARAMETERS
@@ -66,10 +67,12 @@ def _results(view: RunView) -> Iterator[str]:
     yield f"{view.where(*ends)} in {float(np.ptp(view.times)):.4g} s, speed {speeds} {speed.display_unit}"
     programme = None if view.scene is None else view.scene.speed
     stops = programme.stops if isinstance(programme, SpeedProgramme) else []
-    for *length, duration in stops:
-        if length[0] < ends[1] and length[1] > ends[0]:
-            least = view.said("speed", LEAST_SPEED)
-            yield f"slower than {least} from {view.where(*length)}, for {duration:.3g} s: passed at that speed"
+    slow = [stop for stop in stops if stop[0] < ends[1] and stop[1] > ends[0]]
+    if slow:
+        least = view.said("speed", LEAST_SPEED)
+        where = view.where(*slow[0][:2]) + f" and at {len(slow) - 1} further places" * (len(slow) > 1)
+        duration = sum(seconds for *_, seconds in slow)
+        yield f"slower than {least} from {where}, for {duration:.3g} s: passed at that speed"
     lost = is_lost(view.codes)
     if lost.any():
         yield "without the lengths that have no meaning:"
@@ -151,9 +154,8 @@ def _described(view: RunView) -> list[str]:
     scene = view.scene
     if scene is None:
         return []
-    values = [(q, q.of(scene)) for q in PARAMETERS.values()]
-    # parameters with a single number
-    single = [(q, value) for q, value in values if value is not None and np.ndim(value) == 0]
-    numbers = [view.units.of(q).named(value).replace("_", " ") for q, value in single]
+    known = scene_attributes(scene)
+    heads = {q: q.name if q.unit == "1" else f"{q.name} [{q.unit}]" for q in PARAMETERS.values()}
+    numbers = [view.units.of(q).named(known[head]).replace("_", " ") for q, head in heads.items() if head in known]
     parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
     return [", ".join(numbers), *parts]

@@ -1,11 +1,12 @@
 """Many cases: grids, paths with memory, jumps, attractors and Lyapunov exponents over parameters."""
 
 from .attractors import attractors as attractors, groups as groups, strobe_states as strobe_states
-from .compare import over_rails as over_rails
+from .compare import on_rails as on_rails, over_rails as over_rails
 from .explain import Estimate as Estimate
 from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump, find_jump as find_jump
 from .grid import sample_box as sample_box
+from .loads import loads as loads
 from .orbits import NearestOrbit as NearestOrbit
 from .plan import AbstractStage as AbstractStage
 from .records import LargestExponent as LargestExponent, MotionKind as MotionKind
@@ -18,4 +19,4 @@ from .store import (
     processes as processes,
     store_status as store_status,
 )
-from .windows import AccelerationHistory as AccelerationHistory, whole_run as whole_run
+from .windows import AccelerationHistory as AccelerationHistory, LoadHistory as LoadHistory, whole_run as whole_run

@@ -26,7 +26,7 @@ from ..model.parameters import START
 from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
-from ..model.tracks import AbstractTwoRails
+from ..model.tracks import AbstractTrack, AbstractTwoRails, SumTrack
 from ..orbits.simulate import first_of
 from ..results.result import Result
 from ..tools.checks import brief, finite, instance, number, one_of, require, warn, whole
@@ -104,7 +104,7 @@ def compare(
     one_of("mean_over", mean_over, ("distance", "time"))
     for share in shares:
         check_quantile(share, rails if rails > 1 else starts)
-    scene, of_rails = _on_rails(scene, rails)
+    scene, of_rails = on_rails(scene, rails)
     require(isinstance(designs, Mapping), "designs", "name parameters with their values", designs)
     designs_of = Grid(scene, designs, product=product)
     first = first_of("rest" if start is None else start)
@@ -147,23 +147,39 @@ def _numbers(record: AbstractNumber, ds: xr.Dataset, mean_over: str = "distance"
     return np.where(is_lost(ds["status"].values), np.nan, numbers)
 
 
-def _on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
-    """Return a scene on a track of many rails, and the parameters that choose a rail, with values for each."""
-    track = scene.track
+def on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
+    """Return a scene on a track of many independent rails, and the parameters that choose a rail, as lists side by
+    side for `run(..., product=False)`.
+
+    For a survey the first rail is the survey, and the others are similar, see `RandomTrack.like` and
+    `RandomRails.like`. Random rails have the seed of the track and the following seeds. In a `SumTrack`, such as
+    faults on a survey, the first track changes, and the second is on every rail.
+
+    **Raises:** `ValueError` for more than one rail on a track that is neither random nor a survey.
+    """
+    track, chosen = _many_rails(scene.track, whole("rails", rails, 1))
+    return replace(scene, track=track), {f"track.{name}": values for name, values in chosen.items()}
+
+
+def _many_rails(track: AbstractTrack, rails: int) -> tuple[AbstractTrack, dict[str, np.ndarray]]:
+    """Return a track of many rails, and the values of its parameters for each rail, by their paths in the track."""
     count = np.arange(float(rails))
     if rails == 1:
-        return scene, {}
+        return track, {}
+    if isinstance(track, SumTrack):
+        one, chosen = _many_rails(track.one, rails)
+        return SumTrack(one, track.other), {f"one.{name}": values for name, values in chosen.items()}
     if all(isinstance(rail, SampledTrack) for rail in track.rails.values() or (track,)):
         # the survey itself, and rails similar to it
         like = RandomRails.like(track) if isinstance(track, AbstractTwoRails) else RandomTrack.like(track)
         both = TrackSet((track, like))  # pyright: ignore[reportCallIssue] - `ends` is a property
-        return replace(scene, track=both), {"track.number": np.minimum(count, 1.0), "track.tracks.1.seed": count}
+        return both, {"number": np.minimum(count, 1.0), "tracks.1.seed": count}
     need = "be 1 on a track that is neither random nor a survey"
     require(track.chosen_by, "rails", need, rails)
     if isinstance(track, TrackSet):
         require(rails <= len(track.tracks), "rails", f"be {len(track.tracks)} at most, as the track has", rails)
     first = float(getattr(track, track.chosen_by)) if isinstance(track, RandomTrack | RandomRails) else 0.0
-    return scene, {f"track.{track.chosen_by}": first + count}
+    return track, {track.chosen_by: first + count}
 
 
 def _starts(first: Motion | State, starts: int, seed: int) -> dict[str, np.ndarray]:

@@ -9,7 +9,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, check_quality, vibration_environment
-from ..flow.datasets import load_base, varied_names
+from ..analysis.specification import rms_of_lines, straight_lines
+from ..flow.datasets import load_base
 from ..flow.status import is_lost
 from ..model.scene import Scene
 from ..results.result import Result
@@ -35,6 +36,7 @@ def environment(
     high: Real = 2000.0,
     quality: Real = 10.0,
     window: Real | None = None,
+    margin: Real = 0.0,
 ) -> Result:
     """Return the vibration environment of places on a slipper or a sled, over the rails of some runs.
 
@@ -50,7 +52,7 @@ def environment(
     - `places`: x, y and z from the centre of mass, (places, 3) [m]; on an elastic sled, places of its modes.
     - `low`, `high`: least and highest frequency [Hz], in sixth octaves; `quality`: Q of the oscillators of the shock
         response [1]; `window`: length of the windows of time of a density [s], by default the least length that
-        resolves the lowest band.
+        resolves the lowest band; `margin`: of the specification over the greatest density [dB].
 
     **Returns:** a `Result` over `rail`, `place` and `direction` (x, y, z of the body) with
 
@@ -61,7 +63,11 @@ def environment(
       `maximax_rms`, the greatest of a density's windows, in the bands [m/s^2]; `duration` for which the running
       `level` [m/s^2] over `seconds` is within 6 dB of its greatest value [s];
     - of densities and shock response over `summary`, their `maximum`, mean and 95/50 tolerance `limit`, without
-      `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`.
+      `rail`: `density_envelope`, `maximax_envelope` and `shock_envelope`;
+    - over `breakpoint` the straight-line specification, `margin` above the greatest `maximax_density` of all rails,
+      without `rail`: `specification_frequency` [Hz] and `specification_density` [(m/s^2)^2/Hz], NaN after the last
+      breakpoint; `specification_rms` is the root mean square under these lines [m/s^2], see
+      `slipperjax.analysis.straight_lines`.
 
     Windows at the beginning or the end of runs may be removed before, as by `runs.isel(distance=slice(50, None))`.
     Directions do not include the attitude's angle, some milliradians. Densities above a quarter of the rate of
@@ -79,7 +85,7 @@ def environment(
     for one in given:
         require(name in one, "runs", f"be {need}", shown="others")
     scene, _ = load_base(given[0])
-    at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window)
+    at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window, margin=margin)
     histories, seconds, steps = _histories(given, name)
     intervals = np.diff(seconds)
     least = LEAST_RATE * edges[-1]
@@ -87,7 +93,7 @@ def environment(
     # at constant speed samples are at equal times, and are used directly where they are dense enough
     equal = np.ptp(intervals) < 1e-9 * intervals.sum() and rate > least
     found = vibration_environment(
-        _accelerations(scene, histories, at),
+        accelerations_at(scene, histories, at),
         rate,
         time=None if equal else seconds,
         highest=RELIABLE * steps,
@@ -103,8 +109,38 @@ def environment(
         warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
     # the status of a run is not the status of its environment
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
-    call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window)
-    return Result(_dataset(found, at).assign_attrs(known, call=json.dumps(describe(call))))
+    call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window, margin=margin)
+    speeds = given[0]["speed_along" if "speed_along" in given[0].coords else "speed"].values
+    ends = {"lowest speed [m/s]": float(speeds.min()), "highest speed [m/s]": float(speeds.max())}
+    averaged = {"window of densities [s]": 2 * float(found.time[0]), "windows of densities": len(found.time)}
+    made = _dataset(found, at)
+    made = made.assign(_specification(made, float(margin)))
+    return Result(made.assign_attrs(known, **ends, **averaged, call=json.dumps(describe(call))))
+
+
+def _specification(ds: xr.Dataset, margin: float) -> dict[str, object]:
+    """Return the variables of straight lines above the greatest densities of all rails and windows."""
+    most = ds["maximax_envelope"].sel(summary="maximum", drop=True).transpose("place", "direction", "frequency")
+    lines = {}
+    for at in np.ndindex(most.shape[:2]):
+        density = most.values[at]
+        # along x nothing moves, and some bands may be unknown
+        known = np.isfinite(density) & (density > 0)
+        if known.sum() >= 2:
+            lines[at] = straight_lines(ds["frequency"].values[known], density[known], margin=margin)
+    count = max((len(frequency) for frequency, _ in lines.values()), default=0)
+    joined = np.full((2, *most.shape[:2], count), np.nan)
+    rms = np.zeros(most.shape[:2])
+    for at, points in lines.items():
+        joined[:, *at, : len(points[0])] = points
+        rms[at] = rms_of_lines(*points)
+    dims = ("place", "direction", "breakpoint")
+    text = f"straight-line specification, {margin:g} dB above the greatest density"
+    return {
+        "specification_frequency": column(dims, joined[0], "Hz", f"frequency of the {text}"),
+        "specification_density": column(dims, joined[1], "m^2/s^4/Hz", f"density of the {text}"),
+        "specification_rms": column(dims[:2], rms, "m/s^2", f"root mean square of the {text}"),
+    }
 
 
 def check_environment(
@@ -115,6 +151,7 @@ def check_environment(
     high: Real = 2000.0,
     quality: Real = 10.0,
     window: Real | None = None,
+    margin: Real = 0.0,
 ) -> tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, " edges"]]:
     """Return places [m] and edges of bands [Hz]; check the arguments of `environment`, also before a long run."""
     at = np.asarray(finite("places", "m")(places), float)
@@ -126,6 +163,7 @@ def check_environment(
     check_quality(quality)
     if window is not None:
         number(positive, "window", window, "s")
+    number(finite, "margin", margin, "dB")
     return at, band_edges(low, high)
 
 
@@ -139,7 +177,7 @@ def _histories(
     rows = []
     steps = []
     for ds in runs:
-        over = varied_names(ds)
+        over = [str(name) for name in ds["status"].dims]
         require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
         values = ds[name].transpose(..., "distance", "sample", "component").values
         good = ~is_lost(np.atleast_1d(ds["status"].values))
@@ -158,10 +196,10 @@ def _histories(
     samples = rows[0].shape[1]
     rate = np.min(steps, axis=0) / np.diff(ends)
     joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
-    return joined, _sample_times(ends, samples), np.repeat(rate, samples)
+    return joined, sample_times(ends, samples), np.repeat(rate, samples)
 
 
-def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
+def sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
     """Return the times of samples at equal distances within windows [s], from the times at the ends of windows."""
     from scipy.interpolate import PchipInterpolator
 
@@ -169,7 +207,7 @@ def _sample_times(ends: np.ndarray, samples: int) -> np.ndarray:
     return PchipInterpolator(np.arange(len(ends)), ends)(places)
 
 
-def _accelerations(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
+def accelerations_at(scene: Scene, histories: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return accelerations of places on the body along its axes [m/s^2], (rails, places, directions, samples)."""
     # in the order of `AccelerationHistory`: a_y and a_z, three alpha, three w, and the modes
     across, angular, spin, modal = np.split(histories[:, None], [2, 5, 8], axis=-1)

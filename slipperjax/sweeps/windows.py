@@ -79,6 +79,33 @@ class AccelerationHistory(AbstractNumber):
 
 SPINS = ("w_x", "w_y", "w_z")
 """The angular velocities."""
+
+
+@dataclass(frozen=True)
+class LoadHistory(AbstractNumber):
+    """Net loads of slippers at equal distances, from which `slipperjax.loads` computes the loads that size a part."""
+
+    samples: int = 64
+    """Samples in each window of distance."""
+
+    quantity = Quantity(
+        "slipper_load", "", "net force of a slipper [N] and its moment about the slipper's middle [N m]"
+    )
+    join = ONE_PERIOD
+
+    def __post_init__(self):
+        whole("samples", self.samples, 1, 100_000)
+
+    def labels(self, scene):
+        slippers = {"slipper": list(scene.slipper.names)} if scene.slipper.names else {}
+        return {"sample": list(range(self.samples)), **slippers, "load": list(NET_LOADS)}
+
+    def of(self, course):
+        return course.slipper_load.at(np.arange(self.samples) / self.samples)
+
+
+NET_LOADS = ("F_y", "F_z", "M_x", "M_y", "M_z")
+"""Net force of a slipper along y and z [N], and net moment about its middle along the body's axes [N m]."""
 PEAK_DISTANCE = PeakDistance()
 WINDOW_RECORDS: dict[str, AbstractNumber] = {
     record.name: record
@@ -110,6 +137,7 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
             ("slipper",),
         ),
         AccelerationHistory(),
+        LoadHistory(),
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .checks import brief, warn
+from .checks import brief, require, warn
 from .files import content_of, listed, readable, user_path
 from .units import unit_factor
 
@@ -27,6 +27,8 @@ OVERLOAD = ("ol", "ovl", "ovld", "over", "overload", "overrange", "inf", "+inf",
 OVERLOADED = 1e30
 """Magnitude from which a number means "not measured": instruments write 9.9E37, and netCDF files write 9.97e36 for a
 missing number."""
+STATION = r"(\d+)\+((\d+)([.,]\d*)?)"
+"""Form of a station: counts, a plus, and the remaining distance."""
 STATIONS = {(1.0, 3): 1000.0, (1.0, 4): 1000.0, (0.3048, 2): 100.0}
 """Value of one count before the plus of a station such as 129+773, in the station's unit, by this unit [m] and the
 number of digits after the plus."""
@@ -44,6 +46,25 @@ Wanted = Mapping[str, str] | Callable[[Set[str]], Mapping[str, str]]
 """SI units of columns by name, or a function that returns the units for the names of all columns of a file."""
 _HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
 _FILE = -1  # in place of a row: the file as a whole
+
+
+def _count_of_station(name: str, unit: str, digits: int) -> float:
+    """Return the value of one count before a station's plus, in the unit; NaN where it is unknown."""
+    return STATIONS.get((round(unit_factor(name, unit, "m"), 4), digits), np.nan)
+
+
+def station(name: str, text: str, unit: str) -> float:
+    """Return the distance of a station such as 8+00 [m]; `unit`: of stations, ft or m.
+
+    **Raises:** `ValueError` for a text that is no station in this unit.
+    """
+    match = re.fullmatch(STATION, text.strip())
+    value = np.nan
+    if match is not None:
+        value = float(match[1]) * _count_of_station(name, unit, len(match[3])) + float(match[2].replace(",", "."))
+    need = f"be a station in {unit}, such as 129+773 in m or 1297+73.5 in ft"
+    require(np.isfinite(value), name, need, text)
+    return value * unit_factor(name, unit, "m")
 
 
 def without_marks(values: np.ndarray, name: str) -> np.ndarray:
@@ -312,7 +333,7 @@ class Table:
         before = 0.0
         after = words
         hint = ""
-        station = re.fullmatch(r"(\d+)\+((\d+)([.,]\d*)?)", words)
+        station = re.fullmatch(STATION, words)
         if station is not None:
             before = float(station[1]) * self._before_plus(column, len(station[3]))
             after = station[2]
@@ -347,7 +368,7 @@ class Table:
     def _before_plus(self, column: Column, digits: int) -> float:
         """Return the value of one count before a station's plus, in the column's unit; NaN where it is unknown."""
         with contextlib.suppress(ValueError):
-            return STATIONS.get((round(unit_factor(column.name, column.unit or "", "m"), 4), digits), np.nan)
+            return _count_of_station(column.name, column.unit or "", digits)
         return np.nan
 
     def _read_netcdf(self, content: bytes) -> list[str]:
