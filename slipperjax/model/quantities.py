@@ -25,10 +25,13 @@ KINDS = {
     "J": "energy",
     "kg": "mass",
     "s": "time",
+    "N m": "moment",
+    "kg m^2": "moment of inertia",
+    "N/m^1.5": "contact stiffness",
 }
 """Kinds of quantities whose unit users may choose, by SI unit; g is a unit of acceleration."""
-OF_FEET = ("ft/s", "in")
-"""Units of speeds and small lengths that are used together with feet, unless others are given."""
+IMPLIED = {"ft": ("ft/s", "in"), "lbf": ("ft lbf", "lbf s", "lb", "lb ft^2", "lbf/in^1.5")}
+"""Units that are used together with others, unless units of these kinds are also given."""
 LONG = 0.1
 """Length [m] from which a unit is for distances along the rail; smaller units are for displacements."""
 
@@ -101,29 +104,37 @@ class ShownUnits:
         listed = isinstance(self.units, tuple | list) and all(isinstance(unit, str) for unit in self.units)
         require(listed, "units", 'be a list of units, such as ["ft", "lbf"]', self.units)
         for unit in self.units:
-            _kind(unit)
+            _kinds(unit)
 
     def of(self, q: Quantity) -> Quantity:
         """Return a quantity with the display unit that the user chose for it."""
-        kind = q.unit, q.unit == "m" and q.per_shown > LONG
-        for unit in (*self.units, *(OF_FEET if "ft" in self.units else ())):
-            if _kind(unit) == kind:
+        long = q.unit == "m" and q.per_shown > LONG
+        implied = [unit for given, others in IMPLIED.items() if given in self.units for unit in others]
+        for unit in (*self.units, *implied):
+            kinds, is_long = _kinds(unit)
+            if q.unit in kinds and is_long == long:
                 return replace(q, shown_unit=unit)
         return q
 
 
 @functools.cache
-def _kind(unit: str) -> tuple[str, bool]:
-    """Return the SI unit of a unit's kind, and whether the unit is for distances along the rail.
+def _kinds(unit: str) -> tuple[list[str], bool]:
+    """Return the SI units of the kinds of quantities that have a unit, and whether it is for distances along the rail.
 
     **Raises:** `ValueError` for a unit whose kind is not in `KINDS`.
     """
+    kinds = []
     for si in KINDS:
         # pint raises an error for a unit of another kind
         with suppress(ValueError):
-            return si, unit_factor("units", unit, si) > LONG and si == "m"
+            unit_factor("units", unit, si)
+            kinds.append(si)
     need = f"be units of {', '.join(KINDS.values())}, such as ft, lbf and g"
-    raise ValueError(f"Argument `units` must {need}, but has {brief(unit)}.")
+    require(kinds, "units", need, shown=brief(unit))
+    # energies and moments have the same dimension; a single word such as kJ is of energies
+    if "J" in kinds and " " not in unit:
+        kinds.remove("N m")
+    return kinds, kinds == ["m"] and unit_factor("units", unit, "m") > LONG
 
 
 def _named(*quantities: Quantity) -> dict[str, Quantity]:

@@ -7,9 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from ..model.quantities import Quantity
 from ..tools.checks import require, whole
 from ..tools.units import STANDARD_GRAVITY
-from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, set_log_ticks
+from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, set_log_ticks, shown_units
 
 SOURCE = "slipperjax.environment"
 RMS = ("rms", "band_rms", "maximax_rms")
@@ -57,8 +58,10 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
 
 
 def named_place(at: xr.Dataset) -> str:
-    """Return a place of a report as a text."""
-    return "({:g}, {:g}, {:g}) m".format(*(float(at[axis]) for axis in "xyz"))
+    """Return a place of a report as a text, in the units of its scene's file."""
+    q = shown_units(at).of(Quantity("place", "m", "place on the body", shown_unit="m"))
+    x, y, z = (float(q.shown(at[axis])) for axis in "xyz")
+    return f"({x:.4g}, {y:.4g}, {z:.4g}) {q.display_unit}"
 
 
 def three_digits(value: float) -> str:

@@ -493,9 +493,11 @@ def test_each_unit_is_for_its_kind_of_quantity():
     """Lengths have two: those of distances, and of displacements; g is of accelerations, not of masses."""
     distance = Quantity("distance", "m", "distance")
     mass = Quantity("mass", "kg", "mass")
-    wanted = {"distance": "ft", "y": "thou", "a_z": "g", "drive_force": "lbf", "mass": "kg", "v_y": "ft/s"}
-    units = ShownUnits(("ft", "g", "thou", "lbf", "km"))
-    quantities = [distance, mass, *(REACTIONS | ACCELERATIONS | COORDINATES).values()]
+    moment, heat = Quantity("moment", "N m", "moment"), Quantity("friction_work", "J", "heat")
+    wanted = {"distance": "ft", "y": "thou", "a_z": "g", "drive_force": "lbf", "mass": "lb", "v_y": "ft/s"}
+    wanted |= {"moment": "ft lbf", "friction_work": "kJ"}
+    units = ShownUnits(("ft", "g", "thou", "lbf", "km", "kJ"))
+    quantities = [distance, mass, moment, heat, *(REACTIONS | ACCELERATIONS | COORDINATES).values()]
     shown = {q.name: units.of(q) for q in quantities}
     assert {name: shown[name].display_unit for name in wanted} == wanted
     # one foot, a thousandth of an inch, standard gravity
