@@ -119,7 +119,7 @@ class ShownUnits:
 
 @functools.cache
 def _kinds(unit: str) -> tuple[list[str], bool]:
-    """Return the SI units of the kinds of quantities that have a unit, and whether it is for distances along the rail.
+    """Return the SI units of the quantities that have a unit, and whether the unit is for distances along the rail.
 
     **Raises:** `ValueError` for a unit whose kind is not in `KINDS`.
     """
