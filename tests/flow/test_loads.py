@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.course import contact_loads, over_periods
+from slipperjax.flow.course import over_periods, step_slopes
 from slipperjax.flow.status import Status
 from slipperjax.model.kinematics import moved
 from slipperjax.orbits.simulate import Probe, _difference
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
+from .made_up import made_up_course
 
 FAST = sj.Motion(v_z=0.1)
 
@@ -173,8 +174,8 @@ FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 4
 
 @jax.jit
 def closed_share(gap, args):
-    zero = 0 * gap
-    return contact_loads(zero, gap, zero[:, 0, 0], zero, args, 64.0).contact_fraction
+    course = made_up_course(64, len(gap) - 1, args, force=(gap, gap), gap=(gap, step_slopes(gap, 64)))
+    return course.loads.contact_fraction
 
 
 @pytest.mark.parametrize("period", [0, 1, 2, 3])
