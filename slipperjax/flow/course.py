@@ -64,16 +64,12 @@ def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "e
     return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + DIFFERENCE_MARGIN, 0)
 
 
-def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the slope [per step] at a place, from two values before it (`a`, `b`) and two after it (`c`, `d`)."""
-    return (8 * (c - b) + a - d) / 12
-
-
 def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
-    """Return slopes [per step] at the ends of steps; the first `steps` + 1 ends count."""
+    """Return slopes [per step] at the ends of steps, by central differences; the first `steps` + 1 ends count."""
+    around = continued(values, steps)
     # for each end: the values two steps and one step before, its own value, and one and two steps after
-    a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
-    return central_difference(a, b, c, d)
+    a, b, _, c, d = (around[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
+    return (8 * (c - b) + a - d) / 12
 
 
 def _two_more(values: Array) -> Array:
