@@ -38,6 +38,11 @@ def digest(body, above=""):
             "import functools\ng = functools.partial(max, 2)",
         ),
         ("g(x)", "import jax\n@jax.jit\ndef g(x): return x", "import jax\n@jax.jit\ndef g(x): return -x"),
+        (
+            "m.g(x)",  # in a module of the user
+            "import types\nm = types.ModuleType('m')\nm.g = lambda x: 2 * x",
+            "import types\nm = types.ModuleType('m')\nm.g = lambda x: 3 * x",
+        ),
         ("C().g(x)", "class C:\n  g = property(lambda s: 1)", "class C:\n  g = property(lambda s: 2)"),
     ],
 )

@@ -181,19 +181,6 @@ def test_each_change_of_code_is_another_digest(name):
     assert digest_of(CHANGES[name]) not in (digest_of(Case()), None)
 
 
-@pytest.mark.full
-@pytest.mark.usefixtures("own_cache")
-def test_functions_in_modules_of_the_user_count(tmp_path, monkeypatch):
-    (tmp_path / "helpers.py").write_text("def k(x): return 2 * x")
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    case = Case(before="import helpers", function="lambda law, x, how: helpers.k(x)")
-    first, _ = in_process(case, tmp_path / "cache")
-    (tmp_path / "helpers.py").write_text("def k(x): return 3 * x")
-    second, after = in_process(case, tmp_path / "cache")
-    assert [float(first), float(second)] == [1.0, 1.5]
-    assert len(after) == 2
-
-
 @pytest.fixture
 def folder(tmp_path, own_cache):
     """A folder of kept programs, which this process uses."""
@@ -229,7 +216,9 @@ def damaged(content: bytes) -> list[bytes]:
     """What crashes, disks and others may leave in place of a file's content."""
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 1
-    return [b"", content[:10], content[:-5], bytes(flipped), b"of somebody else"]
+    runs_not = pickle.dumps((b"no program", 0))
+    whole = hashlib.sha256(runs_not).digest() + runs_not
+    return [b"", content[:-5], bytes(flipped), b"of somebody else", whole]
 
 
 def test_damaged_files_are_compiled_anew_and_written_again(folder):
@@ -241,7 +230,7 @@ def test_damaged_files_are_compiled_anew_and_written_again(folder):
         with compilations() as seconds:
             assert float(sj.jit(cubed)(2.0)["cube"]) == 8.0
         assert len(seconds) == 1
-        assert kept._read(path)
+        assert path.read_bytes() not in (content, b"")
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="files have no owner here")
@@ -311,19 +300,6 @@ def test_what_comes_out_of_jaxs_cache_is_not_kept(folder, tmp_path_factory):
     assert not kept_in(folder)
 
 
-def test_a_program_that_does_not_run_is_replaced(folder):
-    sj.jit(cubed)(2.0)
-    (path,) = folder.glob("*-whole")
-    other = sj.jit(lambda x: {"cube": x, "twice": x})
-    other(2.0)
-    (second,) = set(folder.glob("*-whole")) - {path}
-    broken = pickle.dumps((b"no program", 0))
-    second.write_bytes(hashlib.sha256(broken).digest() + broken)
-    kept.forget()
-    assert float(other(5.0)["cube"]) == 5.0
-    assert kept._read(second) not in (b"", broken)
-
-
 def test_two_threads_compile_a_program_once(folder):
     traced = []
 
@@ -362,7 +338,7 @@ def listen():
 
 
 def heard():
-    return list(HEARD)
+    return len(HEARD)
 
 
 def compile_one():
@@ -402,6 +378,6 @@ def test_workers_trace_nothing(folder, tmp_path_factory, monkeypatch, workers):
             sj.sweep(sj.paper_scene(), {"speed": [1200.0, 1250.0]}, store=place / name, executor=executor, **options)
             traced = call(heard)
             call(compile_one)
-            assert len(call(heard)) > len(traced)
-    assert traced == []
+            assert call(heard) > traced
+    assert traced == 0
     assert kept_in(folder)
