@@ -265,7 +265,9 @@ class Table:
                 heads = [_Head(self._name(name), name, unit) for name, unit in written]
                 # other words above the table may be the name of one column by chance
                 if sum(head.name != "" for head in heads) > 1:
-                    return self._with_units(heads, lines, k, delimiter)
+                    below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
+                    with_units = self._with_units(heads, below, k)
+                    return k + (with_units is not heads), delimiter, with_units
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
         others = f"; other names are {listed(list(self.aliases)[:MOST_SHOWN])}" if self.aliases else ""
         read = next((line for line in lines if _delimiter(line)), lines[0] if lines else "")
@@ -277,22 +279,17 @@ class Table:
         way = WAYS.get(self.path.suffix.lower())
         return f": {way}" if way else ""
 
-    def _with_units(
-        self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
-    ) -> tuple[int, str, list["_Head"]]:
-        """Return what `_heads` does, with units from the line below the names, the k-th, if it has units."""
-        measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
-        below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
-        below += [""] * (len(heads) - len(below))
-        is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
-        in_line_below = bool(measured) and all(is_unit)
-        if in_line_below:
-            heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
+    def _with_units(self, heads: list["_Head"], below: list[str], k: int) -> list["_Head"]:
+        """Return the heads in the k-th line with the units from the cells `below`, or `heads` where these have none."""
+        cells = [*below, *[""] * len(heads)]
+        measured = [(head, cell) for head, cell in zip(heads, cells, strict=False) if self.wanted.get(head.name)]
         self.header = k
-        for i in measured:
-            if heads[i].unit is None:
-                self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
-        return k + in_line_below, delimiter, heads
+        if measured and all(head.unit is None and _UNIT.fullmatch(cell) for head, cell in measured):
+            return [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, cells, strict=False)]
+        for head, _ in measured:
+            if head.unit is None:
+                self.fault(f"{brief(head.written)} is no name with a unit, such as {self._names()}", k)
+        return heads
 
     def _names(self) -> str:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())

@@ -37,6 +37,16 @@ def test_steps_end_where_the_first_gap_closes():
     assert until(1.0, (0.0, -1.0, 0.0), (-1.0, -1.0, 0.0)) == 1.0  # has touched down
 
 
+def test_contacts_feel_the_memory_of_the_approach_alone():
+    switch = sj.model.SmoothSwitch(1e-5, 1e-4)
+    felt = lambda gap, rate: float(switch.felt(jnp.array(gap), jnp.array(rate), jnp.array(1e-3)))
+    assert felt(-1e-4, -1.0) == felt(0.0, -1.0) == 1.0
+    assert felt(2e-4, -1.0) == pytest.approx(np.exp(-2))  # two relaxation times before touchdown
+    assert felt(1e-6, 1.0) == 0.0  # lifted off
+    assert felt(-1e-3, 1.0) == 1.0
+    assert felt(-1e-4, 1.0) == pytest.approx(0.1**2.5)  # about to lift off
+
+
 def test_stages_are_solved_to_a_tenth_of_the_tolerance():
     scales = Motion(*[0.5 * v for v in jax.tree.leaves(sj.solvers.AdaptiveSteps().scales)])
     of = lambda solver, **options: ControlledSteps(1, 100, sj.solvers.AdaptiveSteps(1e-4, **options)).prepared(solver)
