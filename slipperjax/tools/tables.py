@@ -280,7 +280,7 @@ class Table:
         return f": {way}" if way else ""
 
     def _with_units(self, heads: list["_Head"], below: list[str], k: int) -> list["_Head"]:
-        """Return the heads in the k-th line with the units from the cells `below`, or `heads` where these have none."""
+        """Return the heads with units from the cells `below` the k-th line, or `heads` where these are no units."""
         cells = [*below, *[""] * len(heads)]
         measured = [(head, cell) for head, cell in zip(heads, cells, strict=False) if self.wanted.get(head.name)]
         self.header = k

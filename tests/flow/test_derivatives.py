@@ -7,9 +7,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design.gradients import PeriodValues
+from slipperjax.flow.numbers import AbstractNumber
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.records import AbstractNumber
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.parameters import parameter

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.records import ALIASES, RECORDS
+from slipperjax.flow.numbers import ALIASES, RECORDS
 from slipperjax.model.dynamics import forces_at, slipper_wrenches, static_loads
 from slipperjax.model.kinematics import contacts
 
