@@ -210,15 +210,18 @@ class Samples:
         """**Arguments:** `periods`: number of recorded periods in all calls together."""
         self._periods = periods
         self._calls: dict[AbstractRecord, deque[PyTree]] = {r: deque() for r in records.records}
+        self._held = dict.fromkeys(records.records, 0)
+        """Number of periods for which each record needs samples."""
 
     def add(self, records: RecordSet, samples: tuple[PyTree, ...]) -> None:
         """Add the samples that some records took in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(new)
+            self._held[r] += _periods_in(new)
             # earlier calls are dropped when later calls have all needed periods, to save memory
-            while not r.from_start and sum(map(_periods_in, calls)) - _periods_in(calls[0]) >= r.last(self._periods):
-                calls.popleft()
+            while not r.from_start and self._held[r] - _periods_in(calls[0]) >= r.last(self._periods):
+                self._held[r] -= _periods_in(calls.popleft())
 
     def joined(self) -> tuple[PyTree, ...]:
         """Return each record's samples in the order of time."""

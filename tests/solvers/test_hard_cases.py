@@ -17,7 +17,7 @@ from slipperjax.model.dynamics import phase
 from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.model.quantities import COORDINATES
 
-from ..common import LANE, LANES, PERIODS, SCALES, cases, elastic_energy, in_lanes, lane_grid, lane_of, lane_scene
+from ..common import LANE, PERIODS, SCALES, cases, elastic_energy, in_lanes, lane_grid, lane_of, lane_scene
 from ..systems.fields import rebound
 
 STILL = dict(amplitude=0.0, roll_amplitude=0.0)
@@ -209,12 +209,3 @@ def test_phase_keeps_its_precision_after_1e5_periods():
         for a, b in zip(now, then, strict=True):
             scale = float(jnp.max(jnp.abs(a)))
             np.testing.assert_allclose(a, b, atol=1e-15 * 2 * np.pi * epoch * scale)
-
-
-@pytest.mark.slow
-def test_a_periodic_motion_is_the_same_after_1e5_periods():
-    lanes = [dict(speed=v) for v in np.linspace(1240.0, 1260.0, LANES)]
-    first, _ = in_lanes(lanes, 50, before=2000)
-    last, code = in_lanes(lanes, 50, before=100_000)
-    assert np.all(code == 0)
-    np.testing.assert_allclose(last / SCALES, first / SCALES, atol=1e-6)

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 from pathlib import Path
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -87,22 +86,6 @@ def test_derivatives_of_the_rebound():
     found = jax.jacfwd(lambda x: speed(x))(jnp.ones(3))
     # measured 2.9e-6, 5.1e-6, 5.0e-5; RK4 has 9.9e-5, 1.1e-5, 9.0e-4 at these steps
     np.testing.assert_allclose(found, exact, atol=1.5e-4)
-
-
-@pytest.mark.full
-def test_derivatives_are_those_of_the_steps_themselves():
-    """So that exponents and Newton's method are exact, however few the steps."""
-    scene = scene_of(NOMINAL)
-    way = jnp.array([1.0, -0.3])
-
-    def end(x):
-        state = sj.initial_state(scene, sj.Motion(v_z=0.5 + x[0], v_y=0.5 + x[1], w_x=0.2, w_y=0.3, w_z=0.4))
-        return jnp.array(jax.tree.leaves(sj.period_map(scene, state, steps_per_period=40).motion))
-
-    found = jax.jvp(end, (jnp.zeros(2),), (way,))[1]
-    near = [end(h * way) for h in (1e-6, -1e-6)]
-    # measured 1e-9 of the greatest, the difference's own error; 4e-7 with the derivative of the exact instants
-    np.testing.assert_allclose(found, (near[0] - near[1]) / 2e-6, rtol=0, atol=2e-8 * float(jnp.abs(found).max()))
 
 
 # Measured at 50 and 100 steps: 4.6e-5, 2.8e-6; 9.3e-5, 1.3e-5; 2.1e-5, 3.5e-6; 5.9e-6, 1.5e-6; RK4 at 100 has
@@ -193,17 +176,6 @@ def test_tangents_of_a_contact_that_is_pressed_again():
     gaps = [pressed(0.05e-3, -0.05, TIMES, PRESSES, mass=14.0 + h, **law)[0] for h in (1e-3, -1e-3)]
     exact = (gaps[0] - gaps[1]) / 2e-3
     np.testing.assert_allclose(tangent, exact, rtol=5e-3)
-
-
-@pytest.mark.full
-def test_diffrax_solves_with_it():
-    scene = scene_of(NOMINAL)
-    state = sj.initial_state(scene, sj.table_2_start())
-    problem = diffrax.ODETerm(sj.model.vector_field(scene)), sj.solvers.ImpulseRK4(), 0.0, 1.0, 0.01, state
-    solve = diffrax.diffeqsolve(*problem, args=sj.model.Args(scene))
-    ours = sj.period_map(scene, state, steps_per_period=100, solver=sj.solvers.ImpulseRK4())
-    for a, b in zip(jax.tree.leaves(solve.ys), jax.tree.leaves(ours), strict=True):
-        np.testing.assert_allclose(a[0], b, rtol=1e-8, atol=1e-10)
 
 
 class OwnLatch(sj.model.EventLatch):

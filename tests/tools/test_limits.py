@@ -48,7 +48,6 @@ def test_memory_and_time_decide(monkeypatch):
             250_000,
         ),
         ("3:cpu:/job", {"job": {"memory.max": "1", "memory.current": "1"}}, 1_024_000),
-        ("0::/", {"": {"memory.max": "max", "memory.current": "400000"}}, 1_024_000),
         ("0::/job", {"job": {"memory.max": "1000", "memory.current": "400000"}}, 0),
     ],
 )
