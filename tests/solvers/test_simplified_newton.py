@@ -1,4 +1,4 @@
-"""Simplified Newton iterations in diffrax's implicit methods: the same motions, without LAPACK, on several threads."""
+"""Simplified Newton iterations in diffrax's implicit methods: the same motions, without LAPACK, on threads."""
 
 from concurrent.futures import ThreadPoolExecutor
 
