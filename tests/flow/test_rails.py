@@ -265,3 +265,5 @@ def test_where_a_run_begins_may_be_traced():
     slope = (after(3.0 + 1e-5) - after(3.0 - 1e-5)) / 2e-5
     # measured: 6e-10
     np.testing.assert_allclose(jax.jacfwd(after)(3.0), slope, rtol=1e-7)
+    run = jax.jit(lambda begin: sj.simulate(scene, 1, start=start, begin=begin, **options))(3.0)
+    np.testing.assert_allclose(velocities(run.end), plain, atol=1e-12)
