@@ -64,12 +64,17 @@ def continued(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "e
     return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + DIFFERENCE_MARGIN, 0)
 
 
-def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
-    """Return slopes [per step] at the ends of steps, by central differences; the first `steps` + 1 ends count."""
-    around = continued(values, steps)
-    # for each end: the values two steps and one step before, its own value, and one and two steps after
-    a, b, _, c, d = (around[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
+def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return the slope [per step] at a place, from two values before it (`a`, `b`) and two after it (`c`, `d`)."""
     return (8 * (c - b) + a - d) / 12
+
+
+def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
+    """Return slopes [per step] at the ends of steps; the first `steps` + 1 ends count."""
+    # for each end: the values two steps and one step before, its own value, and one and two steps after
+    around = continued(values, steps)
+    a, b, _, c, d = (around[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
+    return central_difference(a, b, c, d)
 
 
 def _two_more(values: Array) -> Array:
@@ -104,35 +109,61 @@ class Loads(NamedTuple):
     """Highest damping force over elastic force of all points in contact [1]; zero on rails that are not rough."""
 
 
-def contact_loads(force: "StepCubics", gap: "StepCubics", rate: Array, damping: Array) -> Loads:
+def contact_loads(force: Array, gap: Array, rate: Array, damping: Array, args: Args, steps: Whole) -> Loads:
     """Return the loads of one forcing period.
 
-    **Arguments:** `force` [N] and `gap` [m], (ends, *slippers, 2, points); `rate`: the `contact_rate` [1/s], (ends,),
-    at both ends of every step; `damping`: the highest `damping_ratio`.
+    **Arguments:** `force` [N] and `gap` [m], arrays (ends, *slippers, 2, points), and `rate`, the `contact_rate`
+    [1/s], (ends,): at both ends of every step, of which the first `steps` + 1 count; `damping`: `damping_ratio`;
+    `args`: scene and epoch; `steps`: integration steps per period, at least 3, may be traced.
     """
-    course = force.course
-    step = 1 / course.steps
-    travel = course.travel
-    total = lambda of_steps: jnp.sum(course.counted(of_steps, 0.0), axis=0)
-    inside, tops = force.highest
-    highest = force.greatest
-    when = course.first_place(tops, inside) * step + course.args.epoch
-    begin, slope, end, next_slope = force.cubics_ends
-    # integral of the force's cubic over each step
-    area = (begin + end) / 2 + (slope - next_slope) / 12
-    closed = _share_closed(*gap.cubics_ends)
-    if travel.acceleration is None:
-        impulse = step * travel.period * total(area)
-        contact = step * total(closed)
+    most = len(force) - 1
+    step = 1 / steps
+    period = args.travel(0.5).period
+    steady = args.travel(0.5).acceleration is None
+    places = jnp.arange(most)
+    # the pace in the middle of each step [s per period], where the pace changes
+    paces = None if steady else store(args.travel((places + 0.5) * step).period)
+    # steps have equal lengths of rail: where the speed changes, a step counts by its duration
+    of_time = lambda share, place: share if paces is None else paces[place] * share
+    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
+    # all points in one row, which is faster than two rows
+    flat = lambda a: a.reshape(most + 1, -1)
+    values = continued(jnp.stack((flat(force), flat(-gap)), axis=1), steps)
+
+    def one(carry, place):
+        """Add one step to the totals; the slope at its end is the slope at the next step's start."""
+        (highest, when, impulse, contact, deepest), slope = carry
+        around = jax.lax.dynamic_slice_in_dim(values, place + 1, 5)
+        _, begin, end, _, _ = around
+        # `end` is in the middle of the five values, so that this is the slope there
+        next_slope = _slope(*around)
+        (inside, _), (peak, deep) = highest_point(begin, slope, end, next_slope)
+        # integral of the force's cubic over the step
+        area = (begin[0] + end[0]) / 2 + (slope[0] - next_slope[0]) / 12
+        new = (
+            jnp.maximum(highest, peak),
+            jnp.where((peak > highest) & (peak > 0), (place + inside) * step + args.epoch, when),
+            impulse + of_time(area, place),
+            contact + of_time(_share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]), place),
+            jnp.maximum(deepest, deep),
+        )
+        # unused places for steps change nothing
+        totals = jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0])
+        return (totals, next_slope), None
+
+    nothing = jnp.zeros(values.shape[-1])
+    totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
+    # step by step, so that the values stay in the cache
+    (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), places)
+    highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
+    if paces is None:
+        impulse = step * period * impulse
+        contact = step * contact
     else:
-        # steps have equal lengths of rail: where the speed changes, a step counts by its duration
-        paces = store(course.args.travel((jnp.arange(course.capacity) + 0.5) * step).period)
-        of_time = lambda share: paces.reshape(-1, *[1] * (share.ndim - 1)) * share
-        impulse = step * total(of_time(area))
-        contact = total(of_time(closed)) / total(paces)
-    fastest = jnp.max(jnp.where(jnp.arange(course.capacity + 1) <= course.steps, rate, 0.0)) * travel.period
-    when = jnp.where(highest > 0, when, jnp.nan)
-    return Loads(highest, when, impulse, contact, -gap.least, step * fastest, damping)
+        # these sums are already over seconds
+        impulse = step * impulse
+        contact = contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
+    return Loads(highest, when, impulse, contact, depth, step * fastest, damping)
 
 
 def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
@@ -152,6 +183,15 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
         stability_number=jnp.max(loads.stability_number, 0),
         damping_ratio=jnp.max(loads.damping_ratio, 0),
     )
+
+
+def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
+    """Return slopes of force and penetration [per step] from the values of two samples before and two after.
+
+    Where the force is zero, it begins, ends or stays zero, and its slope is zero in each case.
+    """
+    slope = central_difference(a, b, c, d)
+    return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
 def contact_rate(frame: RailFrame, now: Contacts, memory: Array | None, args: Args) -> Array:
@@ -240,7 +280,7 @@ class StepCubics:
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
         """Values at `GAUSS_PLACES` of every step, in the order of time."""
-        cubic = Cubic.through(*self.cubics_ends)
+        cubic = Cubic.through(*self._ends)
         values = jnp.stack([cubic.value(x) for x in GAUSS_PLACES], axis=1)
         return values.reshape(-1, *self.values.shape[1:])
 
@@ -250,7 +290,7 @@ class StepCubics:
         inside = places * self.course.steps
         k = jnp.minimum(jnp.floor(inside), self.course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
-        return jnp.asarray(Cubic.through(*(end[k] for end in self.cubics_ends)).value(x))
+        return jnp.asarray(Cubic.through(*(end[k] for end in self._ends)).value(x))
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
@@ -293,10 +333,14 @@ class StepCubics:
     def extreme_place(self) -> Float[Array, "..."]:
         """Place of `extreme` [forcing periods since the start of this period]; NaN where all values are zero."""
         rises = self.greatest >= -self.least
-        inside, size = (
-            jnp.where(rises[None], *both) for both in zip(self.highest, self._falling.highest, strict=True)
-        )
-        return jnp.where(self.extreme != 0, self.course.first_place(size, inside) / self.course.steps, jnp.nan)
+        (up, highest), (down, lowest) = self._highest, self._falling._highest
+        # stored, as in `greatest`
+        size = store(self.course.counted(jnp.where(rises[None], highest, lowest), -jnp.inf))
+        first = jnp.arange(self.course.capacity).reshape(-1, *[1] * (size.ndim - 1))
+        place = (first + jnp.where(rises[None], up, down)) / self.course.steps
+        here = size == jnp.max(size, axis=0, keepdims=True)
+        # the first of equal values
+        return jnp.where(self.extreme != 0, jnp.min(store(jnp.where(here, place, jnp.inf)), axis=0), jnp.nan)
 
     @functools.cached_property
     def shallowest_turn(self) -> Float[Array, "..."]:
@@ -319,18 +363,17 @@ class StepCubics:
         )
 
     @functools.cached_property
-    def highest(self) -> tuple[Array, Array]:
+    def _highest(self) -> tuple[Array, Array]:
         """The place in every step where the value is greatest [steps], and the greatest value."""
-        return highest_point(*self.cubics_ends)
+        return highest_point(*self._ends)
 
     @property
     def _tops(self) -> Array:
         """The greatest value in every step."""
-        return self.highest[1]
+        return self._highest[1]
 
     @property
-    def cubics_ends(self) -> tuple[Array, Array, Array, Array]:
-        """Values and slopes at the start, then at the end of every step."""
+    def _ends(self) -> tuple[Array, Array, Array, Array]:
         begin = self.values[:-1]
         end = self.values[1:]
         if self.level is not None:
@@ -554,7 +597,7 @@ class Course:
         # judged on rough rails only
         damping = self.damping_ratio if self.scene.track.is_rough else jnp.zeros(())
         damping = jnp.max(jax.lax.stop_gradient(damping))
-        return contact_loads(self.force, self.gap, store(rate), damping)
+        return contact_loads(self.force.values, self.gap.values, store(rate), damping, self.args, self.steps)
 
     @functools.cached_property
     def crossings(self) -> Crossings:
@@ -592,14 +635,6 @@ class Course:
         # each step has one value, or one value for each of its samples
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
-
-    def first_place(self, sizes: Float[Array, "steps ..."], inside: Float[Array, "steps ..."]) -> Array:
-        """Return the place [steps] of the first of the greatest `sizes`; `inside`: the place of each in its step."""
-        # stored, as in `StepCubics.greatest`
-        sizes = store(self.counted(sizes, -jnp.inf))
-        places = jnp.arange(self.capacity).reshape(-1, *[1] * (sizes.ndim - 1)) + inside
-        here = sizes == jnp.max(sizes, axis=0, keepdims=True)
-        return jnp.min(store(jnp.where(here, places, jnp.inf)), axis=0)
 
     def _of_points(self, values: Array) -> Array:
         # points at the front come first

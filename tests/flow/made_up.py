@@ -23,10 +23,9 @@ class MadeUp(Course):
     capacity = STEPS  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
 
-def made_up_course(steps: int = STEPS, capacity: int | None = None, args: Any = None, **given: Any) -> Course:
-    """A course, by default of the paper's scene, with curves of values and slopes by name, or `crossings`."""
-    args = sj.model.Args(sj.paper_scene(), 0.0) if args is None else args
-    course = MadeUp(None, None, args, steps)  # pyright: ignore[reportArgumentType]
+def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any) -> Course:
+    """A course of the paper's scene with curves of values and slopes by name, or `crossings`."""
+    course = MadeUp(None, None, sj.model.Args(sj.paper_scene(), 0.0), steps)  # pyright: ignore[reportArgumentType]
     course.capacity = steps if capacity is None else capacity
     for name, parts in given.items():
         if name == "crossings":
@@ -34,5 +33,7 @@ def made_up_course(steps: int = STEPS, capacity: int | None = None, args: Any = 
         else:
             setattr(course, name, StepCubics(*map(jnp.asarray, parts), course=course))
     if {"force", "gap"} <= set(given):
-        course.loads = contact_loads(course.force, course.gap, jnp.zeros(course.capacity + 1), jnp.zeros(()))
+        course.loads = contact_loads(
+            course.force.values, course.gap.values, jnp.zeros(steps + 1), jnp.zeros(steps + 1), course.args, steps
+        )
     return course

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.course import over_periods, step_slopes
+from slipperjax.flow.course import contact_loads, over_periods
 from slipperjax.flow.status import Status
 from slipperjax.orbits.simulate import Probe
 
 from ..common import FINEST, PERIODS, STEPS, fine, finest
-from .made_up import made_up_course
 
 
 def probed(scene, steps):
@@ -138,8 +137,8 @@ FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 4
 
 @jax.jit
 def closed_share(gap, args):
-    course = made_up_course(64, len(gap) - 1, args, force=(gap, gap), gap=(gap, step_slopes(gap, 64)))
-    return course.loads.contact_fraction
+    zero = 0 * gap
+    return contact_loads(zero, gap, zero[:, 0, 0], zero, args, 64.0).contact_fraction
 
 
 @pytest.mark.parametrize(("period", "capacity"), [(0, 64), (1, 64), (3, 80)])
