@@ -1,6 +1,6 @@
 """The self-test of the fast forms: one small program that uses all of them, compared with its plain form.
 
-The test takes as long as importing JAX, and no time where programs are kept and an earlier test has passed.
+The test takes 1.5 s, and no time where programs are kept and an earlier test has passed.
 """
 
 import hashlib

@@ -149,7 +149,7 @@ def test_programs_with_linear_systems_run_in_a_process_that_lowers_none(tmp_path
 @pytest.mark.full
 @pytest.mark.usefixtures("own_cache")
 def test_each_kind_of_change_is_a_new_program(tmp_path):
-    """In processes of their own. The digest of each change is another one, too, so that none hides another."""
+    """In processes of their own; of changes of code, whose digests differ, one is enough."""
     printed, before = in_process(Case(), tmp_path)
     assert len(before) == 1
     # found, in a process whose sets have another order
@@ -157,12 +157,12 @@ def test_each_kind_of_change_is_a_new_program(tmp_path):
     # options that only tell more or less leave programs as they are
     assert in_process(Case(before="jax.config.update('jax_log_compiles', False)"), tmp_path) == (printed, before)
     # a few at once, each with programs of its own, which are none of the others'
+    names = [name for name, change in CHANGES.items() if not change.old or name == "method"]
     with ThreadPoolExecutor() as pool:
-        found = pool.map(lambda name: in_process(CHANGES[name], tmp_path / name)[1], CHANGES)
-        programs = dict(zip(CHANGES, found, strict=True))
+        found = pool.map(lambda name: in_process(CHANGES[name], tmp_path / name)[1], names)
+        programs = dict(zip(names, found, strict=True))
     assert {name for name, of in programs.items() if len(of) != 1} == set()
-    assert len(set.union(before, *programs.values())) == 1 + len(CHANGES)
-    assert len(CHANGES) >= 25
+    assert len(set.union(before, *programs.values())) == 1 + len(names) > 20
 
 
 def digest_of(case: Case) -> str | None:
