@@ -72,8 +72,7 @@ def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
 def step_slopes(values: Float[Array, "ends ..."], steps: Whole) -> Float[Array, "ends ..."]:
     """Return slopes [per step] at the ends of steps; the first `steps` + 1 ends count."""
     # for each end: the values two steps and one step before, its own value, and one and two steps after
-    around = continued(values, steps)
-    a, b, _, c, d = (around[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
+    a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
 
 
