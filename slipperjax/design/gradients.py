@@ -17,9 +17,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from ..analysis.floquet import linearise
+from ..flow.numbers import AbstractNumber
 from ..flow.period_map import PeriodMap, SlopePassage, advance_slopes
 from ..flow.record import RecordSet, Unlabelled
-from ..flow.records import AbstractNumber
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.parameters import at_values, values_of

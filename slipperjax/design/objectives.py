@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..analysis.kinds import Regime
-from ..flow.records import RECORDS, AbstractNumber, OnePoint, Record
+from ..flow.numbers import RECORDS, AbstractNumber, OnePoint, Record
 from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion

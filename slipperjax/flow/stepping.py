@@ -160,15 +160,13 @@ class ConstantSteps(AbstractEqualSteps):
     def loop(self, step, carry, ends_of):
         # With `steps` as an array, only the first `steps` entries are valid.
         if self.steps is None:
-            assert self.most is not None
-
             # Reverse mode keeps each step's state and computes its stages again; in a loop XLA cannot merge both.
             @functools.partial(jax.checkpoint, prevent_cse=False)
             def scanned(carry, k):
                 carry = step(carry, k)
                 return carry, ends_of(carry)
 
-            steps = jnp.arange(float(self.most))
+            steps = jnp.arange(float(cast(int, self.most)))
             return in_one_kernel(lambda carry: jax.lax.scan(scanned, carry, steps), carry)
 
         # The number of steps is an argument: the results of each step go to their place in arrays of length `most`.
@@ -177,11 +175,7 @@ class ConstantSteps(AbstractEqualSteps):
             carry = step(carry, k * 1.0)
             return carry, jax.tree.map(lambda array, a: array.at[k].set(a), ends, ends_of(carry))
 
-        def repeated(end):
-            if self.most is None:
-                raise ValueError("Argument `most` must be given for records of states inside periods.")
-            return jnp.broadcast_to(end[None], (self.most, *end.shape))
-
+        repeated = lambda end: jnp.broadcast_to(end, (cast(int, self.most), *end.shape))
         steps = jnp.asarray(self.steps).astype(int)
         loop = lambda both: jax.lax.fori_loop(0, steps, one, both)
         return in_one_kernel(loop, (carry, jax.tree.map(repeated, ends_of(carry))))
@@ -261,16 +255,10 @@ class ControlledSteps(AbstractStepping):
         return eqx.tree_at(at, self, replace_fn=lambda tolerance: tolerance / 10)
 
     def begin(self, terms, solver, state, args):
+        first = 1 / self.first_steps
         carries = isinstance(solver, AbstractLatchingSolver)
-        wanted = (
-            jnp.asarray(1 / self.first_steps, float)
-            if isinstance(
-                self.controller,
-                AdaptiveSteps,
-            )
-            else None
-        )
-        return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
+        wanted = jnp.asarray(first) if isinstance(self.controller, AdaptiveSteps) else None
+        return solver.init(terms, 0.0, first, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, solver_state, args, inside):
         # `wanted` is the next step that `AdaptiveSteps` would have taken; others begin again in each period

@@ -41,20 +41,13 @@ class _Stage(NamedTuple):
     def of(cls, args) -> "_Stage":
         # from _implicit_relation_f and _implicit_relation_k of diffrax's Runge-Kutta methods, and _implicit_relation
         # of its implicit Euler; in diffrax 0.7 the number of arguments distinguishes them
-        sign = 1.0
+        _, *diagonal, t, y, inner, step = args
         if len(args) == 5:
-            _, t, y, inner, step = args
-            share = 1.0
-            factor = step
-            sign = -1.0
-        elif len(args) == 7:
-            _, diagonal, _, t, y, inner, step = args
-            share = diagonal
-            factor = diagonal * step
+            share, factor, sign = 1.0, step, -1.0
         else:
-            _, diagonal, _, _, t, y, inner, step = args
-            share = diagonal * step
-            factor = diagonal * step
+            factor = diagonal[0] * step
+            share = diagonal[0] if len(args) == 7 else factor
+            sign = 1.0
         memory, inner = inner if isinstance(y, Motion) else (None, inner)
         if not isinstance(inner, Args) or not isinstance(y, Motion | State):
             raise ValueError(

@@ -18,7 +18,7 @@ from ..analysis.quantiles import (
     standard_error,
     whole_rails,
 )
-from ..flow.records import ONE_PERIOD, AbstractNumber
+from ..flow.numbers import ONE_PERIOD, AbstractNumber
 from ..flow.status import MEANINGS, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion

@@ -18,9 +18,9 @@ from jaxtyping import Array, Complex, Float, Int, PyTree
 
 from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import LEAST_FALL
+from ..flow.numbers import ContactChecks, judged_by_contacts
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import Labelled, RecordSet
-from ..flow.records import ContactChecks, judged_by_contacts
 from ..flow.status import Status, first_problem, judge_states, most_stability_number
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import one_motion_standard_error
+from ..flow.numbers import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.record import (
     AbstractOutput,
     AbstractRecord,
@@ -15,7 +16,6 @@ from ..flow.record import (
     RecordSet,
     Strobe,
 )
-from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
+from ..flow.numbers import RECORDS, AbstractNumber, ContactChecks
 from ..flow.record import AbstractRecord, RecordSet
-from ..flow.records import RECORDS, AbstractNumber, ContactChecks
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion

@@ -15,8 +15,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Int
 
 from ..flow.course import Course
-from ..flow.record import AbstractRecord
-from ..flow.records import (
+from ..flow.numbers import (
     ALIASES,
     ONE_PERIOD,
     POINTS,
@@ -26,6 +25,7 @@ from ..flow.records import (
     PeakDistance,
     Record,
 )
+from ..flow.record import AbstractRecord
 from ..model.layout import StateLayout
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene

@@ -65,17 +65,14 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 def kept_folder() -> Path | None:
     """Return the folder in which this process keeps whole programs; None where it keeps none."""
-    if not Chosen.is_known:
-        with Chosen.lock:
-            if not Chosen.is_known:
-                root = _root(None)
-                path = None
-                # a folder that cannot be used: all programs are compiled
-                with contextlib.suppress(OSError):
-                    path = None if root is None else _opened(root)
-                Chosen.path = path
-                Chosen.is_known = True
-    return Chosen.path
+    with Chosen.lock:
+        if not Chosen.is_known:
+            root = _root(None)
+            # a folder that cannot be used: all programs are compiled
+            with contextlib.suppress(OSError):
+                Chosen.path = None if root is None else _opened(root)
+            Chosen.is_known = True
+        return Chosen.path
 
 
 def keep_in(path: Path | None) -> None:

@@ -7,7 +7,7 @@ import hashlib
 import inspect
 import sys
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -48,21 +48,16 @@ def code_digest(thing: object) -> str:
     Code of libraries and of this package counts by its name only: stores keep its versions and `IMPORTED`
     separately. A thing whose content cannot be read, such as a lock, has another digest in each process.
     """
-    return _digest(texts_of(thing))[:12]
+    return _digest(_texts(thing, {}, {}))[:12]
 
 
 def stable_digest(thing: object) -> str | None:
     """Return the digest of `code_digest` at full length; None where it would differ in another process."""
     try:
-        texts = texts_of(thing)
+        texts = list(_texts(thing, {}, {}))
     except (RecursionError, jax.errors.JAXTypeError):
         return None
     return None if any(" at 0x" in text for text in texts) else _digest(texts)
-
-
-def texts_of(thing: object) -> list[str]:
-    """Return the texts that make up a value's digest."""
-    return list(_texts(thing, {}, {}))
 
 
 def classes_of(value: object) -> Iterator[type]:
@@ -78,7 +73,7 @@ def classes_of(value: object) -> Iterator[type]:
         yield from classes_of(part)
 
 
-def _digest(texts: list[str]) -> str:
+def _digest(texts: Iterable[str]) -> str:
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
@@ -154,7 +149,9 @@ def _parts(thing: object, known: Mapping[str, object]) -> list:
         if isinstance(thing, kind):
             # the user may have added methods to a named tuple
             own = [] if type(thing) is kind else [type(thing), getattr(thing, "__dict__", None)]
-            return own + _of_builtin(kind(thing))
+            if isinstance(thing, dict):
+                return own + [part for item in thing.items() for part in item]
+            return own + (list(thing) if isinstance(thing, tuple | list) else [kind(thing)])
     if isinstance(thing, types.CodeType):
         # The instructions, and the global values that they name; file and line numbers change no result.
         return [thing.co_code, thing.co_names, thing.co_consts, _used(thing, known)]
@@ -183,13 +180,6 @@ def _parts(thing: object, known: Mapping[str, object]) -> list:
     name = _name_of_mark(thing) if type(thing) is object else None
     # otherwise with its address, which is different in another process
     return [object.__repr__(thing) if name is None else name]
-
-
-def _of_builtin(value: object) -> list:
-    """Return the parts of a container, or a value alone."""
-    if isinstance(value, dict):
-        return [part for item in value.items() for part in item]
-    return list(value) if isinstance(value, tuple | list) else [value]
 
 
 def _of_function(thing: types.FunctionType) -> list:

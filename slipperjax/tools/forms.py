@@ -104,13 +104,12 @@ def fall_back(error: Exception) -> bool:
 
 def _form() -> ModuleType:
     """Return the module of the form in use."""
-    if _Choice.form is None:
-        # other threads wait until the self-test has ended
-        with _Choice.lock:
-            if _Choice.form is None:
-                _choose()
-    assert _Choice.form is not None
-    return _Choice.form
+    # other threads wait until the self-test has ended
+    with _Choice.lock:
+        if _Choice.form is None:
+            _choose()
+        assert _Choice.form is not None
+        return _Choice.form
 
 
 def _choose() -> None:

@@ -35,7 +35,7 @@ def spread(n: int, *scalars):
     **Returns:** a list with one array of shape `(*batch, n)` per value, where `batch` is the shape to which all of
     them broadcast.
     """
-    return _spread.bind(*_broadcast(scalars), n=n)
+    return _spread.bind(*jnp.broadcast_arrays(*(jnp.asarray(x, float) for x in scalars)), n=n)
 
 
 def store(tree):
@@ -58,12 +58,6 @@ def _of_leaves(primitive: Primitive, tree):
         alike = {key: x for key, x in once.items() if jnp.shape(x) == shape}
         of |= zip(alike, primitive.bind(*alike.values()), strict=True)
     return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
-
-
-def _broadcast(arrays):
-    """Return arrays of floating-point numbers in the shape to which all of them broadcast."""
-    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in arrays))
-    return [jnp.broadcast_to(jnp.asarray(x, float), shape) for x in arrays]
 
 
 def store_cotangent(tree):

@@ -60,12 +60,12 @@ class Programs:
     def __init__(self, fun: Callable, static_argnums: int | tuple = (), static_argnames: str | tuple = ()):
         """**Arguments:** as of `jax.jit`."""
         self.fun = fun
-        names = [] if not (static_argnums or static_argnames) else list(inspect.signature(fun).parameters)
-        numbers = (static_argnums,) if isinstance(static_argnums, int) else tuple(static_argnums)
-        by_name = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
+        numbers = (static_argnums,) if isinstance(static_argnums, int) else static_argnums
+        names = (static_argnames,) if isinstance(static_argnames, str) else static_argnames
+        parameters = enumerate(inspect.signature(fun).parameters) if numbers or names else ()
         # as in JAX, an argument that is static by its number is also static by its name
-        self.static_names = by_name | {names[number] for number in numbers}
-        self.static_numbers = set(numbers) | {k for k, name in enumerate(names) if name in by_name}
+        self.static = {key for both in parameters if both[0] in numbers or both[1] in names for key in both}
+        """Numbers and names of the static arguments."""
         self.found: dict[object, _Program] = {}
         _ALL.add(self)
 
@@ -81,7 +81,7 @@ class Programs:
         static, dynamic, named = self._split(args, options)
         leaves, tree = jax.tree.flatten((dynamic, named))
         try:
-            signature = (form, static, tree, tuple(map(_kind, leaves)), _context())
+            signature = (form, static, tree, tuple(map(_kind, leaves)), _reader()(jax.config))
             program = self.found.get(signature) or self.found.setdefault(signature, _Program())
         except (TypeError, AttributeError):
             # static arguments without a hash, for which JAX raises an error; or a JAX without the names used here
@@ -101,15 +101,13 @@ class Programs:
 
     def _split(self, args: tuple, options: dict[str, object]) -> tuple[tuple, tuple, dict[str, object]]:
         """Return static arguments by place and by name, and the others."""
-        if not self.static_numbers and not self.static_names:
+        if not self.static:
             return (), args, options
-        static = tuple(
-            # 1, 1.0 and True are equal
-            [(k, type(value), value) for k, value in enumerate(args) if k in self.static_numbers]
-            + [(name, type(value), value) for name, value in sorted(options.items()) if name in self.static_names]
-        )
-        dynamic = tuple(value for k, value in enumerate(args) if k not in self.static_numbers)
-        return static, dynamic, {name: value for name, value in options.items() if name not in self.static_names}
+        given = (*enumerate(args), *sorted(options.items()))
+        # 1, 1.0 and True are equal
+        static = tuple((key, type(value), value) for key, value in given if key in self.static)
+        dynamic = tuple(value for k, value in enumerate(args) if k not in self.static)
+        return static, dynamic, {name: value for name, value in options.items() if name not in self.static}
 
     def _path(self, folder: Path, parts: tuple, leaves: list) -> Path | None:
         """Return the file of a program; None where the program cannot be identified, or where JAX must trace it.
@@ -234,30 +232,17 @@ def _kind(leaf: object) -> object:
 
 
 @cache
-def _names() -> tuple[str, ...]:
-    """Return the names of the options of JAX that may change a program, and that a context may change."""
-    return tuple(name for name in jax.config.values if _counts(name) and hasattr(jax.config, name))
-
-
-@cache
 def _reader() -> attrgetter:
-    """Return a function that reads these options in one call, because each call of a program reads them."""
-    return attrgetter(*_names())
-
-
-def _context() -> tuple:
-    """Return values that distinguish one state of JAX's options from another in this process."""
-    return _reader()(jax.config)
+    """Return a function that reads, in one call, the options of JAX that may change a program and that a context may
+    change, because each call of a program reads them."""
+    return attrgetter(*(name for name in _options() if hasattr(jax.config, name)))
 
 
 def _options() -> dict[str, object]:
     """Return this thread's values of all options of JAX that may change a program."""
-    fixed = {name: value for name, value in jax.config.values.items() if _counts(name)}
-    return fixed | dict(zip(_names(), _context(), strict=True))
-
-
-def _counts(name: str) -> bool:
-    return not name.startswith(CHANGE_NO_PROGRAM)
+    # options that no context may change are no attributes
+    options = {name: getattr(jax.config, name, value) for name, value in jax.config.values.items()}
+    return {name: value for name, value in options.items() if not name.startswith(CHANGE_NO_PROGRAM)}
 
 
 @cache

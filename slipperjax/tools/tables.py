@@ -216,7 +216,7 @@ class Table:
     def _name(self, text: str) -> str:
         """Return the name under which a column is wanted; empty for another."""
         name = self._plain(text)
-        return name if name in self.wanted else ""
+        return name if name in (*self.wanted, self._of_labels) else ""
 
     def _add(self, name: str, column: Column) -> None:
         """Add a column, unless there is already one of the same meaning."""
@@ -230,7 +230,7 @@ class Table:
         lines = self._decoded(content).splitlines()
         above, delimiter, heads = self._heads(lines)
         # place in a row of each wanted column
-        at = {i: Column(head.written, head.unit, np.empty(0)) for i, head in enumerate(heads) if head.name}
+        at = {i: head for i, head in enumerate(heads) if head.name in self.wanted}
         rows = []
         for k, line in enumerate(lines[above:], above + 1):
             sample = _REMARK.split(line, maxsplit=1)[0]
@@ -239,7 +239,8 @@ class Table:
                 continue
             row = _cells(sample, delimiter)
             self.numbers.append(k)
-            self.labels += [cell.strip() for cell, head in zip(row, heads, strict=False) if self._is_label(head)]
+            words = zip(row, heads, strict=False)
+            self.labels += [cell.strip() for cell, head in words if head.name and head.name not in self.wanted]
             # unwanted cells at the end of a row may be missing
             if max(at) < len(row) <= len(heads):
                 rows.append({i: row[i].strip() for i in at})
@@ -251,14 +252,10 @@ class Table:
             raise TableError(f"{self.path} has no samples.")
         marks = "".join(cell for row in rows for cell in row.values())
         decimal = "," if delimiter != "," and marks.count(",") > marks.count(".") else "."
-        for i, column in at.items():
-            values = [self._number(column, row.get(i), decimal, k) for k, row in zip(self.numbers, rows, strict=True)]
-            self._add(heads[i].name, column._replace(values=np.array(values)))
-        return [head.written for head in heads if head.written and not head.name and not self._is_label(head)]
-
-    def _is_label(self, head: "_Head") -> bool:
-        """Return whether a column has the labels of the rows."""
-        return self._of_labels != "" and self._plain(head.written) == self._of_labels
+        for i, head in at.items():
+            values = [self._number(head, row.get(i), decimal, k) for k, row in zip(self.numbers, rows, strict=True)]
+            self._add(head.name, Column(head.written, head.unit, np.array(values)))
+        return [head.written for head in heads if head.written and not head.name]
 
     def _decoded(self, content: bytes) -> str:
         """Return a text in UTF-8 or Windows-1252, or in UTF-16 with a byte order mark."""
@@ -289,7 +286,9 @@ class Table:
                 heads = [_Head(self._name(name), name, unit) for name, unit in written]
                 # other words above the table may be the name of one column by chance
                 if sum(head.name != "" for head in heads) > 1:
-                    return self._with_units(heads, lines, k, delimiter)
+                    below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
+                    with_units = self._with_units(heads, below, k)
+                    return k + (with_units is not heads), delimiter, with_units
         need = f"names with units, such as {self._names()}, between commas, semicolons or tabs"
         others = f"; other names are {listed(list(self.aliases)[:MOST_SHOWN])}" if self.aliases else ""
         read = next((line for line in lines if _delimiter(line)), lines[0] if lines else "")
@@ -301,41 +300,36 @@ class Table:
         way = WAYS.get(self.path.suffix.lower())
         return f": {way}" if way else ""
 
-    def _with_units(
-        self, heads: list["_Head"], lines: list[str], k: int, delimiter: str
-    ) -> tuple[int, str, list["_Head"]]:
-        """Return what `_heads` does, with units from the line below the names, the k-th, if it has units."""
-        measured = [i for i, head in enumerate(heads) if self.wanted.get(head.name)]
-        below = _cells(lines[k].lstrip(" \t#"), delimiter) if k < len(lines) else []
-        below += [""] * (len(heads) - len(below))
-        is_unit = [heads[i].unit is None and _UNIT.fullmatch(below[i]) is not None for i in measured]
-        in_line_below = bool(measured) and all(is_unit)
-        if in_line_below:
-            heads = [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, below, strict=False)]
+    def _with_units(self, heads: list["_Head"], below: list[str], k: int) -> list["_Head"]:
+        """Return the heads with units from the cells `below` the k-th line, or `heads` where these are no units."""
+        cells = [*below, *[""] * len(heads)]
+        measured = [(head, cell) for head, cell in zip(heads, cells, strict=False) if self.wanted.get(head.name)]
         self.header = k
-        for i in measured:
-            if heads[i].unit is None:
-                self.fault(f"{brief(heads[i].written)} is no name with a unit, such as {self._names()}", k)
-        return k + in_line_below, delimiter, heads
+        if measured and all(head.unit is None and _UNIT.fullmatch(cell) for head, cell in measured):
+            return [head._replace(unit=cell.strip(" []()")) for head, cell in zip(heads, cells, strict=False)]
+        for head, _ in measured:
+            if head.unit is None:
+                self.fault(f"{brief(head.written)} is no name with a unit, such as {self._names()}", k)
+        return heads
 
     def _names(self) -> str:
         return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in self.wanted.items())
 
-    def _number(self, column: Column, words: str | None, decimal: str, line: int) -> float:
+    def _number(self, head: "_Head", words: str | None, decimal: str, line: int) -> float:
         """Return the number in a cell, for a station by `STATIONS`; NaN where there is none, which is a fault unless
         there is no cell."""
         if words is None:
             return np.nan
         if words.lower() in MISSING:
-            return self._none(column.name, line)
+            return self._none(head.written, line)
         if words.lower() in OVERLOAD:
-            return self._overload(column.name, words, line)
+            return self._overload(head.written, words, line)
         before = 0.0
         after = words
         hint = ""
         station = re.fullmatch(STATION, words)
         if station is not None:
-            before = float(station[1]) * self._before_plus(column, len(station[3]))
+            before = float(station[1]) * self._before_plus(head, len(station[3]))
             after = station[2]
             hint = ", or as 129+773 in m, or as 1297+73 in ft"
         other = "." if decimal == "," else ","
@@ -345,12 +339,12 @@ class Table:
             # Python reads an underscore as a mark of thousands
             value = before + float(after.replace(other, "?").replace(decimal, ".").replace("_", "?"))
             if value in MISSING_NUMBERS:
-                return self._none(column.name, line)
+                return self._none(head.written, line)
             if abs(value) >= OVERLOADED:
-                return self._overload(column.name, words, line)
+                return self._overload(head.written, words, line)
             if np.isfinite(value):
                 return value
-        self.fault(f"`{column.name}` must be a number{hint}, but is {brief(words)}", line)
+        self.fault(f"`{head.written}` must be a number{hint}, but is {brief(words)}", line)
         return np.nan
 
     def _none(self, name: str, number: int) -> float:
@@ -365,51 +359,47 @@ class Table:
             self.fault(f"`{name}` has a mark of overload, {shown}, and no number", number)
         return np.inf
 
-    def _before_plus(self, column: Column, digits: int) -> float:
+    def _before_plus(self, head: "_Head", digits: int) -> float:
         """Return the value of one count before a station's plus, in the column's unit; NaN where it is unknown."""
         with contextlib.suppress(ValueError):
-            return _count_of_station(column.name, column.unit or "", digits)
+            return _count_of_station(head.written, head.unit or "", digits)
         return np.nan
 
     def _read_netcdf(self, content: bytes) -> list[str]:
         """Read the variables of a netCDF file, unpacked, and return the names of those that are not wanted."""
         import xarray as xr  # here, because importing it takes time
 
-        self.row = "sample"
         engine = {"engine": "h5netcdf", "phony_dims": "sort"} if content.startswith(_HDF5) else {"engine": "scipy"}
-        # from `content`, because the file may have changed since
-        opened = lambda: xr.open_dataset(io.BytesIO(content), decode_times=False, **engine)
-        with readable(self.path, "netCDF file"), opened() as ds:
-            names = {self._plain(str(key)) for key in ds.variables}
-        self.wanted = self._wanted_of(names)
-        with readable(self.path, "netCDF file"), opened() as ds:
-            arrays = {str(key): ds[key].load() for key in ds.variables if self._name(str(key))}
-            unread = [str(key) for key in ds.variables if str(key) not in arrays]
-        self._take(arrays)
-        return unread
+        with readable(self.path, "netCDF file"):
+            # from `content`, because the file may have changed since
+            ds = xr.open_dataset(io.BytesIO(content), decode_times=False, **engine)
+        return self._take({str(key): ds[key] for key in ds.variables})
 
     def _read_mat(self, content: bytes) -> list[str]:
         """Read the variables of a MAT file of MATLAB 5 to 7, and return the names of those that are not wanted."""
         import scipy.io  # here, because importing them takes time
         import xarray as xr
 
-        self.row = "sample"
         with readable(self.path, "MAT file of MATLAB 5 to 7, as save writes it with -v7,"):
             found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True)
         own = found.pop("units", np.zeros((), []))
         units = {self._plain(key): str(own[key].item()) for key in own.dtype.names or ()}
-        named = {key: array for key, array in found.items() if not key.startswith("__")}
-        self.wanted = self._wanted_of({self._plain(key) for key in named})
-        arrays = {
-            key: xr.DataArray(np.atleast_1d(array), attrs={"units": units.get(self._plain(key), "")})
-            for key, array in named.items()
-            if self._name(key)
-        }
-        self._take(arrays)
-        return [key for key in named if key not in arrays]
+        unit_of = lambda key: {"units": units.get(self._plain(key), "")}
+        return self._take(
+            {
+                key: xr.DataArray(np.atleast_1d(array), attrs=unit_of(key))
+                for key, array in found.items()
+                if not key.startswith("__")
+            }
+        )
 
-    def _take(self, arrays: Mapping[str, "xr.DataArray"]) -> None:
-        """Take the columns of a file from arrays with an attribute `units`, by the arrays' names."""
+    def _take(self, named: Mapping[str, "xr.DataArray"]) -> list[str]:
+        """Take columns from the arrays of a file, which have an attribute `units`, by the arrays' names; return the
+        names of those that are not wanted."""
+        self.row = "sample"
+        self.wanted = self._wanted_of({self._plain(key) for key in named})
+        with readable(self.path, "netCDF file"):
+            arrays = {key: array.load() for key, array in named.items() if self._name(key)}
         for key, array in arrays.items():
             fault = self._fault_of(self._name(key), array)
             if fault:
@@ -428,6 +418,7 @@ class Table:
             for k in np.flatnonzero(np.abs(values) >= OVERLOADED):
                 self._overload(key, f"{values[k]:g}", int(k))
             self._add(self._name(key), Column(key, array.attrs.get("units"), values))
+        return [key for key in named if key not in arrays]
 
     def _fault_of(self, name: str, array: "xr.DataArray") -> str:
         """Return what is wrong with a variable of a netCDF file; empty where it is good."""

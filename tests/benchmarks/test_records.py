@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.numbers import RECORDS
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.record import History, RecordSet
-from slipperjax.flow.records import RECORDS
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.solvers.named import resolve_solver
 from slipperjax.sweeps.grid import Grid

@@ -10,9 +10,9 @@ import pytest
 import slipperjax as sj
 from slipperjax.design.gradients import PeriodValues
 from slipperjax.design.objectives import OBJECTIVES, objective_named
+from slipperjax.flow.numbers import RECORDS, OnePoint, PowerMean, Record
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.records import RECORDS, OnePoint, PowerMean, Record
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.quantities import Quantity
 

@@ -9,8 +9,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_call
+from slipperjax.flow.numbers import Record
 from slipperjax.flow.record import History, PoincareSections, Strobe
-from slipperjax.flow.records import Record
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import Motions, attractors
