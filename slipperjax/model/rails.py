@@ -14,12 +14,12 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     finite,
-    instance,
     known,
     not_negative,
     number,
     one_of,
     require,
+    tuple_of,
     warn,
     whole_number,
 )
@@ -29,7 +29,17 @@ from ..tools.files import listed
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from ..tools.units import in_unit
-from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
+from .tracks import (
+    AbstractTrack,
+    AbstractTwoRails,
+    Irregularity,
+    TwoRails,
+    chosen,
+    greatest,
+    least,
+    on_host,
+    smooth_step,
+)
 
 ENDS = ("straight", "repeat", "error")
 """How a rail continues beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, with an
@@ -284,12 +294,10 @@ class SampledTrack(AbstractRail):
     def bounds(self):
         return on_host(self.distance)
 
-    @property
-    @at_once
-    def steepest_slope(self):
-        """Greatest lateral or vertical slope at the samples and between them [1]."""
-        _, slope = self.prepared().motion(self._places())
-        return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
+    def _places(self):
+        # a spline is steepest at samples or in the middles between them
+        count = 2 * (self.lateral.shape[0] - 1)
+        return self.distance[0] + self.length * jnp.arange(count) / count
 
     @property
     @at_once
@@ -297,15 +305,9 @@ class SampledTrack(AbstractRail):
         """Wavelength of a sine with the same root mean squares of slope and curvature [m]; short waves shorten it
         only as far as they matter; at most `wavelength`."""
         places = self._places()
-        slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
+        slope, curvature = jax.jvp(lambda x: self.motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
         return mean_wave(rms(slope), rms(curvature), self.wavelength)
-
-    def _places(self) -> Float[Array, " places"]:
-        """Return distances of the samples, and of the middles between them, within the rail [m]."""
-        # a spline is steepest at samples or between them
-        count = 2 * (self.lateral.shape[0] - 1)
-        return self.distance[0] + self.length * jnp.arange(count) / count
 
 
 @at_once
@@ -417,7 +419,7 @@ class TrackSet(AbstractRail):
     """
 
     tracks: tuple[AbstractRail | AbstractTwoRails, ...] = eqx.field(
-        converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
+        converter=lambda tracks: tuple_of("tracks", tracks, AbstractTrack, "one or more rails")
     )
     """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such
     rails, with one gauge."""
@@ -427,16 +429,13 @@ class TrackSet(AbstractRail):
 
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
-        pairs = {bool(getattr(track, "rails", None)) for track in self.tracks}
+        pairs = {bool(track.rails) for track in self.tracks}
         require(len(pairs) == 1, "tracks", "be single rails or pairs of rails", shown="some of each")
         if pairs == {True}:
             # each side is a set of its own, which checks its rails
             _ = self.rails
         else:
-            for track in self.tracks:
-                require(
-                    isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.model.SampledTrack", track
-                )
+            tuple_of("tracks", self.tracks, AbstractRail, "rails such as slipperjax.model.SampledTrack")
             alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
             need = "have the same ends, and all roll or none"
             require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")
@@ -487,8 +486,7 @@ class TrackSet(AbstractRail):
     @property
     def bounds(self):
         """Distances between which all rails are given [m]."""
-        # the least end is the greatest one with changed signs
-        return greatest([track.begin for track in self.tracks]), -greatest([-track.extent for track in self.tracks])
+        return greatest([track.begin for track in self.tracks]), least([track.extent for track in self.tracks])
 
     @property
     def recurrence(self):

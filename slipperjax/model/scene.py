@@ -347,19 +347,17 @@ def _check_on_rail(scene: Scene, name: str, slipper: Mounted) -> None:
     """Raise `ValueError` for a slipper that is outside its rail."""
     y = slipper.place[1]
     gauge = scene.track.gauge
-    if is_traced((y, gauge, slipper.section.play)):
+    if not scene.track.rails or is_traced((y, gauge, slipper.section.play)):
         return
-    across = np.zeros(()) if y is None else np.asarray(y)
+    across = 0.0 if y is None else float(y)
+    side = 1.0 if slipper.rail == "left" else -1.0
+    inside = side * across >= 0
+    need = "be on the side of their rail, left at y > 0"
     if gauge is not None:
-        offset = across - (0.5 if slipper.rail == "left" else -0.5) * np.asarray(gauge)
         play = float(np.max(np.asarray(slipper.section.play)))
+        inside = abs(across - 0.5 * side * float(gauge)) <= play
         need = f"be within their play, {play:g} m, of the rails, whose gauge is {float(gauge):g} m"
-        require(np.all(np.abs(offset) <= play), "mounts", need, shown=f"{name} at y = {float(across):g} m")
-    elif scene.track.rails:
-        sides = {"left": 1.0, "right": -1.0}
-        shown = f"{name} at y = {float(across):g} m"
-        inside = np.all(sides[slipper.rail] * across >= 0)
-        require(inside, "mounts", "be on the side of their rail, left at y > 0", shown=shown)
+    require(inside, "mounts", need, shown=f"{name} at y = {across:g} m")
 
 
 def travel_unit(scene: Scene) -> str:

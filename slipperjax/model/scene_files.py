@@ -11,10 +11,11 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 """
 
 import dataclasses
+import inspect
 import json
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -52,6 +53,8 @@ BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping
 """Arguments of `Modes.beam` with their units."""
 SPEEDS = ("file", "stages", "start", "distance", "speed", "scale", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
+UNITS_OF_SPEEDS = {"begin": "m", "start": "m/s", "time": "s", "distance": "m", "speed": "m/s"}
+"""Units of arguments of functions that return a `SpeedProgramme`."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
 Part = TypeVar("Part", bound=eqx.Module)
@@ -210,8 +213,6 @@ class _Reader:
                 raise ValueError(f"`{name}` must be a table, [[{name}]], for each slipper, but is {brief(value)}.")
             if name in tables and not isinstance(value, dict) and not (several and name in ("load", "mounts")):
                 raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
-            if name == "gravity" and isinstance(value, dict):
-                raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
         base = self.tables.get("base", "paper")
         if base != "paper":
             raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
@@ -241,8 +242,7 @@ class _Reader:
             if not isinstance(own, dict):
                 raise ValueError(f"`section` must be a table, but is {brief(own)}.")
             values = {"section": self.part("section", dict(own), section)} if own else {}
-            rest = {name: value for name, value in table.items() if name != "section"}
-            return self.made(Mount, self.with_play(rest, len(section.faces)), "mounts", **values)
+            return self.made(Mount, self.with_play(table | values, len(section.faces)), "mounts")
 
     def modes(self, table: Table, body: eqx.Module) -> Modes:
         """Return the elastic modes of a sled: from a file, of a beam, or from the table's numbers."""
@@ -256,10 +256,8 @@ class _Reader:
             return load_modes(self.beside(given), sled.names)
         instance("beam", given, dict, "a table")
         check_known(given, BEAM)
-        # the first three are needed
-        names = [name for name in BEAM if name in given or name in ("mass", "length", "stiffness")]
-        values = {name: quantity(name, given.get(name), BEAM[name]) for name in names}
-        return Modes.beam([0.0 if mount.x is None else mount.x for mount in sled.mounts], **values)
+        places = [0.0 if mount.x is None else mount.x for mount in sled.mounts]
+        return Modes.beam(**arguments(Modes.beam, given, BEAM) | {"places_of_mounts": places})
 
     def sensor(self, name: str, table: Table) -> Sensor:
         """Return the sensor of a table; bias and noise have the unit of the sensor's signal."""
@@ -311,40 +309,40 @@ class _Reader:
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
         check_known(table, SPEEDS)
-        begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
         if "stages" in table:
-            rows = table.pop("stages")
-            check_tables("stages", rows)
-            start = quantity("start", table.pop("start", None), "m/s")
-            stages = [self.made(Stage, row, "stages") for row in rows]
-            programme = SpeedProgramme.stages(stages, start=start, **begin)
+            function = SpeedProgramme.stages
+            table["stages"] = self.rows(Stage, "stages", table["stages"])
         elif "file" in table:
-            programme = load_speed(self.beside(table.pop("file")), **begin)
+            function = load_speed
+            table["file"] = self.beside(table["file"])
         elif "thrust" in table:
-            return self.thrust(table, **begin).programme()
+            return self.thrust(table).programme()
         elif "time" in table and "distance" not in table:
-            time = quantity("time", table.pop("time"), "s")
-            programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
+            function = SpeedProgramme.over_time
         elif set(table) == {"distance", "speed"}:
-            places, speeds = (
-                quantity(name, table.pop(name), unit) for name, unit in (("distance", "m"), ("speed", "m/s"))
-            )
-            programme = SpeedProgramme.over_distance(places, speeds)
+            function = SpeedProgramme.over_distance
         else:
-            return self.made(SpeedProgramme, table, "speed", **begin)
-        # names that none of these kinds uses
-        if table:
-            raise ValueError(f"`{next(iter(table))}` must not be given here.")
-        return programme
+            return self.made(SpeedProgramme, table, "speed")
+        values = arguments(
+            function, table, {"begin": "m", "start": "m/s", "time": "s", "distance": "m", "speed": "m/s"}
+        )
+        # names that this kind does not use
+        for name in table.keys() - values.keys():
+            raise ValueError(f"`{name}` must not be given here.")
+        return function(**values)
 
-    def thrust(self, table: Table, **values: object) -> RocketSled:
+    def thrust(self, table: Table) -> RocketSled:
         """Return the sled in a table `speed` with a thrust; the thrust may be a file."""
-        brakes = table.pop("brakes", [])
-        check_tables("brakes", brakes)
-        values["brakes"] = [self.made(WaterBrake, brake, "brakes") for brake in brakes]
+        values: dict[str, Any] = {"brakes": self.rows(WaterBrake, "brakes", table.pop("brakes", []))}
         if isinstance(table["thrust"], str):
             values |= read_thrust(self.beside(table.pop("thrust")))
         return self.made(RocketSled, table, "speed", **values)
+
+    def rows(self, kind: type[Part], name: str, value: object) -> list[Part]:
+        """Return the modules of a list of tables."""
+        if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
+            raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
+        return [self.made(kind, row, name) for row in value]
 
     def made(self, kind: type[Part], table: Table, name: str, **values: object) -> Part:
         """Return the module of a class from a table with this name; `values` replace what the table leaves out."""
@@ -442,10 +440,11 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
             raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
 
 
-def check_tables(name: str, value: object) -> None:
-    """Raise `ValueError` for a value that is no list of tables."""
-    if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
-        raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
+def arguments(function: Callable, table: Table, units: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of a function that a table gives, in SI units; those without a default must be there."""
+    parameters = inspect.signature(function).parameters.values()
+    names = [one.name for one in parameters if one.name in table or one.default is one.empty]
+    return {name: quantity(name, table.get(name), units.get(name, "")) for name in names}
 
 
 def quantity(name: str, value: object, unit: str) -> Any:

@@ -1,6 +1,5 @@
 """Sensors on a slipper or a sled: their readings of its motion, with gain, bias, delay and filter."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, number, one_of, positive, require
+from ..tools.checks import finite, number, one_of, positive, require, tuple_of
 from ..tools.compile import as_argument
 from ..tools.fields import ShapeChecked, field
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real
 from .dynamics import Args, State, forces_at, newton_euler, resultants, wrench_directions
 from .kinematics import Motion, RailFrame, contacts, rotation
@@ -94,7 +94,7 @@ class Sensor(ShapeChecked):
     def __check_init__(self):
         require(isinstance(self.name, str) and self.name.isidentifier(), "name", "be a word", self.name)
         one_of("measures", self.measures, UNITS)
-        if isinstance(self.direction, jax.core.Tracer):
+        if is_traced(self.direction):
             return
         length = np.linalg.norm(np.asarray(self.direction))
         require(length > 0, "direction", "be a vector", shown="zero")
@@ -196,10 +196,7 @@ class Rig(eqx.Module):
     @classmethod
     def of(cls, sensors: object) -> "Rig":
         """Return sensors as one module; raises `ValueError` unless they are a list with different names."""
-        listed = instance("sensors", sensors, Sequence, "a list of slipperjax.model.Sensor")
-        require(len(listed), "sensors", "have one or more", shown="none")
-        for sensor in listed:
-            instance("sensors", sensor, Sensor, "a list of slipperjax.model.Sensor")
-        rig = cls(tuple(listed))
+        rig = cls(tuple_of("sensors", sensors, Sensor, "a list of slipperjax.model.Sensor"))
+        require(rig.sensors, "sensors", "have one or more", shown="none")
         require(len(set(rig.names)) == len(rig.names), "sensors", "have different names", ", ".join(rig.names))
         return rig

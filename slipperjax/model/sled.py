@@ -1,14 +1,13 @@
 """A sled: a body on several slippers, rigid or with elastic modes."""
 
 import itertools
-from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, not_negative, positive, require
+from ..tools.checks import finite, instance, not_negative, positive, require, tuple_of
 from ..tools.fields import ShapeChecked, field
 from ..tools.tracing import is_traced
 from .modes import Modes
@@ -49,15 +48,6 @@ class Mount(ShapeChecked):
             instance("section", self.section, Section, "a slipperjax.Section")
 
 
-def _mounts(given: object) -> tuple[Mount, ...]:
-    """Return mounts as a tuple; raise `ValueError` for other values."""
-    mounts = tuple(instance("mounts", given, Sequence, "a list of slipperjax.Mount(...)"))
-    require(mounts, "mounts", "be one slipperjax.Mount(...) or more", given)
-    for mount in mounts:
-        instance("mounts", mount, Mount, "a list of slipperjax.Mount(...)")
-    return mounts
-
-
 class Sled(AbstractBody):
     """A sled on slippers that move with it, such as three on a monorail or four on two rails.
 
@@ -75,7 +65,9 @@ class Sled(AbstractBody):
     """Mass, slippers included [kg]."""
     inertia: Float[Array, "3"] = field("kg m^2", positive, plausible=(1e-9, 1e7), symbol="J")
     """Principal moments of inertia about x, y and z of the sled's frame [kg m^2]."""
-    mounts: tuple[Mount, ...] = eqx.field(converter=_mounts)  # pyright: ignore[reportGeneralTypeIssues]
+    mounts: tuple[Mount, ...] = eqx.field(  # pyright: ignore[reportGeneralTypeIssues]
+        converter=lambda mounts: tuple_of("mounts", mounts, Mount, "a list of slipperjax.Mount(...)")
+    )
     """Its slippers."""
     length: Float[Array, ""] = field("m", positive, plausible=(0.005, 20.0), symbol="L", default=0.2)
     """Distance between the front and the rear section of slippers without a length of their own [m]."""
@@ -84,6 +76,7 @@ class Sled(AbstractBody):
 
     def __check_init__(self):
         names = self.names
+        require(names, "mounts", "be one slipperjax.Mount(...) or more", self.mounts)
         require(len(set(names)) == len(names), "mounts", "have different names", names)
         if self.modes is not None:
             instance("modes", self.modes, Modes, "slipperjax.model.Modes(...)")
@@ -152,12 +145,13 @@ class Sled(AbstractBody):
     def mounted(self, section):
         slippers = []
         for mount in self.mounts:
+            length = self.length
             ahead = mount.x
             if mount.length is not None:
+                length = mount.length
                 longer = (mount.length - self.length) / 2
                 ahead = longer if ahead is None else ahead + longer
-            length = self.length if mount.length is None else mount.length
-            own = section if mount.section is None else mount.section
+            own = mount.section or section
             if mount.play is not None:
                 own = eqx.tree_at(lambda section: section.play, own, mount.play)
             slippers.append(Mounted((mount.x, mount.y, mount.z), length, own, mount.rail, ahead))

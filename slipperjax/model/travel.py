@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import check_no_clock, finite, instance, not_negative, number, positive, require
+from ..tools.checks import check_no_clock, finite, not_negative, number, positive, require, tuple_of
 from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced
@@ -144,13 +144,12 @@ class SpeedProgramme(ShapeChecked):
         **Raises:** `ValueError` that shows the wrong stage: a stage without an end, or one that does not reach its
         speed.
         """
-        instance("stages", stages, Sequence, "a list of slipperjax.Stage")
         distance = [number(finite, "begin", begin, "m")]
         speed = [number(not_negative, "start", start, "m/s")]
         time = [0.0]
         # each stage begins where the stage before ended
-        for stage in stages:
-            length, end, duration = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
+        for stage in tuple_of("stages", stages, Stage, "a list of slipperjax.Stage"):
+            length, end, duration = stage.after(speed[-1])
             distance.append(distance[-1] + length)
             speed.append(end)
             time.append(time[-1] + duration)
