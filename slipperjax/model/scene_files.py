@@ -323,12 +323,10 @@ class _Reader:
             function = SpeedProgramme.over_distance
         else:
             return self.made(SpeedProgramme, table, "speed")
-        values = arguments(
-            function, table, {"begin": "m", "start": "m/s", "time": "s", "distance": "m", "speed": "m/s"}
-        )
-        # names that this kind does not use
-        for name in table.keys() - values.keys():
-            raise ValueError(f"`{name}` must not be given here.")
+        values = arguments(function, table, UNITS_OF_SPEEDS)
+        for name in table:
+            if name not in values:
+                raise ValueError(f"`{name}` must not be given here.")
         return function(**values)
 
     def thrust(self, table: Table) -> RocketSled:
