@@ -25,6 +25,7 @@ from .kinematics import (
     Points,
     RailFrame,
     attitude_rates,
+    body_numbers,
     contacts,
     cross,
     in_slipper_frame,
@@ -37,6 +38,7 @@ from .modes import Modes
 from .payload import Payload
 from .scene import Scene
 from .sliding import tractions
+from .slipper import stacked
 from .step_size import settle_memory
 from .travel import Travel
 
@@ -171,8 +173,7 @@ def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
     if not axes:
         return total
     force, moment = total[:3], total[3:]
-    places = zip(*(slipper.place for slipper in scene.mounted), strict=True)
-    middle = [jnp.stack([jnp.zeros(()) if v is None else v for v in along]) for along in places]
+    middle = list(map(stacked, zip(*(slipper.place for slipper in scene.mounted), strict=True)))
     # from the moment about the body's centre to the moment about each slipper's middle
     carried = cross(middle, in_slipper_frame(rotation(at.motion), force))
     return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
@@ -454,5 +455,5 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
         drive_force=drive_force(scene, at, travel),
         node_force=jnp.moveaxis(jnp.sum(on_track, axis=-1), 0, -1),
         node_moment=jnp.moveaxis(jnp.sum(jnp.cross(point - node[..., None], on_track, axis=0), axis=-1), 0, -1),
-        acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+        acceleration=jnp.stack(body_numbers(rates)[5:]),
     )

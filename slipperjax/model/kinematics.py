@@ -22,10 +22,10 @@ from ..tools.checks import brief, converted, instance, is_real, real, shown_numb
 from ..tools.compile import need_64_bits
 from ..tools.forms import circle, spread, store, store_cotangent, store_if_differentiated, sums
 from ..tools.tracing import is_traced
-from ..tools.types import AnyArray, Real
+from ..tools.types import Real
 from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS
 from .scene import Scene
-from .slipper import Mounted
+from .slipper import Mounted, side_by_side, stacked
 from .tracks import Irregularity
 
 
@@ -112,14 +112,8 @@ class Motion(eqx.Module):
         return Motion(q_x=q_x, q_y=q_y, q_z=q_z, **others)
 
 
-def moved(m: Motion, change: Motion) -> Motion:
-    """Return a motion with `change` added to the body's numbers; the motions of parts stay unchanged."""
-    sums = [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)]
-    return eqx.tree_at(_of_slipper, m, sums)
-
-
-def _of_slipper(m: Motion) -> list[Any]:
-    instance("motion", m, Motion, "a slipperjax.Motion")
+def body_numbers(m: Motion) -> list[Any]:
+    """Return the numbers of the body alone, in the order of `MOTION_NUMBERS`: five displacements, five velocities."""
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
@@ -176,7 +170,7 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
     """Return the clearance of the tightest face with play, over 1 mm as in `MOTION_SCALES`; at most 1 [1]."""
     # faces without play do not count
-    play = _side_by_side([slipper.section.play for slipper in scene.mounted])
+    play = side_by_side([slipper.section.play for slipper in scene.mounted])
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
     # clearances below those that can be made and measured [m] do not narrow the scales further
     least = 5e-6
@@ -194,8 +188,8 @@ def accuracy_scales(scene: Scene) -> Motion:
     body = scene.slipper
     # the scale of the attitude moves a point by the scale of displacements; a quaternion's component is half an angle
     lever = MOTION_SCALES.z / (2 * MOTION_SCALES.q_x)
-    near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
-    y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
+    near = jnp.minimum(1.0, lever / jnp.maximum(scene.reach, scene.half_length))
+    y, z, *attitude, v_y, v_z, w_x, w_y, w_z = body_numbers(MOTION_SCALES)
     q_x, q_y, q_z = (share * near * q for q in attitude)
     body = Motion(share * y, share * z, q_x, q_y, q_z, v_y, v_z, near * w_x, near * w_y, near * w_z)
     return with_parts(body, scene)
@@ -208,7 +202,7 @@ def disturbances(
     displacements do not change, because they could leave the play."""
     changes = share * rng.normal(size=(count, len(MOTION_NUMBERS)))
     changes[:, :5] = 0.0
-    return changes * np.array(_of_slipper(accuracy_scales(scene)))
+    return changes * np.array(body_numbers(accuracy_scales(scene)))
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
@@ -320,31 +314,19 @@ def contact_points(scene: Scene) -> Points:
     slippers = instance("scene", scene, Scene, "a slipperjax.Scene").mounted
     # the rear end has the section of the front one
     both = lambda a: jnp.tile(a, (2, 1)).T
-    normal = _side_by_side([both(slipper.section.normals) for slipper in slippers])
-    track = _side_by_side([both(slipper.section.track_points) for slipper in slippers])
-    arms = []
-    for slipper in slippers:
-        count = slipper.section.points.shape[0]
-        # A constant array: an index computed inside the loop over cases and points would prevent vectorisation.
-        x = slipper.length * np.repeat([0.5, -0.5], count)
-        own = (x, *both(slipper.section.points))
-        arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])
-    arm_x, arm_y, arm_z = map(_side_by_side, zip(*arms, strict=True))
-    lengths = _side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
+    normal = side_by_side([both(slipper.section.normals) for slipper in slippers])
+    track = side_by_side([both(slipper.section.track_points) for slipper in slippers])
+    lengths = side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
     first, *others = slippers
     length = first.length
     ahead = None
     if others or first.ahead is not None:
         length = jnp.repeat(lengths, normal.shape[1] // len(slippers))
-        ahead = jnp.stack([jnp.zeros(()) if s.ahead is None else s.ahead for s in slippers])
+        ahead = stacked(slipper.ahead for slipper in slippers)
     modes = scene.slipper.modes
     shapes = modes and tuple(modes.shapes[..., k].T for k in range(modes.shapes.shape[-1]))
+    arm_x, arm_y, arm_z = scene.arms
     return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
-
-
-def _side_by_side(parts: Sequence[Any]) -> AnyArray:
-    """Return arrays joined along their last axis; a single array unchanged."""
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
 def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | None, Array | None]:
@@ -358,8 +340,7 @@ def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | Non
     def at_points(places: list) -> Array | None:
         if all(place is None for place in places):
             return None
-        each = jnp.stack([jnp.zeros(()) if place is None else place for place in places])
-        return jnp.repeat(each, 2 * slippers[0].section.points.shape[0])
+        return jnp.repeat(stacked(places), 2 * slippers[0].section.points.shape[0])
 
     return at_points(across), at_points(upwards)
 

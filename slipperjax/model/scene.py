@@ -29,7 +29,7 @@ from .quantities import COORDINATES, MOTION_NUMBERS
 from .random_rails import AbstractSpectrum
 from .section import Section
 from .sled import Mount, Sled
-from .slipper import AbstractBody, Mounted, Slipper
+from .slipper import AbstractBody, Mounted, Slipper, side_by_side
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
@@ -205,6 +205,22 @@ class Scene(ShapeChecked):
         # the front end of a slipper in the middle is at the counted distance
         most = jnp.maximum if is_traced(ahead) else np.maximum
         return functools.reduce(most, ahead, 0.0)
+
+    @property
+    def arms(self) -> list[Float[Array, " points"]]:
+        """x, y and z of all contact points in the body's frame [m], of each slipper first the front ones."""
+        return [side_by_side(along) for along in zip(*(slipper.arms for slipper in self.mounted), strict=True)]
+
+    @property
+    def reach(self) -> Float[Array, ""]:
+        """Greatest distance of contact points from the body's x axis, along y or z [m]."""
+        _, *across = self.arms
+        return jnp.max(jnp.abs(jnp.stack(across)))
+
+    @property
+    def half_length(self) -> Float[Array, ""]:
+        """Greatest distance of contact points from the centre of mass along x [m]."""
+        return jnp.max(jnp.abs(self.arms[0]))
 
     @property
     def play(self) -> Float[AnyArray, "*slippers faces"]:

@@ -14,9 +14,8 @@ from ..tools.fields import ShapeChecked, field
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real
 from .dynamics import Args, State, forces_at, newton_euler, resultants, wrench_directions
-from .kinematics import Motion, RailFrame, contacts, rotation
+from .kinematics import Motion, RailFrame, body_numbers, contacts, rotation
 from .modes import Modes
-from .quantities import MOTION_NUMBERS
 
 AXES = ("x", "y", "z")
 UNITS = {"acceleration": "m/s^2", "displacement": "m", "angular_velocity": "rad/s", "force": "N"}
@@ -59,8 +58,8 @@ def channels(args: Args, t: Real, state: State, frame: RailFrame | None = None) 
     if motion.modes is not None and rates.modes is not None:
         modal = jnp.stack([motion.modes.coordinate, rates.modes.rate])
     return Channels(
-        jnp.stack([getattr(motion, name) for name in MOTION_NUMBERS]),
-        jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+        jnp.stack(body_numbers(motion)),
+        jnp.stack(body_numbers(rates)[5:]),
         jnp.stack(wrench[:2]),
         modal,
     )

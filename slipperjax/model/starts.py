@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,10 +21,10 @@ from .kinematics import (
     ModalMotion,
     Motion,
     PayloadMotion,
+    body_numbers,
     check_motion,
     contact_points,
     contacts,
-    moved,
     rail_frame,
     scalar_part,
     track_nodes,
@@ -105,7 +106,8 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     rest = None
     if isinstance(motion, AtRest):
         rest = at_rest(scene, place)
-        motion = moved(rest, motion)
+        sums = [a + b for a, b in zip(body_numbers(rest), body_numbers(motion), strict=True)]
+        motion = eqx.tree_at(body_numbers, rest, sums)
     motion = _with_parts(scene, motion)
     now = contacts(frame, motion)
     outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
@@ -208,7 +210,7 @@ class _Scales(NamedTuple):
     @classmethod
     def of(cls, scene: Scene, epoch: Array) -> "_Scales":
         body = scene.slipper
-        reach, half_length = body.reach(scene.section), body.half_length(scene.section)
+        half_length = scene.half_length
         load = jnp.zeros(()) if scene.gravity is None else driven_mass(scene) * jnp.abs(scene.gravity)
         if scene.load is not None:
             (_, *force), moment = scene.load.wrench(scene.travel(epoch))
@@ -218,7 +220,7 @@ class _Scales(NamedTuple):
         depth = (load / scene.contact.stiffness) ** (2 / 3)
         size = jnp.max(scene.section.play) + depth
         # a quaternion's component is half an angle
-        pose = size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length])
+        pose = size * jnp.stack([1.0, 1.0, 0.5 / scene.reach, 0.5 / half_length, 0.5 / half_length])
         if body.modes is not None:
             farthest = jnp.max(jnp.abs(body.modes.shapes), axis=(1, 2))
             pose = jnp.concatenate([pose, size / jnp.where(farthest > 0, farthest, 1.0)])
