@@ -92,25 +92,20 @@ def test_channels_are_those_of_the_equations_of_motion():
     seen, now = jax.jit(lambda state: (channels(args, 0.0, state), sj.model.reactions(0.0, state, args)))(state)
     # the same sums in another order
     np.testing.assert_allclose(seen.acceleration, now.acceleration, rtol=1e-12)
-    weight = scene.slipper.mass * (0.0 if scene.gravity is None else scene.gravity)
-    np.testing.assert_allclose(
-        seen.force, scene.slipper.mass * seen.acceleration[:2] + np.array([0, weight]), rtol=1e-12
-    )
+    np.testing.assert_allclose(seen.force, scene.slipper.mass * seen.acceleration[:2], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (dict(name="front left"), "`name` must be a word"),
-        (dict(direction="up"), "`direction` must be one of x, y, z"),
-        (dict(direction=(0, 0, 0)), "`direction` must be a vector, but is zero"),
-        (dict(measures="force", direction="x"), "`direction` must be across the rail for a force"),
-    ],
-)
-def test_bad_sensors_are_refused_in_one_line(arguments, text):
-    with pytest.raises(ValueError, match=text) as error:
-        sj.model.Sensor(**{"name": "a"} | arguments)
-    assert "\n" not in str(error.value)
+BAD = {
+    "`name` must be a word": dict(name="front left"),
+    "`direction` must be a vector, but is zero": dict(direction=(0, 0, 0)),
+    "`direction` must be across the rail for a force": dict(measures="force", direction="x"),
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_sensors_are_refused(text):
+    with pytest.raises(ValueError, match=text):
+        sj.model.Sensor(**{"name": "a"} | BAD[text])
 
 
 def test_sensors_have_different_names():
@@ -118,5 +113,3 @@ def test_sensors_have_different_names():
     assert Rig.of([one]).names == ("a",)
     with pytest.raises(ValueError, match="different names"):
         Rig.of([one, dataclasses.replace(one, gain=2.0)])
-    with pytest.raises(ValueError, match="a list of slipperjax"):
-        Rig.of([1])

@@ -3,7 +3,6 @@
 import dataclasses
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -132,24 +131,6 @@ def test_default_steps_are_there_for_every_law():
     assert of(sj.model.HertzSpring(1e8)) == 40
     assert of(sj.model.ConstantDamping(1e8, 0.5)) == 40
     assert of(sj.model.ConstantDamping(1e8, 10.0)) > 40  # its damping force is seven times the elastic one
-
-
-@pytest.mark.full
-def test_lateral_and_vertical_are_separate():
-    """Gaps change by the rail's displacement along the normals."""
-    scene = scene_with(SineTrack())
-    state = sj.initial_state(scene, sj.Motion(z=5e-4))
-    normals, seen = np.asarray(scene.section.normals), []
-    gaps = sj.jit(lambda t: sj.model.reactions(t, state, sj.model.Args(scene)).gap)
-    for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
-        here = irregularity_of(scene.track, np.array(8.0 * t))
-        np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
-        # of the front; the rear is 0.2 m behind
-        seen.append(np.asarray(gaps(t))[0] + normals @ shift)
-    np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
-    assert np.all(
-        np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion))
-    )
 
 
 @pytest.mark.full
