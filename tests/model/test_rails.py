@@ -304,9 +304,7 @@ def test_one_seed_is_one_rail_at_any_scale_and_coherence_is_correlation():
 
 
 def test_wrong_random_rails_are_named():
-    for words, wrong in (
-        ("`band` must be a tuple of", dict(band=(3.0, 1.0))),
-        ("twice the longest", dict(length=50.0)),
-    ):
+    wrong = {"`band` must be a tuple of": dict(band=(3.0, 1.0)), "twice the longest wave": dict(length=50.0)}
+    for words, options in wrong.items():
         with pytest.raises(ValueError, match=words):
             sj.RandomTrack.sled(**options)

@@ -174,7 +174,7 @@ def test_motors_in_the_format_of_rasp_are_read(tmp_path):
     # the thrust rises from zero
     np.testing.assert_array_equal(sled.time, [0.0, 0.049, 0.116, 0.2, 1.7])
     np.testing.assert_array_equal(sled.thrust, [0.0, 2.569, 9.369, 29.73, 0.0])
-    for text in (head, "0.1 5\n0.2 0\n", head + "0.1 5\n0.2 x\n", head + "0.1 5\n0.2 0\n" + head + "0.1 5\n0.2 0\n"):
+    for text in ("0.1 5\n0.2 0\n", head + "0.1 5\n0.2 x\n", 2 * (head + "0.1 5\n0.2 0\n")):
         file.write_text(text)
         with pytest.raises(ValueError, match=r"motor\.eng is no RASP file that can be read"):
             sj.model.RocketSled.from_file(file, mass=0.5)

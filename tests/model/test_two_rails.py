@@ -357,20 +357,6 @@ def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path)
         _ = sj.load(tmp_path / "scene.toml").scene
 
 
-def test_all_faults_of_both_rails_are_told_at_once(tmp_path):
-    bad = {(5, 3): "", (9, 4): "loose", (20, 0): 1.0}
-    path = written(tmp_path, HEADER.replace("left vertical [mm]", "left vertical"), change=bad)
-    with pytest.raises(ValueError, match=r"both\.csv has 4 faults:") as told:
-        sj.load_rail(path)
-    for words in (
-        "line 1: 'left vertical' is no name with a unit, such as distance [m], left_lateral [m]",
-        "line 7: `right lateral` has no number",
-        "line 11: `right vertical` must be a number, but is 'loose'",
-        "line 22: distance 1 m does not exceed 4.75 m of line 21",
-    ):
-        assert words in str(told.value)
-
-
 IN_PLACE = "`gauge` stands in place of one rail's lateral, but the file has"
 LACKS = "must have distance, and lateral or vertical of the left and of the right rail, but has left_lateral, "
 WRONG_FILES = {
