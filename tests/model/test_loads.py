@@ -28,9 +28,8 @@ POINTS = 20
 
 
 def some_motion():
-    return sj.Motion.from_euler(
-        y=2e-4, z=-6e-4, roll=3e-3, pitch=-4e-3, yaw=2e-3, v_y=0.3, v_z=-0.8, w_x=4, w_y=-9, w_z=6
-    )
+    velocities = dict(v_y=0.3, v_z=-0.8, w_x=4, w_y=-9, w_z=6)
+    return sj.Motion.from_euler(y=2e-4, z=-6e-4, roll=3e-3, pitch=-4e-3, yaw=2e-3, **velocities)
 
 
 def test_tractions_oppose_the_sliding_in_the_faces():
@@ -85,7 +84,7 @@ def at_speed(speed):
 
 
 def test_tables_are_linear_between_their_rows():
-    table = sj.model.TabulatedLoad([[0, 0, 10.0], [-4.0, 0, 30.0]], speed=[100.0, 300.0])
+    table = sj.model.TabulatedLoad(ROWS, speed=[100.0, 300.0])
     force, moment = table.wrench(at_speed(150.0))
     np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
     np.testing.assert_allclose(moment, 0.0)
@@ -93,8 +92,6 @@ def test_tables_are_linear_between_their_rows():
 
 
 ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
-
-
 BAD = {
     "`force` must have one value per speed": lambda: sj.model.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]),
     "`moment` must have one value per time": lambda: sj.model.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]),

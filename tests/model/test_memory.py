@@ -102,6 +102,6 @@ def test_a_latched_memory_of_ones_own():
 @pytest.mark.full
 def test_an_integrated_memory_of_ones_own():
     """By an explicit and by an implicit method, near the event latch."""
-    explicit, implicit = (end(LaggingRate(), solver, 1600) for solver in ("RK4", "ROS34PW2"))
-    assert np.max(np.abs(explicit - implicit) / SCALES) < 2e-3  # measured 5.7e-4
-    assert np.max(np.abs(explicit - end(sj.model.EventLatch())) / SCALES) < 1e-3  # measured 1.3e-4
+    for solver, most in (("RK4", 1e-3), ("ROS34PW2", 3e-3)):  # measured 1.3e-4 and at most 7e-4
+        apart = end(LaggingRate(), solver, 1600) - end(sj.model.EventLatch())
+        assert np.max(np.abs(apart) / SCALES) < most

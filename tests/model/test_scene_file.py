@@ -90,25 +90,11 @@ def test_starts_come_back_too():
 FILE = """
 base = "paper"       # everything else is the paper's
 speed = "4500 km/h"
-
-[slipper]
-mass = "15000 g"
-inertia = { values = [51, 60, 86], unit = "g m^2" }
-length = "20 cm"
-
-[section]
-clearance = "1.5 mm"
-
-[track]
-wavelengths = ["800 cm"]
-roll_amplitude = "0.2 degrees"
-
-[contact]
-type = "HuntCrossley"
-
-[start]
-v_y = "50 cm/s"
-pitch = "1 mrad"
+slipper = { mass = "15000 g", inertia = { values = [51, 60, 86], unit = "g m^2" }, length = "20 cm" }
+section.clearance = "1.5 mm"
+track = { wavelengths = ["800 cm"], roll_amplitude = "0.2 degrees" }
+contact.type = "HuntCrossley"
+start = { v_y = "50 cm/s", pitch = "1 mrad" }
 """
 
 
@@ -119,8 +105,7 @@ def test_units_are_converted_and_the_rest_is_the_base_s():
     values |= {"clearance": 1.5e-3, "track.wavelengths.0": 8.0, "roll_amplitude": math.radians(0.2)}
     for name, value in values.items():
         np.testing.assert_allclose(scene.value(name), value, rtol=1e-15, err_msg=name)
-    assert type(scene.contact) is sj.model.HuntCrossley
-    assert float(scene.contact.stiffness) == 1e8
+    assert (type(scene.contact), float(scene.contact.stiffness)) == (sj.model.HuntCrossley, 1e8)
     assert eqx.tree_equal(scene.section.points, sj.model.paper_section(1e-3).points)
     of_engineers = {("20 g", "m/s^2"): 196.133, ("50 m s-1", "m/s"): 50.0, ("3937 us_survey_foot", "m"): 1200.0}
     for (text, si), exact in (of_engineers | {("30 lbm", "kg"): 13.6077711, ("180 °", "rad"): math.pi}).items():
@@ -137,9 +122,8 @@ def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
     scene = dataclasses.replace(sj.paper_scene(), track=track)
     assert scene_from_json(scene_to_json(scene)).track == track
     (tmp_path / "deep").mkdir()
-    for file in ("scene.toml", "deep/scene.toml"):
-        (tmp_path / file).write_text('base = "paper"\n[track]\nfile = "~/survey.csv"\n')
-        assert eqx.tree_equal(sj.load(f"~/{file}").scene.track.lateral, track.lateral)
+    (tmp_path / "deep/scene.toml").write_text('base = "paper"\n[track]\nfile = "~/survey.csv"\n')
+    assert eqx.tree_equal(sj.load("~/deep/scene.toml").scene.track.lateral, track.lateral)
     scene.to_toml("~/again.toml")
     assert (tmp_path / "again.toml").is_file()
     with pytest.raises(ValueError, match=f"{tmp_path}/none.zarr: must be a store of slipperjax"):
@@ -418,7 +402,7 @@ class Drawn(sj.model.AbstractContactLaw):
 
     seed: int = eqx.field(static=True)
     loss: jnp.ndarray
-    clamp: bool = eqx.field(static=True, default=True)
+    clamp = False
 
     def __init__(self, stiffness, seed):
         self.stiffness = stiffness
