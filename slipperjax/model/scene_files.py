@@ -257,7 +257,7 @@ class _Reader:
         instance("beam", given, dict, "a table")
         check_known(given, BEAM)
         places = [0.0 if mount.x is None else mount.x for mount in sled.mounts]
-        return Modes.beam(**arguments(Modes.beam, given, BEAM) | {"places_of_mounts": places})
+        return Modes.beam(**arguments_from(Modes.beam, given, BEAM) | {"places_of_mounts": places})
 
     def sensor(self, name: str, table: Table) -> Sensor:
         """Return the sensor of a table; bias and noise have the unit of the sensor's signal."""
@@ -323,7 +323,7 @@ class _Reader:
             function = SpeedProgramme.over_distance
         else:
             return self.made(SpeedProgramme, table, "speed")
-        values = arguments(function, table, UNITS_OF_SPEEDS)
+        values = arguments_from(function, table, UNITS_OF_SPEEDS)
         for name in table:
             if name not in values:
                 raise ValueError(f"`{name}` must not be given here.")
@@ -438,7 +438,7 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
             raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
 
 
-def arguments(function: Callable, table: Table, units: Mapping[str, str]) -> dict[str, Any]:
+def arguments_from(function: Callable, table: Table, units: Mapping[str, str]) -> dict[str, Any]:
     """Return the arguments of a function that a table gives, in SI units; those without a default must be there."""
     parameters = inspect.signature(function).parameters.values()
     names = [one.name for one in parameters if one.name in table or one.default is one.empty]

@@ -325,7 +325,7 @@ delay = "1 ms"
     assert (front.name, front.measures, lift.name, lift.measures) == ("front", "acceleration", "lift", "displacement")
     np.testing.assert_allclose([front.bias, front.noise, front.cutoff], [0.980665, 9.80665, 2e3])
     np.testing.assert_allclose([lift.noise, lift.delay], [1e-5, 1e-3])
-    with pytest.raises(ValueError, match="line 3: `bias` must be in a unit like m/s"):
+    with pytest.raises(ValueError, match="line 2: `bias` must be in a unit like m/s"):
         scene_from_toml(BASE + '[sensors.a]\nbias = "1 kg"')
 
 
@@ -402,7 +402,7 @@ class Drawn(sj.model.AbstractContactLaw):
 
     seed: int = eqx.field(static=True)
     loss: jnp.ndarray
-    clamp = False
+    clamp: bool = eqx.field(static=True, default=True)
 
     def __init__(self, stiffness, seed):
         self.stiffness = stiffness

@@ -15,7 +15,8 @@ from slipperjax.model.sensors import Channels, Rig, channels, interpolated, low_
 
 def seen_at(*shape, motion=0.0, acceleration=0.0) -> Channels:
     zeros = lambda count: np.zeros((*shape, count))
-    return Channels(zeros(10) + motion, zeros(5) + acceleration, zeros(2) + [3.0, 4.0], np.zeros((*shape, 2, 0)))
+    force = np.broadcast_to([3.0, 4.0], (*shape, 2))
+    return Channels(zeros(10) + motion, zeros(5) + acceleration, force, np.zeros((*shape, 2, 0)))
 
 
 @jax.jit
