@@ -119,17 +119,12 @@ def body_numbers(m: Motion) -> list[Any]:
 
 def check_motion(name: str, motion: Motion) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
-    for coordinate in MOTION_NUMBERS:
-        value = getattr(motion, coordinate)
-        if is_traced(value):
-            continue  # a traced value is not known
+    for part, value in vars(motion).items():
         # True and False pass, as 1 and 0
-        if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
-            raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
-    for part in ("payload", "modes"):
-        values = jax.tree.leaves(getattr(motion, part))
-        if not is_traced(values) and not all(np.all(np.isfinite(value)) for value in values):
-            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(getattr(motion, part))}.")
+        single = part not in MOTION_NUMBERS or ((is_real(value) or isinstance(value, bool)) and not np.ndim(value))
+        finite = is_traced(value) or (single and all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(value)))
+        if not finite:
+            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(value)}.")
     return motion
 
 

@@ -1,6 +1,7 @@
 """Rails of samples, such as surveys: cubic splines with continuous second derivatives."""
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Sequence
 from typing import ClassVar
@@ -475,13 +476,13 @@ class TrackSet(AbstractRail):
             return TwoRails(**{name: rail.prepared() for name, rail in self.rails.items()}, gauge=self.gauge)
         splines = [track.prepared() for track in self.tracks]
         index, known = chosen(self)
-        at = lambda values: jnp.stack(values)[index]
         most = max(len(spline.coefficients) for spline in splines)
         # further coefficients of shorter rails are never used
-        longer = [jnp.pad(s.coefficients, ((0, most - len(s.coefficients)), (0, 0))) for s in splines]
-        coefficients = jnp.where(known, at(longer), jnp.nan)
-        first, spacing, intervals = (at([getattr(s, n) for s in splines]) for n in ("first", "spacing", "intervals"))
-        return SplineTrack(first, spacing, intervals, coefficients, self.wavelength, self.ends)
+        longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)))
+        splines = [dataclasses.replace(s, coefficients=longer(s.coefficients)) for s in splines]
+        spline = jax.tree.map(lambda *values: jnp.stack(values)[index], *splines)
+        rows = jnp.where(known, spline.coefficients, jnp.nan)
+        return dataclasses.replace(spline, coefficients=rows, forcing_length=self.wavelength)
 
     @property
     def bounds(self):

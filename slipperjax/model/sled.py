@@ -89,7 +89,8 @@ class Sled(AbstractBody):
             self.modes.warn_of_scale(float(self.mass))
         # the distance between the outermost ends of the slippers
         ends = np.array([(x - length / 2, x + length / 2) for x, length in map(self._along, self.mounts)])
-        check_inertia(self, max(float(np.ptp(ends)), self._width()), "sled lengths")
+        across = [0.0 if mount.y is None else float(mount.y) for mount in self.mounts]
+        check_inertia(self, max(float(np.ptp(ends)), float(np.ptp(across))), "sled lengths")
         for (one, a), (other, b) in itertools.combinations(zip(self.mounts, ends, strict=True), 2):
             apart = one.rail != other.rail or a[0] >= b[1] or b[0] >= a[1]
             both = f"{names[self.mounts.index(one)]} and {names[self.mounts.index(other)]}"
@@ -104,9 +105,6 @@ class Sled(AbstractBody):
         """Return a mount's place along the track and its length [m]."""
         length = self.length if mount.length is None else mount.length
         return 0.0 if mount.x is None else float(mount.x), float(length)
-
-    def _width(self) -> float:
-        return float(np.ptp([0.0 if mount.y is None else float(mount.y) for mount in self.mounts]))
 
     @property
     def names(self):

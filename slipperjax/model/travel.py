@@ -144,16 +144,13 @@ class SpeedProgramme(ShapeChecked):
         **Raises:** `ValueError` that shows the wrong stage: a stage without an end, or one that does not reach its
         speed.
         """
-        distance = [number(finite, "begin", begin, "m")]
-        speed = [number(not_negative, "start", start, "m/s")]
-        time = [0.0]
+        rows = [(number(finite, "begin", begin, "m"), number(not_negative, "start", start, "m/s"), 0.0)]
         # each stage begins where the stage before ended
         for stage in tuple_of("stages", stages, Stage, "a list of slipperjax.Stage"):
-            length, end, duration = stage.after(speed[-1])
-            distance.append(distance[-1] + length)
-            speed.append(end)
-            time.append(time[-1] + duration)
-        return cls.passing(*map(np.array, (distance, speed, time)))
+            place, speed, time = rows[-1]
+            length, end, duration = stage.after(speed)
+            rows.append((place + length, end, time + duration))
+        return cls.passing(*np.array(rows).T)
 
     @classmethod
     def passing(
