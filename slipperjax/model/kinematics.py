@@ -112,6 +112,12 @@ class Motion(eqx.Module):
         return Motion(q_x=q_x, q_y=q_y, q_z=q_z, **others)
 
 
+def moved(m: Motion, change: Motion) -> Motion:
+    """Return a motion with `change` added to the body's numbers; the motions of parts stay unchanged."""
+    sums = [a + b for a, b in zip(body_numbers(m), body_numbers(change), strict=True)]
+    return eqx.tree_at(body_numbers, m, sums)
+
+
 def body_numbers(m: Motion) -> list[Any]:
     """Return the numbers of the body alone, in the order of `MOTION_NUMBERS`: five displacements, five velocities."""
     return [getattr(m, name) for name in MOTION_NUMBERS]

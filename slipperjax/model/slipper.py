@@ -68,7 +68,7 @@ class AbstractBody(ShapeChecked):
         """Return the slippers; `section`: for slippers without their own section."""
 
 
-def side_by_side(parts: Sequence[Array]) -> Array:
+def side_by_side(parts: Sequence[AnyArray]) -> AnyArray:
     """Return arrays joined along their last axis; a single array unchanged."""
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,10 +20,10 @@ from .kinematics import (
     ModalMotion,
     Motion,
     PayloadMotion,
-    body_numbers,
     check_motion,
     contact_points,
     contacts,
+    moved,
     rail_frame,
     scalar_part,
     track_nodes,
@@ -106,8 +105,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     rest = None
     if isinstance(motion, AtRest):
         rest = at_rest(scene, place)
-        sums = [a + b for a, b in zip(body_numbers(rest), body_numbers(motion), strict=True)]
-        motion = eqx.tree_at(body_numbers, rest, sums)
+        motion = moved(rest, motion)
     motion = _with_parts(scene, motion)
     now = contacts(frame, motion)
     outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
