@@ -420,7 +420,9 @@ class TrackSet(AbstractRail):
     """
 
     tracks: tuple[AbstractRail | AbstractTwoRails, ...] = eqx.field(
-        converter=lambda tracks: tuple_of("tracks", tracks, AbstractTrack, "one or more rails")
+        converter=lambda tracks: tuple_of(
+            "tracks", tracks, (AbstractRail, AbstractTwoRails), "rails such as slipperjax.model.SampledTrack"
+        )
     )
     """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such
     rails, with one gauge."""
@@ -436,7 +438,6 @@ class TrackSet(AbstractRail):
             # each side is a set of its own, which checks its rails
             _ = self.rails
         else:
-            tuple_of("tracks", self.tracks, AbstractRail, "rails such as slipperjax.model.SampledTrack")
             alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
             need = "have the same ends, and all roll or none"
             require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")

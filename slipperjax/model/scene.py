@@ -207,7 +207,7 @@ class Scene(ShapeChecked):
         return functools.reduce(most, ahead, 0.0)
 
     @property
-    def arms(self) -> list[Float[Array, " points"]]:
+    def arms(self) -> list[Float[AnyArray, " points"]]:
         """x, y and z of all contact points in the body's frame [m], of each slipper first the front ones."""
         return [side_by_side(along) for along in zip(*(slipper.arms for slipper in self.mounted), strict=True)]
 

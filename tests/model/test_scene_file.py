@@ -176,7 +176,7 @@ BASE = 'base = "paper"\n'
             BASE + "[start]\nq_x = { values = [1.0], unit = 3 }",
             "line 2: Argument `start` must be finite, but its q_x",
         ),
-        (BASE + '[track]\ntype = "TrackSet"\ntracks = 1979-05-27', "line 4: Argument `tracks` must be one or more"),
+        (BASE + '[track]\ntype = "TrackSet"\ntracks = 1979-05-27', "line 4: Argument `tracks` must be rails such as"),
     ],
 )
 def test_errors_name_file_and_line(text, words):
