@@ -683,8 +683,8 @@ tests/model/test_two_rails.py -k "their_coherence"
 
 a wider gauge moves the right rail to the left
 tests/model/test_two_rails.py -k "gauge_stands"
--                rails["right"]["lateral"] = rails["left"]["lateral"] - wider
-+                rails["right"]["lateral"] = rails["left"]["lateral"] + wider
+-            right["lateral"] = left["lateral"] - wider
++            right["lateral"] = left["lateral"] + wider
 
 a fractional seed passes where it is given
 tests/flow/test_rails.py -k "whole_and_in_range"

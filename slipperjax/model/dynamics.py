@@ -4,7 +4,6 @@ Time is counted in forcing periods from the start of the period `epoch`, so that
 number for all speeds of a sweep and keeps its precision after any number of periods. Derivatives are per period.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from .kinematics import (
     Points,
     RailFrame,
     attitude_rates,
+    body_numbers,
     contacts,
     cross,
     in_slipper_frame,
@@ -38,6 +38,7 @@ from .modes import Modes
 from .payload import Payload
 from .scene import Scene
 from .sliding import tractions
+from .slipper import stacked
 from .step_size import settle_memory
 from .travel import Travel
 
@@ -76,16 +77,11 @@ class Args(NamedTuple):
     @jax.jit
     def frame(self, t: Real) -> RailFrame:
         """Return the rail under the slipper at time `t` [forcing periods]."""
-        return rail_frame(self.scene, phase(t, self.epoch), self.points)
+        return rail_frame(self.scene, self.epoch + t, self.points)
 
     def travel(self, t: Real) -> Travel:
         """Return speed and pace at time `t` [forcing periods]."""
-        return self.scene.travel(phase(t, self.epoch))
-
-
-def phase(t: Real, epoch: Real) -> Real:
-    """Return forcing periods travelled since distance zero [1], the phase of the forcing."""
-    return epoch + t
+        return self.scene.travel(self.epoch + t)
 
 
 def rate_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | None:
@@ -177,8 +173,7 @@ def slipper_wrenches(scene: Scene, at: Acting, travel: Travel) -> list[Array]:
     if not axes:
         return total
     force, moment = total[:3], total[3:]
-    places = zip(*(slipper.place for slipper in scene.mounted), strict=True)
-    middle = [jnp.stack([jnp.zeros(()) if v is None else v for v in along]) for along in places]
+    middle = list(map(stacked, zip(*(slipper.place for slipper in scene.mounted), strict=True)))
     # from the moment about the body's centre to the moment about each slipper's middle
     carried = cross(middle, in_slipper_frame(rotation(at.motion), force))
     return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
@@ -203,35 +198,35 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (_, *push), moment = scene.load.wrench(travel)
         rigid = [w + extra for w, extra in zip(rigid, (*push, *moment), strict=True)]
     f_y, f_z, t_x, t_y, t_z = rigid
+    falling = lambda upwards: upwards if scene.gravity is None else upwards - scene.gravity
+    payload = modes = None
     if scene.payload is not None:
         on_slipper = payload_force(scene.payload, m)
         f_y = f_y + on_slipper[0]
         f_z = f_z + on_slipper[1]
+        # the mass gets the opposite force
+        own_y, own_z = (-on_slipper[k] / scene.payload.mass for k in range(2))
+        payload = PayloadMotion(own_sled(m).v_y, own_sled(m).v_z, own_y, falling(own_z))
+    if scene.slipper.modes is not None:
+        modes = modal_rates(scene.slipper.modes, m, *modal)
     # reciprocals, because a product's derivative is shorter than a division's
     per_mass = 1 / scene.slipper.mass
     j_x, j_y, j_z = scene.slipper.inertia
     per_x, per_y, per_z = (1 / j for j in (j_x, j_y, j_z))
     a_z = f_z * per_mass
     # Euler's equations, for principal axes
-    rates = Motion(
+    return Motion(
         m.v_y,
         m.v_z,
         *attitude_rates(m),
         f_y * per_mass,
-        a_z if scene.gravity is None else a_z - scene.gravity,
+        falling(a_z),
         (t_x - (j_z - j_y) * m.w_y * m.w_z) * per_x,
         (t_y - (j_x - j_z) * m.w_z * m.w_x) * per_y,
         (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
+        payload,
+        modes,
     )
-    sled = modes = None
-    if scene.payload is not None:
-        # the sled gets the opposite force
-        a_y, a_z = (-on_slipper[k] / scene.payload.mass for k in range(2))
-        a_z = a_z if scene.gravity is None else a_z - scene.gravity
-        sled = PayloadMotion(own_sled(m).v_y, own_sled(m).v_z, a_y, a_z)
-    if scene.slipper.modes is not None:
-        modes = modal_rates(scene.slipper.modes, m, *modal)
-    return dataclasses.replace(rates, payload=sled, modes=modes) if sled or modes else rates
 
 
 def modal_rates(modes: Modes, m: Motion, force: Float[Array, " modes"]) -> ModalMotion:
@@ -453,12 +448,12 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
     # places of the points, and of the nodes under both ends, relative to the body's centre on a straight rail
     arm = jnp.array(rotation(m)) @ jnp.stack(frame.arm)
     point = ends(arm + jnp.stack([0 * m.y, m.y, m.z])[:, None])
-    node = track_nodes(scene, phase(t, args.epoch), args.points)
+    node = track_nodes(scene, args.epoch + t, args.points)
     return Reactions(
         contact_force=ends(at.force),
         gap=ends(now.gap),
         drive_force=drive_force(scene, at, travel),
         node_force=jnp.moveaxis(jnp.sum(on_track, axis=-1), 0, -1),
         node_moment=jnp.moveaxis(jnp.sum(jnp.cross(point - node[..., None], on_track, axis=0), axis=-1), 0, -1),
-        acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+        acceleration=jnp.stack(body_numbers(rates)[5:]),
     )

@@ -18,15 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
+from ..tools.checks import brief, converted, instance, is_real, real, shown_number
 from ..tools.compile import need_64_bits
 from ..tools.forms import circle, spread, store, store_cotangent, store_if_differentiated, sums
 from ..tools.tracing import is_traced
-from ..tools.types import AnyArray, Real
+from ..tools.types import Real
 from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS
 from .scene import Scene
-from .slipper import Mounted
-from .tracks import AbstractTrack, Irregularity
+from .slipper import Mounted, side_by_side, stacked
+from .tracks import Irregularity
 
 
 def _coordinate(name: str, unit: str) -> Any:
@@ -114,42 +114,38 @@ class Motion(eqx.Module):
 
 def moved(m: Motion, change: Motion) -> Motion:
     """Return a motion with `change` added to the body's numbers; the motions of parts stay unchanged."""
-    sums = [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)]
-    return eqx.tree_at(_of_slipper, m, sums)
+    sums = [a + b for a, b in zip(body_numbers(m), body_numbers(change), strict=True)]
+    return eqx.tree_at(body_numbers, m, sums)
 
 
-def _of_slipper(m: Motion) -> list[Any]:
-    instance("motion", m, Motion, "a slipperjax.Motion")
+def body_numbers(m: Motion) -> list[Any]:
+    """Return the numbers of the body alone, in the order of `MOTION_NUMBERS`: five displacements, five velocities."""
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
 def check_motion(name: str, motion: Motion) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
-    for coordinate in MOTION_NUMBERS:
-        value = getattr(motion, coordinate)
-        if is_traced(value):
-            continue  # a traced value is not known
+    for part, value in vars(motion).items():
         # True and False pass, as 1 and 0
-        if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
-            raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
-    for part in ("payload", "modes"):
-        values = jax.tree.leaves(getattr(motion, part))
-        if not is_traced(values) and not all(np.all(np.isfinite(value)) for value in values):
-            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(getattr(motion, part))}.")
+        single = part not in MOTION_NUMBERS or ((is_real(value) or isinstance(value, bool)) and not np.ndim(value))
+        finite = is_traced(value) or (single and all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(value)))
+        if not finite:
+            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(value)}.")
     return motion
 
 
 MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 """Scales of the motion, equal to those of `COORDINATES`: 1 mm, 10 mrad (5e-3 of the quaternion), 1 m/s, 10 rad/s."""
+PAYLOAD_SCALES = PayloadMotion(*(q.scale for q in PAYLOAD_NUMBERS.values()))
+"""Scales of the motion of a mass on the slipper."""
 
 
 def scales_of(motion: Motion) -> Motion:
     """Return the scales of a motion's numbers, including the numbers of its parts."""
-    sled = None if motion.payload is None else PayloadMotion(*(q.scale for q in PAYLOAD_NUMBERS.values()))
     modes = None
     if motion.modes is not None:
         modes = ModalMotion(*(jnp.full(motion.modes.rate.shape, q.scale) for q in MODE_NUMBERS))
-    return dataclasses.replace(MOTION_SCALES, payload=sled, modes=modes)
+    return dataclasses.replace(MOTION_SCALES, payload=motion.payload and PAYLOAD_SCALES, modes=modes)
 
 
 def with_parts(scales: Motion, scene: Scene) -> Motion:
@@ -158,9 +154,8 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
     The scale of a mode's coordinate follows from the displacement of the mount or place that the mode moves farthest;
     for a mode that hardly moves any place, from the mean displacement of the body.
     """
-    sled, modes = scales.payload, scales.modes
-    if sled is None and scene.payload is not None:
-        sled = PayloadMotion(*(q.scale for q in PAYLOAD_NUMBERS.values()))
+    payload = scales.payload or (scene.payload and PAYLOAD_SCALES)
+    modes = scales.modes
     own = scene.slipper.modes
     if modes is None and own is not None:
         # with unit modal mass, the mean square of a shape is one over the mass
@@ -170,13 +165,13 @@ def with_parts(scales: Motion, scene: Scene) -> Motion:
                 moved.append(jnp.max(jnp.abs(shapes), axis=(-2, -1), initial=0.0))
         most = jnp.max(jnp.stack(moved), axis=0)
         modes = ModalMotion(scales.z / most, scales.v_z / most)
-    return dataclasses.replace(scales, payload=sled, modes=modes)
+    return dataclasses.replace(scales, payload=payload, modes=modes)
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
     """Return the clearance of the tightest face with play, over 1 mm as in `MOTION_SCALES`; at most 1 [1]."""
     # faces without play do not count
-    play = _side_by_side([slipper.section.play for slipper in scene.mounted])
+    play = side_by_side([slipper.section.play for slipper in scene.mounted])
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
     # clearances below those that can be made and measured [m] do not narrow the scales further
     least = 5e-6
@@ -194,8 +189,8 @@ def accuracy_scales(scene: Scene) -> Motion:
     body = scene.slipper
     # the scale of the attitude moves a point by the scale of displacements; a quaternion's component is half an angle
     lever = MOTION_SCALES.z / (2 * MOTION_SCALES.q_x)
-    near = jnp.minimum(1.0, lever / jnp.maximum(body.reach(scene.section), body.half_length(scene.section)))
-    y, z, *attitude, v_y, v_z, w_x, w_y, w_z = _of_slipper(MOTION_SCALES)
+    near = jnp.minimum(1.0, lever / jnp.maximum(scene.reach, scene.half_length))
+    y, z, *attitude, v_y, v_z, w_x, w_y, w_z = body_numbers(MOTION_SCALES)
     q_x, q_y, q_z = (share * near * q for q in attitude)
     body = Motion(share * y, share * z, q_x, q_y, q_z, v_y, v_z, near * w_x, near * w_y, near * w_z)
     return with_parts(body, scene)
@@ -208,7 +203,7 @@ def disturbances(
     displacements do not change, because they could leave the play."""
     changes = share * rng.normal(size=(count, len(MOTION_NUMBERS)))
     changes[:, :5] = 0.0
-    return changes * np.array(_of_slipper(accuracy_scales(scene)))
+    return changes * np.array(body_numbers(accuracy_scales(scene)))
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
@@ -229,9 +224,7 @@ def quaternion_from_euler(roll, pitch, yaw):
     """
     halves = []
     for name, given in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
-        angle = converted(name, "rad")(given)
-        require(is_traced(angle) or (is_real(angle) and np.size(angle)), name, "be real numbers [rad]", angle)
-        halves.append(jnp.asarray(angle, float) / 2)
+        halves.append(jnp.asarray(real(name, converted(name, "rad")(given)), float) / 2)
     cr, cp, cy = map(jnp.cos, halves)
     sr, sp, sy = map(jnp.sin, halves)
     # an attitude has two quaternions: the one with q_0 >= 0
@@ -322,36 +315,19 @@ def contact_points(scene: Scene) -> Points:
     slippers = instance("scene", scene, Scene, "a slipperjax.Scene").mounted
     # the rear end has the section of the front one
     both = lambda a: jnp.tile(a, (2, 1)).T
-    # slippers may share a section
-    sections = {id(slipper.section): slipper.section for slipper in slippers}
-    of_section = {key: (both(one.normals), both(one.track_points)) for key, one in sections.items()}
-    each = [of_section[id(slipper.section)] for slipper in slippers]
-    normal, track = map(_side_by_side, zip(*each, strict=True))
-    arms = []
-    for slipper in slippers:
-        count = slipper.section.points.shape[0]
-        # A constant array: an index computed inside the loop over cases and points would prevent vectorisation.
-        x = slipper.length * np.repeat([0.5, -0.5], count)
-        own = (x, *both(slipper.section.points))
-        arms.append([v if place is None else v + place for v, place in zip(own, slipper.place, strict=True)])
-    arm_x, arm_y, arm_z = map(_side_by_side, zip(*arms, strict=True))
-    lengths = _side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
+    normal = side_by_side([both(slipper.section.normals) for slipper in slippers])
+    track = side_by_side([both(slipper.section.track_points) for slipper in slippers])
+    lengths = side_by_side([jnp.atleast_1d(slipper.length) for slipper in slippers])
     first, *others = slippers
     length = first.length
     ahead = None
     if others or first.ahead is not None:
         length = jnp.repeat(lengths, normal.shape[1] // len(slippers))
-        ahead = jnp.stack([jnp.zeros(()) if s.ahead is None else s.ahead for s in slippers])
+        ahead = stacked(slipper.ahead for slipper in slippers)
     modes = scene.slipper.modes
-    shapes = None
-    if modes is not None:
-        shapes = tuple(modes.shapes[..., k].T for k in range(modes.shapes.shape[-1]))
+    shapes = modes and tuple(modes.shapes[..., k].T for k in range(modes.shapes.shape[-1]))
+    arm_x, arm_y, arm_z = scene.arms
     return Points(normal, track, (arm_x, arm_y, arm_z), length, _rail_axis(scene, slippers), ahead, lengths, shapes)
-
-
-def _side_by_side(parts: Sequence[Any]) -> AnyArray:
-    """Return arrays joined along their last axis; a single array unchanged."""
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
 def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | None, Array | None]:
@@ -365,8 +341,7 @@ def _rail_axis(scene: Scene, slippers: tuple[Mounted, ...]) -> tuple[Array | Non
     def at_points(places: list) -> Array | None:
         if all(place is None for place in places):
             return None
-        each = jnp.stack([jnp.zeros(()) if place is None else place for place in places])
-        return jnp.repeat(each, 2 * slippers[0].section.points.shape[0])
+        return jnp.repeat(stacked(places), 2 * slippers[0].section.points.shape[0])
 
     return at_points(across), at_points(upwards)
 
@@ -392,10 +367,7 @@ def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailF
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
     need_64_bits()  # each program of a motion calls this function, also with a plain jax.jit
-    instance("scene", scene, Scene, "a slipperjax.Scene")
-    if points is None:
-        points = contact_points(scene)
-    instance("points", points, Points, "of `contact_points`")
+    points = instance("points", contact_points(scene) if points is None else points, Points, "of `contact_points`")
     front, rear = _nodes(scene, points, real("phase", phase))
     # Eq. (4): the face goes from the front node's points to the rear node's points, which tilts its normal along x
     along_y = rear.y - front.y
@@ -417,20 +389,16 @@ def track_nodes(scene: Scene, phase: Real, points: Points | None = None) -> Floa
     straight rail; a single slipper has no axis of slippers."""
     points = contact_points(scene) if points is None else points
     distance = jnp.asarray(phase, float) * scene.wavelength
+    ahead = jnp.zeros(1) if points.ahead is None else points.ahead
     # the rear node is one length behind the front one
-    ends = jnp.array([0.0, 1.0])
-    if points.ahead is None:
-        lengths = points.length * ends
-        here = scene.track.irregularity(distance - lengths)
-        node = jnp.stack([points.length / 2 - lengths, here.lateral, here.vertical])
-        return node.reshape(3, *scene.point_shape[:-1])
-    behind = points.lengths[:, None] * ends[None]
-    here, _, _ = _rails_at(scene, (distance + points.ahead)[None] - behind.T)
+    behind = points.lengths[:, None] * jnp.array([[0.0, 1.0]])
+    here, _, _ = _rails_at(scene, (distance + ahead)[None] - behind.T)
     # the body's centre is half a slipper's length behind the distance
-    x = (points.ahead + scene.slipper.length / 2)[:, None] - behind
+    x = (ahead + scene.slipper.length / 2)[:, None] - behind
     each = scene.points // len(points.lengths)
     y, z = (0.0 if axis is None else axis[::each, None] for axis in points.axis)
-    return jnp.stack([x, y + here.lateral.T, z + here.vertical.T])
+    node = jnp.stack([x, y + here.lateral.T, z + here.vertical.T])
+    return node.reshape(3, *scene.point_shape[:-1])
 
 
 class _Node(NamedTuple):
@@ -449,7 +417,7 @@ def _nodes(scene: Scene, points: Points, phase: Real) -> list[_Node]:
     """Return all points as if at the front node, and all points as if at the rear node."""
     distance = jnp.asarray(phase, float) * scene.wavelength
     if points.ahead is None:
-        return [_node(points, _rail_at(scene.track, at)) for at in (distance, distance - points.length)]
+        return [_node(points, _rails_at(scene, at)) for at in (distance, distance - points.length)]
     front = distance + points.ahead
     rail = _rails_at(scene, jnp.stack([front, front - points.lengths]))
     # from values of each slipper to values of its points
@@ -475,25 +443,21 @@ class _Rail(NamedTuple):
     """Cosine and sine of the roll."""
 
 
-def _rail_at(track: AbstractTrack, distance: Array) -> _Rail:
-    """Return a rail at distances [m]."""
-    here, slope = store(track.motion(distance))
-    return _Rail(here, slope, None if here.roll is None else circle(here.roll))
-
-
-def _rails_at(scene: Scene, distance: Float[Array, "ends slippers"]) -> _Rail:
-    """Return the rail of each slipper at its distances [m]."""
+def _rails_at(scene: Scene, distance: Float[Array, "*ends_slippers"]) -> _Rail:
+    """Return the rail of each slipper at its distances [m], (ends, slippers); of one rail at any distances."""
     rails = scene.track.rails
-    if not rails:
-        return _rail_at(scene.track, distance)
-    on = [slipper.rail for slipper in scene.mounted]
-    # all slippers of a rail at once, then back to their order
-    index = {name: np.flatnonzero([rail == name for rail in on]) for name in dict.fromkeys(on)}
-    motions = [rails[name].motion(distance[:, k]) for name, k in index.items()]
-    if any(here.roll is not None for here, _ in motions):
-        motions = jax.tree.map(_rolling, motions, is_leaf=lambda part: isinstance(part, Irregularity))
-    order = np.argsort(np.concatenate(list(index.values())))
-    here, slope = store(jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1)[:, order], *motions))
+    if rails:
+        on = [slipper.rail for slipper in scene.mounted]
+        # all slippers of a rail at once, then back to their order
+        index = {name: np.flatnonzero([rail == name for rail in on]) for name in dict.fromkeys(on)}
+        motions = [rails[name].motion(distance[:, k]) for name, k in index.items()]
+        if any(here.roll is not None for here, _ in motions):
+            motions = jax.tree.map(_rolling, motions, is_leaf=lambda part: isinstance(part, Irregularity))
+        order = np.argsort(np.concatenate(list(index.values())))
+        motion = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1)[:, order], *motions)
+    else:
+        motion = scene.track.motion(distance)
+    here, slope = store(motion)
     return _Rail(here, slope, None if here.roll is None else circle(here.roll))
 
 

@@ -69,10 +69,9 @@ class StateLayout:
     def pack(states: State) -> Float[np.ndarray, "*batch size"]:
         """Return known states (*batch) as rows of all their numbers."""
         # with NumPy nothing is compiled
-        m = states.motion
-        columns = [np.asarray(v)[..., None] for v in jax.tree.leaves(replace(m, modes=None))]
-        arrays = [*jax.tree.leaves(m.modes), *([] if states.memory is None else [states.memory])]
-        return np.concatenate([*columns, *map(np.asarray, arrays)], axis=-1)
+        batch = np.ndim(states.motion.y)
+        leaves = map(np.asarray, jax.tree.leaves(states))
+        return np.concatenate([leaf[..., None] if leaf.ndim == batch else leaf for leaf in leaves], axis=-1)
 
     def unpack(self, rows: Array | np.ndarray) -> State:
         """Return states from rows of their numbers (*batch, size)."""

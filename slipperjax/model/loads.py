@@ -1,7 +1,6 @@
 """Loads on the slipper other than contacts, and friction in contacts. All are None by default, and cost nothing."""
 
 import abc
-from collections.abc import Sequence
 from pathlib import Path
 
 import equinox as eqx
@@ -9,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, not_negative, positive, require
+from ..tools.checks import finite, not_negative, positive, require, tuple_of
 from ..tools.fields import ShapeChecked, check_table, field, unit_of
 from ..tools.tables import read_rows
 from ..tools.types import Numbers
@@ -101,9 +100,8 @@ class AerodynamicLoad(AbstractLoad):
 
     def wrench(self, travel):
         mach = travel.speed / self.sound_speed
-        drag, lift, side = (
-            jnp.interp(mach, self.mach, c) if c.ndim else c for c in (getattr(self, name) for name in COEFFICIENTS)
-        )
+        of_air = [getattr(self, name) for name in COEFFICIENTS]
+        drag, lift, side = (jnp.interp(mach, self.mach, c) if c.ndim else c for c in of_air)
         pressure = 0.5 * self.density * travel.speed**2
         force = pressure * self.area * jnp.stack([-drag, side, lift])
         return force, jnp.cross(self.arm, force)
@@ -176,14 +174,14 @@ class SumLoad(AbstractLoad):
     """Several loads at once, such as weight, lift and thrust."""
 
     loads: tuple[AbstractLoad, ...] = eqx.field(
-        converter=lambda loads: tuple(instance("loads", loads, Sequence, "one or more loads"))
+        converter=lambda loads: tuple_of(
+            "loads", loads, AbstractLoad, "loads such as slipperjax.model.AppliedLoad(...)"
+        )
     )
     """Loads, whose forces and moments are added."""
 
     def __check_init__(self):
         require(self.loads, "loads", "be one or more loads", self.loads)
-        for load in self.loads:
-            instance("loads", load, AbstractLoad, "loads such as slipperjax.model.AppliedLoad(...)")
 
     def __repr__(self) -> str:
         return f"SumLoad({list(self.loads)!r})"

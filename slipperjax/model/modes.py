@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, not_negative, number, positive, require, warn, whole
+from ..tools.checks import finite, not_negative, number, positive, require, tuple_of, warn, whole
 from ..tools.fields import ShapeChecked, field
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.tables import Table, TableError
@@ -65,7 +65,8 @@ class Modes(ShapeChecked):
 
         **Raises:** `ValueError` for places beyond the ends of the beam, and other numbers out of range.
         """
-        mass, length = (number(positive, *given) for given in (("mass", mass, "kg"), ("length", length, "m")))
+        mass = number(positive, "mass", mass, "kg")
+        length = number(positive, "length", length, "m")
         whole("count", count, 1, 100)
         bending = np.broadcast_to(np.asarray(positive("stiffness", "N m^2")(stiffness)), (2,))
         along = np.asarray(finite("places_of_mounts", "m")(places_of_mounts))
@@ -159,9 +160,8 @@ def load_modes(file: str | Path, mounts: Sequence[str] | None = None) -> Modes:
     """
     path = user_path(file, "file")
     content = content_of(path)
-    names = [] if mounts is None else mounts
-    named = not isinstance(names, str) and all(isinstance(name, str) for name in names)
-    require(named, "mounts", "be a list of names", mounts)
+    if mounts is not None:
+        mounts = tuple_of("mounts", mounts, str, "a list of names")
     read = _of_arrays if content.startswith(b"PK\x03\x04") else _of_table
     if path.suffix.lower() in (".unv", ".uff"):
         read = _of_universal

@@ -186,28 +186,26 @@ def half_play(clearance: Array | np.ndarray, faces: int) -> Float[Array, "*cases
     return jnp.asarray((on_host(clearance)[..., None] / 2).repeat(faces, axis=-1))
 
 
-def _declared(path: str, owner: type, name: str, check: Check | None, index: tuple[int, ...] = ()) -> Parameter:
+def _declared(
+    path: str, owner: type, check: Check | None = None, *, name: str = "", index: tuple[int, ...] = ()
+) -> Parameter:
     """Return the parameter that a field of a module declares.
 
-    **Arguments:** `path`: fields that lead to the field; `owner`: the module's class; `name`: of the parameter;
-    `check`: of the field, None where it has none; `index`: place in the field's array.
+    **Arguments:** `path`: fields that lead to the field; `owner`: the module's class; `check`: None for the check
+    that the field declares, if any; `name`: of the parameter, by default that of the field; `index`: place in the
+    field's array.
     """
+    field = path.rpartition(".")[2]
+    name = name or field
     # None is not a value to vary, also where the field allows it
-    own = dataclasses.replace(finite("") if check is None else check, name=name, optional=False)
-    labels = labels_of(owner, path.rpartition(".")[2])
+    own = dataclasses.replace(check or declared_check(owner, field) or finite(""), name=name, optional=False)
+    labels = labels_of(owner, field)
     text = labels.pop("text") or (name if "." in name else path).replace(".", " ")
     return Parameter(name, own.unit or "1", text, path=path, check=own, index=index, **labels)
 
 
-def _named(path: str, owner: type) -> Parameter:
-    """Return the parameter that has the name of its field."""
-    field = path.rpartition(".")[2]
-    return _declared(path, owner, field, declared_check(owner, field))
-
-
 def _moment_of_inertia(k: int, axis: str) -> Parameter:
-    check = declared_check(Slipper, "inertia")
-    moment = _declared("slipper.inertia", Slipper, f"inertia_{axis}", check, (k,))
+    moment = _declared("slipper.inertia", Slipper, name=f"inertia_{axis}", index=(k,))
     return dataclasses.replace(moment, long_name=f"moment of inertia about {axis}", symbol=f"J_{axis}")
 
 
@@ -243,14 +241,14 @@ PARAMETERS: dict[str, Parameter] = {
             )
             for direction, name in enumerate(DIRECTIONS)
         ),
-        _named("slipper.length", Slipper),
-        _named("slipper.mass", Slipper),
+        _declared("slipper.length", Slipper),
+        _declared("slipper.mass", Slipper),
         *(_moment_of_inertia(k, axis) for k, axis in enumerate("xyz")),
         # labels are those of the paper's kinds of contact and track; other kinds may have the same names
-        _named("contact.stiffness", Flores),
-        _named("contact.restitution", Flores),
-        _named("track.amplitude", HarmonicTrack),
-        _named("track.roll_amplitude", HarmonicTrack),
+        _declared("contact.stiffness", Flores),
+        _declared("contact.restitution", Flores),
+        _declared("track.amplitude", HarmonicTrack),
+        _declared("track.roll_amplitude", HarmonicTrack),
         Parameter(
             "gravity",
             "m/s^2",
@@ -370,7 +368,7 @@ def _at_path(path: str, scene: eqx.Module) -> Parameter:
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True))
     # the module gives the check, because its other values may bound this value
     check = owner.check_of(fields[-1]) if isinstance(owner, ShapeChecked) else None
-    return _declared(".".join(fields), type(owner), path, check, index)
+    return _declared(".".join(fields), type(owner), check, name=path, index=index)
 
 
 def _place(path: str, word: str, size: int, owner: eqx.Module) -> int:

@@ -1,6 +1,7 @@
 """Rails of samples, such as surveys: cubic splines with continuous second derivatives."""
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Sequence
 from typing import ClassVar
@@ -14,12 +15,12 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     finite,
-    instance,
     known,
     not_negative,
     number,
     one_of,
     require,
+    tuple_of,
     warn,
     whole_number,
 )
@@ -29,7 +30,17 @@ from ..tools.files import listed
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
 from ..tools.units import in_unit
-from .tracks import AbstractTrack, AbstractTwoRails, Irregularity, TwoRails, chosen, greatest, on_host, smooth_step
+from .tracks import (
+    AbstractTrack,
+    AbstractTwoRails,
+    Irregularity,
+    TwoRails,
+    chosen,
+    greatest,
+    least,
+    on_host,
+    smooth_step,
+)
 
 ENDS = ("straight", "repeat", "error")
 """How a rail continues beyond its ends. "straight": at zero; "repeat": periodic; "error": NaN after its end, with an
@@ -284,12 +295,10 @@ class SampledTrack(AbstractRail):
     def bounds(self):
         return on_host(self.distance)
 
-    @property
-    @at_once
-    def steepest_slope(self):
-        """Greatest lateral or vertical slope at the samples and between them [1]."""
-        _, slope = self.prepared().motion(self._places())
-        return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
+    def _places(self):
+        # a spline is steepest at samples or in the middles between them
+        count = 2 * (self.lateral.shape[0] - 1)
+        return self.distance[0] + self.length * jnp.arange(count) / count
 
     @property
     @at_once
@@ -297,15 +306,9 @@ class SampledTrack(AbstractRail):
         """Wavelength of a sine with the same root mean squares of slope and curvature [m]; short waves shorten it
         only as far as they matter; at most `wavelength`."""
         places = self._places()
-        slope, curvature = jax.jvp(lambda x: self.prepared().motion(x)[1], (places,), (jnp.ones_like(places),))
+        slope, curvature = jax.jvp(lambda x: self.motion(x)[1], (places,), (jnp.ones_like(places),))
         rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
         return mean_wave(rms(slope), rms(curvature), self.wavelength)
-
-    def _places(self) -> Float[Array, " places"]:
-        """Return distances of the samples, and of the middles between them, within the rail [m]."""
-        # a spline is steepest at samples or between them
-        count = 2 * (self.lateral.shape[0] - 1)
-        return self.distance[0] + self.length * jnp.arange(count) / count
 
 
 @at_once
@@ -417,7 +420,9 @@ class TrackSet(AbstractRail):
     """
 
     tracks: tuple[AbstractRail | AbstractTwoRails, ...] = eqx.field(
-        converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
+        converter=lambda tracks: tuple_of(
+            "tracks", tracks, (AbstractRail, AbstractTwoRails), "rails such as slipperjax.model.SampledTrack"
+        )
     )
     """Rails of samples, surveys or random rails, with the same `ends` and kinds of displacement; or pairs of such
     rails, with one gauge."""
@@ -427,16 +432,12 @@ class TrackSet(AbstractRail):
 
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
-        pairs = {bool(getattr(track, "rails", None)) for track in self.tracks}
+        pairs = {bool(track.rails) for track in self.tracks}
         require(len(pairs) == 1, "tracks", "be single rails or pairs of rails", shown="some of each")
         if pairs == {True}:
             # each side is a set of its own, which checks its rails
             _ = self.rails
         else:
-            for track in self.tracks:
-                require(
-                    isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.model.SampledTrack", track
-                )
             alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
             need = "have the same ends, and all roll or none"
             require(len(alike) == 1, "tracks", need, shown=f"{len(alike)} kinds")
@@ -476,19 +477,18 @@ class TrackSet(AbstractRail):
             return TwoRails(**{name: rail.prepared() for name, rail in self.rails.items()}, gauge=self.gauge)
         splines = [track.prepared() for track in self.tracks]
         index, known = chosen(self)
-        at = lambda values: jnp.stack(values)[index]
         most = max(len(spline.coefficients) for spline in splines)
         # further coefficients of shorter rails are never used
-        longer = [jnp.pad(s.coefficients, ((0, most - len(s.coefficients)), (0, 0))) for s in splines]
-        coefficients = jnp.where(known, at(longer), jnp.nan)
-        first, spacing, intervals = (at([getattr(s, n) for s in splines]) for n in ("first", "spacing", "intervals"))
-        return SplineTrack(first, spacing, intervals, coefficients, self.wavelength, self.ends)
+        longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)))
+        splines = [dataclasses.replace(s, coefficients=longer(s.coefficients)) for s in splines]
+        spline = jax.tree.map(lambda *values: jnp.stack(values)[index], *splines)
+        rows = jnp.where(known, spline.coefficients, jnp.nan)
+        return dataclasses.replace(spline, coefficients=rows, forcing_length=self.wavelength)
 
     @property
     def bounds(self):
         """Distances between which all rails are given [m]."""
-        # the least end is the greatest one with changed signs
-        return greatest([track.begin for track in self.tracks]), -greatest([-track.extent for track in self.tracks])
+        return greatest([track.begin for track in self.tracks]), least([track.extent for track in self.tracks])
 
     @property
     def recurrence(self):

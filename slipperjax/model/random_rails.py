@@ -224,13 +224,12 @@ class RandomTrack(AbstractRail):
         """
         instance("survey", survey, SampledTrack, "a rail of samples such as slipperjax.load_rail returns")
         known("survey", survey)
-        channels = {name: getattr(survey, name) for name in ("lateral", "vertical", "roll")}
-        channels = {name: np.asarray(array) for name, array in channels.items() if array is not None}
+        channels = _sizes(survey)
         count = survey.lateral.shape[0]
         require(count >= 256, "survey", "have 256 samples or more, which show a spectrum", shown=str(count))
         begin, end = survey.bounds
         length = float(end - begin)
-        found = statistics_of(np.stack(list(channels.values())), length / (count - 1))
+        found = statistics_of(np.stack([np.asarray(samples) for samples in channels.values()]), length / (count - 1))
         # a channel of zeros has no logarithm
         spectra = [TableSpectrum(found.wavenumber, np.fmax(density, 1e-40)) for density in found.density]
         band = (1 / float(found.wavenumber[-1]), 1 / float(found.wavenumber[0]))
@@ -246,10 +245,9 @@ class RandomTrack(AbstractRail):
         return cls(**own)
 
     def __check_init__(self):
-        for name in ("lateral", "vertical", "roll"):
-            spectrum = getattr(self, name)
-            if spectrum is not None:
-                instance(name, spectrum, AbstractSpectrum, "a spectrum such as PowerLawSpectrum(...)")
+        for name in Irregularity._fields:
+            kinds = (AbstractSpectrum, type(None))
+            instance(name, getattr(self, name), kinds, "a spectrum such as PowerLawSpectrum(...)")
         require(
             isinstance(self.band, tuple) and len(self.band) == 2 and 0 < self.band[0] < self.band[1],
             "band",
@@ -326,9 +324,8 @@ class RandomTrack(AbstractRail):
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
-        intervals = jnp.asarray(float(count))
-        first = jnp.full((), self.first)
-        return SplineTrack(first, jnp.asarray(spacing), intervals, rail, self.wavelength, self.ends)
+        grid = (jnp.full((), self.first), jnp.asarray(spacing), jnp.asarray(float(count)))
+        return SplineTrack(*grid, rail, self.wavelength, self.ends)
 
     def _line_coefficients(self, spacing: float, count: int) -> list[Array]:
         """Return the spline coefficients of the lines, for each direction that the rail has."""
@@ -336,8 +333,7 @@ class RandomTrack(AbstractRail):
         assert lines is not None  # where this is called
         # as in `spline` for the random waves
         share = (2 + jnp.cos(2 * jnp.pi * spacing / lines.wavelengths)) / 3
-        sizes = {name: getattr(lines, name) for name in ("lateral", "vertical", "roll")}
-        larger = {name: size / share for name, size in sizes.items() if size is not None}
+        larger = {name: size / share for name, size in _sizes(lines).items()}
         waves = replace(lines, **larger).irregularity(spacing * jnp.arange(-1.0, count + 2))
         roll = [] if self.roll is None else [jnp.zeros(()) if waves.roll is None else waves.roll]
         return [waves.lateral, waves.vertical, *roll]
@@ -350,11 +346,9 @@ class RandomTrack(AbstractRail):
         if lines is None:
             return random
         of_wave = self.roughness * (2 * jnp.pi / lines.wavelengths) ** power
-        with_lines = lambda rms, size: rms if size is None else jnp.sqrt(rms**2 + jnp.sum((size * of_wave) ** 2) / 2)
-        roll = None if random.roll is None else with_lines(random.roll, lines.roll)
-        return Irregularity(
-            with_lines(random.lateral, lines.lateral), with_lines(random.vertical, lines.vertical), roll
-        )
+        squares = {name: jnp.sum((size * of_wave) ** 2) / 2 for name, size in _sizes(lines).items()}
+        rms = random._asdict()
+        return Irregularity(**rms | {k: jnp.sqrt(rms[k] ** 2 + v) for k, v in squares.items() if rms[k] is not None})
 
     def _random_rms(self, power: int) -> Irregularity:
         """Return the root mean squares of the spectra without lines, see `rms`."""
@@ -466,9 +460,9 @@ class RandomRails(AbstractTwoRails):
         return cls(left, correlation**2, survey.gauge, seed, right)
 
     def __check_init__(self):
-        given = {"rail": self.rail, "right_rail": self.rail if self.right_rail is None else self.right_rail}
-        rails = {name: instance(name, rail, RandomTrack, "a slipperjax.RandomTrack") for name, rail in given.items()}
+        rails = {"rail": self.rail, "right_rail": self.right_rail or self.rail}
         for name, rail in rails.items():
+            instance(name, rail, RandomTrack, "a slipperjax.RandomTrack")
             own = is_traced(rail.seed) or np.all(np.asarray(rail.seed) == 0)
             require(own, name, "have the seed 0, because that of the pair counts", rail.seed)
         alike = {(rail.band, rail.length, rail.first, rail.ends, rail.roll is None) for rail in rails.values()}
@@ -481,12 +475,18 @@ class RandomRails(AbstractTwoRails):
 
     @property
     def right(self):
-        rail = self._of_pair(self.rail if self.right_rail is None else self.right_rail)
+        rail = self._of_pair(self.right_rail or self.rail)
         return _Beside(rail, jnp.sqrt(self.coherence))  # pyright: ignore[reportCallIssue] - `ends` is a property
 
     def _of_pair(self, rail: RandomTrack) -> RandomTrack:
         """Return a rail with the seed of the pair; the seed is NaN where the rail's own seed is not 0."""
         return eqx.tree_at(lambda track: track.seed, rail, jnp.where(rail.seed == 0, self.seed, jnp.nan))
+
+
+def _sizes(rail: FourierTrack | SampledTrack) -> dict[str, Array]:
+    """Return the amplitudes, or samples, of each direction that a rail has, by name."""
+    sizes = {name: getattr(rail, name) for name in Irregularity._fields}
+    return {name: size for name, size in sizes.items() if size is not None}
 
 
 def _lines(found: RailStatistics, channels: tuple[str, ...], length: float) -> FourierTrack:

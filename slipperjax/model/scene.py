@@ -29,7 +29,7 @@ from .quantities import COORDINATES, MOTION_NUMBERS
 from .random_rails import AbstractSpectrum
 from .section import Section
 from .sled import Mount, Sled
-from .slipper import AbstractBody, Mounted, Slipper
+from .slipper import AbstractBody, Mounted, Slipper, side_by_side
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
@@ -207,6 +207,22 @@ class Scene(ShapeChecked):
         return functools.reduce(most, ahead, 0.0)
 
     @property
+    def arms(self) -> list[Float[AnyArray, " points"]]:
+        """x, y and z of all contact points in the body's frame [m], of each slipper first the front ones."""
+        return [side_by_side(along) for along in zip(*(slipper.arms for slipper in self.mounted), strict=True)]
+
+    @property
+    def reach(self) -> Float[Array, ""]:
+        """Greatest distance of contact points from the body's x axis, along y or z [m]."""
+        _, *across = self.arms
+        return jnp.max(jnp.abs(jnp.stack(across)))
+
+    @property
+    def half_length(self) -> Float[Array, ""]:
+        """Greatest distance of contact points from the centre of mass along x [m]."""
+        return jnp.max(jnp.abs(self.arms[0]))
+
+    @property
     def play(self) -> Float[AnyArray, "*slippers faces"]:
         """Play of each face [m], for a sled of each slipper."""
         plays = [slipper.section.play for slipper in self.mounted]
@@ -347,19 +363,17 @@ def _check_on_rail(scene: Scene, name: str, slipper: Mounted) -> None:
     """Raise `ValueError` for a slipper that is outside its rail."""
     y = slipper.place[1]
     gauge = scene.track.gauge
-    if is_traced((y, gauge, slipper.section.play)):
+    if not scene.track.rails or is_traced((y, gauge, slipper.section.play)):
         return
-    across = np.zeros(()) if y is None else np.asarray(y)
+    across = 0.0 if y is None else float(y)
+    side = 1.0 if slipper.rail == "left" else -1.0
+    inside = side * across >= 0
+    need = "be on the side of their rail, left at y > 0"
     if gauge is not None:
-        offset = across - (0.5 if slipper.rail == "left" else -0.5) * np.asarray(gauge)
         play = float(np.max(np.asarray(slipper.section.play)))
+        inside = abs(across - 0.5 * side * float(gauge)) <= play
         need = f"be within their play, {play:g} m, of the rails, whose gauge is {float(gauge):g} m"
-        require(np.all(np.abs(offset) <= play), "mounts", need, shown=f"{name} at y = {float(across):g} m")
-    elif scene.track.rails:
-        sides = {"left": 1.0, "right": -1.0}
-        shown = f"{name} at y = {float(across):g} m"
-        inside = np.all(sides[slipper.rail] * across >= 0)
-        require(inside, "mounts", "be on the side of their rail, left at y > 0", shown=shown)
+    require(inside, "mounts", need, shown=f"{name} at y = {across:g} m")
 
 
 def travel_unit(scene: Scene) -> str:

@@ -12,10 +12,11 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 
 import dataclasses
 import functools
+import inspect
 import json
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -43,7 +44,7 @@ from .sled import Cut, Mount, Sled
 from .slipper import AbstractBody, Slipper
 from .starts import AtRest
 from .step_size import given_steps
-from .surveys import SIDES, SurveyedRails, SurveyedTrack, load_rail, load_speed
+from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
 from .tracks import AbstractTrack, LocalTrack, StraightTrack, SumTrack, TwoRails
 from .travel import SpeedProgramme, Stage
@@ -54,6 +55,8 @@ BEAM = {"mass": "kg", "length": "m", "stiffness": "N m^2", "count": "", "damping
 """Arguments of `Modes.beam` with their units."""
 SPEEDS = ("file", "cutoff", "stages", "start", "distance", "speed", "scale", "source", *arguments_of(RocketSled))
 """Names in the table of a speed that changes."""
+UNITS_OF_SPEEDS = {"begin": "m", "cutoff": "Hz", "start": "m/s", "time": "s", "distance": "m", "speed": "m/s"}
+"""Units of arguments of functions that return a `SpeedProgramme`."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
 Part = TypeVar("Part", bound=eqx.Module)
@@ -227,8 +230,6 @@ class _Reader:
                 raise ValueError(f"`{name}` must be a table, [[{name}]], for each slipper, but is {brief(value)}.")
             if name in tables and not isinstance(value, dict) and not (several and name in ("load", "mounts")):
                 raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
-            if name == "gravity" and isinstance(value, dict):
-                raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
         base = self.tables.get("base", "paper")
         if base != "paper":
             raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
@@ -240,9 +241,8 @@ class _Reader:
 
     def loads(self, table: Table) -> dict[str, Any]:
         """Return the arguments of `slipperjax.sweeps.loads`; each cut is a table [[loads.cuts]]."""
-        rows = table.pop("cuts", [])
-        check_tables("cuts", rows)
-        return self.arguments(LoadsTable, table, "loads") | {"cuts": [self.made(Cut, row, "loads") for row in rows]}
+        cuts = self.rows(Cut, "cuts", table.pop("cuts", []))
+        return self.arguments(LoadsTable, table, "loads") | {"cuts": cuts}
 
     def body(self, inherited: eqx.Module | None, section: Section) -> eqx.Module:
         """Return the slipper, or the sled on mounts, from their tables and the body and the section of the scene."""
@@ -264,8 +264,7 @@ class _Reader:
             if not isinstance(own, dict):
                 raise ValueError(f"`section` must be a table, but is {brief(own)}.")
             values = {"section": self.part("section", dict(own), section)} if own else {}
-            rest = {name: value for name, value in table.items() if name != "section"}
-            return self.made(Mount, self.with_play(rest, values.get("section", section)), "mounts", **values)
+            return self.made(Mount, self.with_play(table | values, values.get("section", section)), "mounts")
 
     def modes(self, table: Table, body: eqx.Module) -> Modes:
         """Return the elastic modes of a sled: from a file, of a beam, or from the table's numbers."""
@@ -279,10 +278,8 @@ class _Reader:
             return load_modes(self.beside(given), sled.names)
         instance("beam", given, dict, "a table")
         check_known(given, BEAM)
-        # the first three are needed
-        names = [name for name in BEAM if name in given or name in ("mass", "length", "stiffness")]
-        values = {name: quantity(name, given.get(name), BEAM[name]) for name in names}
-        return Modes.beam([0.0 if mount.x is None else mount.x for mount in sled.mounts], **values)
+        places = [0.0 if mount.x is None else mount.x for mount in sled.mounts]
+        return Modes.beam(**arguments_from(Modes.beam, given, BEAM) | {"places_of_mounts": places})
 
     def sensor(self, name: str, table: Table) -> Sensor:
         """Return the sensor of a table; bias and noise have the unit of the sensor's signal."""
@@ -350,7 +347,7 @@ class _Reader:
     def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
         """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
         of_all = table.pop("faults", [])
-        of_one = {side: list(_taken(table, side, "faults")) for side in SIDES}
+        of_one = {side: list(_taken(table, side, "faults")) for side in ("left", "right")}
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
         unit = getattr(track, "distance_unit", "m")
@@ -363,7 +360,7 @@ class _Reader:
                 for side, rows in of_one.items()
             }
             joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
-            track = SumTrack(track, TwoRails(*(joined.get(side, StraightTrack()) for side in SIDES)))
+            track = SumTrack(track, TwoRails(**{side: joined.get(side, StraightTrack()) for side in of_one}))
         return track
 
     def fault(self, row: object, unit: str, place: str, number: int) -> LocalTrack:
@@ -384,41 +381,38 @@ class _Reader:
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
         check_known(table, SPEEDS)
-        begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
         if "stages" in table:
-            rows = table.pop("stages")
-            check_tables("stages", rows)
-            start = quantity("start", table.pop("start", None), "m/s")
-            stages = [self.made(Stage, row, "stages") for row in rows]
-            programme = SpeedProgramme.stages(stages, start=start, **begin)
+            function = SpeedProgramme.stages
+            table["stages"] = self.rows(Stage, "stages", table["stages"])
         elif "file" in table:
-            more = {"cutoff": quantity("cutoff", table.pop("cutoff"), "Hz")} if "cutoff" in table else {}
-            programme = load_speed(self.beside(table.pop("file")), **begin, **more)
+            function = load_speed
+            table["file"] = self.beside(table["file"])
         elif "thrust" in table:
-            return self.thrust(table, **begin).programme()
+            return self.thrust(table).programme()
         elif "time" in table and "distance" not in table:
-            time = quantity("time", table.pop("time"), "s")
-            programme = SpeedProgramme.over_time(time, quantity("speed", table.pop("speed", None), "m/s"), **begin)
+            function = SpeedProgramme.over_time
         elif set(table) == {"distance", "speed"}:
-            places, speeds = (
-                quantity(name, table.pop(name), unit) for name, unit in (("distance", "m"), ("speed", "m/s"))
-            )
-            programme = SpeedProgramme.over_distance(places, speeds)
+            function = SpeedProgramme.over_distance
         else:
-            return self.made(SpeedProgramme, table, "speed", **begin)
-        # names that none of these kinds uses
-        if table:
-            raise ValueError(f"`{next(iter(table))}` must not be given here.")
-        return programme
+            return self.made(SpeedProgramme, table, "speed")
+        values = arguments_from(function, table, UNITS_OF_SPEEDS)
+        for name in table:
+            if name not in values:
+                raise ValueError(f"`{name}` must not be given here.")
+        return function(**values)
 
-    def thrust(self, table: Table, **values: object) -> RocketSled:
+    def thrust(self, table: Table) -> RocketSled:
         """Return the sled in a table `speed` with a thrust; the thrust may be a file."""
-        brakes = table.pop("brakes", [])
-        check_tables("brakes", brakes)
-        values["brakes"] = [self.made(WaterBrake, brake, "brakes") for brake in brakes]
+        values: dict[str, Any] = {"brakes": self.rows(WaterBrake, "brakes", table.pop("brakes", []))}
         if isinstance(table["thrust"], str):
             values |= read_thrust(self.beside(table.pop("thrust")))
         return self.made(RocketSled, table, "speed", **values)
+
+    def rows(self, kind: type[Part], name: str, value: object) -> list[Part]:
+        """Return the modules of a list of tables."""
+        if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
+            raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
+        return [self.made(kind, row, name) for row in value]
 
     def made(self, kind: type[Part], table: Table, name: str, **values: object) -> Part:
         """Return the module of a class from a table with this name; `values` replace what the table leaves out."""
@@ -531,10 +525,11 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
             raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
 
 
-def check_tables(name: str, value: object) -> None:
-    """Raise `ValueError` for a value that is no list of tables."""
-    if not (isinstance(value, list) and all(isinstance(row, dict) for row in value)):
-        raise ValueError(f"`{name}` must be a list of tables, but is {brief(value)}.")
+def arguments_from(function: Callable, table: Table, units: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of a function that a table gives, in SI units; those without a default must be there."""
+    parameters = inspect.signature(function).parameters.values()
+    names = [one.name for one in parameters if one.name in table or one.default is one.empty]
+    return {name: quantity(name, table.get(name), units.get(name, "")) for name in names}
 
 
 def quantity(name: str, value: object, unit: str) -> Any:

@@ -51,9 +51,7 @@ class Section(ShapeChecked):
         corners = [corner for face in self.faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)
         require(different, "faces", "be a tuple of pairs of different points", self.faces)
-        for face in self.faces:
-            for corner in face:
-                require(corner in self.names, "faces", "name points", face)
+        require(set(corners) <= set(self.names), "faces", "name points", self.faces)
         count = len(self.faces)
         require(
             self.play.shape[-1:] == (count,),

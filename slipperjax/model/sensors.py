@@ -1,6 +1,5 @@
 """Sensors on a slipper or a sled: their readings of its motion, with gain, bias, delay and filter."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, number, one_of, positive, require
+from ..tools.checks import finite, number, one_of, positive, require, tuple_of
 from ..tools.compile import as_argument
 from ..tools.fields import ShapeChecked, field
+from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Real
 from .dynamics import Args, State, forces_at, newton_euler, resultants, wrench_directions
-from .kinematics import Motion, RailFrame, contacts, rotation
+from .kinematics import Motion, RailFrame, body_numbers, contacts, rotation
 from .modes import Modes
-from .quantities import MOTION_NUMBERS
 
 AXES = ("x", "y", "z")
 UNITS = {"acceleration": "m/s^2", "displacement": "m", "angular_velocity": "rad/s", "force": "N"}
@@ -59,8 +58,8 @@ def channels(args: Args, t: Real, state: State, frame: RailFrame | None = None) 
     if motion.modes is not None and rates.modes is not None:
         modal = jnp.stack([motion.modes.coordinate, rates.modes.rate])
     return Channels(
-        jnp.stack([getattr(motion, name) for name in MOTION_NUMBERS]),
-        jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+        jnp.stack(body_numbers(motion)),
+        jnp.stack(body_numbers(rates)[5:]),
         jnp.stack(wrench[:2]),
         modal,
     )
@@ -94,7 +93,7 @@ class Sensor(ShapeChecked):
     def __check_init__(self):
         require(isinstance(self.name, str) and self.name.isidentifier(), "name", "be a word", self.name)
         one_of("measures", self.measures, UNITS)
-        if isinstance(self.direction, jax.core.Tracer):
+        if is_traced(self.direction):
             return
         length = np.linalg.norm(np.asarray(self.direction))
         require(length > 0, "direction", "be a vector", shown="zero")
@@ -196,10 +195,7 @@ class Rig(eqx.Module):
     @classmethod
     def of(cls, sensors: object) -> "Rig":
         """Return sensors as one module; raises `ValueError` unless they are a list with different names."""
-        listed = instance("sensors", sensors, Sequence, "a list of slipperjax.model.Sensor")
-        require(len(listed), "sensors", "have one or more", shown="none")
-        for sensor in listed:
-            instance("sensors", sensor, Sensor, "a list of slipperjax.model.Sensor")
-        rig = cls(tuple(listed))
+        rig = cls(tuple_of("sensors", sensors, Sensor, "a list of slipperjax.model.Sensor"))
+        require(rig.sensors, "sensors", "have one or more", shown="none")
         require(len(set(rig.names)) == len(rig.names), "sensors", "have different names", ", ".join(rig.names))
         return rig

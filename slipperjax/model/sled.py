@@ -1,14 +1,13 @@
 """A sled: a body on several slippers, rigid or with elastic modes."""
 
 import itertools
-from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, not_negative, positive, require
+from ..tools.checks import finite, instance, not_negative, positive, require, tuple_of
 from ..tools.fields import ShapeChecked, field
 from ..tools.tracing import is_traced
 from .modes import Modes
@@ -49,15 +48,6 @@ class Mount(ShapeChecked):
             instance("section", self.section, Section, "a slipperjax.Section")
 
 
-def _mounts(given: object) -> tuple[Mount, ...]:
-    """Return mounts as a tuple; raise `ValueError` for other values."""
-    mounts = tuple(instance("mounts", given, Sequence, "a list of slipperjax.Mount(...)"))
-    require(mounts, "mounts", "be one slipperjax.Mount(...) or more", given)
-    for mount in mounts:
-        instance("mounts", mount, Mount, "a list of slipperjax.Mount(...)")
-    return mounts
-
-
 class Sled(AbstractBody):
     """A sled on slippers that move with it, such as three on a monorail or four on two rails.
 
@@ -75,7 +65,9 @@ class Sled(AbstractBody):
     """Mass, slippers included [kg]."""
     inertia: Float[Array, "3"] = field("kg m^2", positive, plausible=(1e-9, 1e7), symbol="J")
     """Principal moments of inertia about x, y and z of the sled's frame [kg m^2]."""
-    mounts: tuple[Mount, ...] = eqx.field(converter=_mounts)  # pyright: ignore[reportGeneralTypeIssues]
+    mounts: tuple[Mount, ...] = eqx.field(  # pyright: ignore[reportGeneralTypeIssues]
+        converter=lambda mounts: tuple_of("mounts", mounts, Mount, "a list of slipperjax.Mount(...)")
+    )
     """Its slippers."""
     length: Float[Array, ""] = field("m", positive, plausible=(0.005, 20.0), symbol="L", default=0.2)
     """Distance between the front and the rear section of slippers without a length of their own [m]."""
@@ -84,6 +76,7 @@ class Sled(AbstractBody):
 
     def __check_init__(self):
         names = self.names
+        require(names, "mounts", "be one slipperjax.Mount(...) or more", self.mounts)
         require(len(set(names)) == len(names), "mounts", "have different names", names)
         if self.modes is not None:
             instance("modes", self.modes, Modes, "slipperjax.model.Modes(...)")
@@ -96,7 +89,8 @@ class Sled(AbstractBody):
             self.modes.warn_of_scale(float(self.mass))
         # the distance between the outermost ends of the slippers
         ends = np.array([(x - length / 2, x + length / 2) for x, length in map(self._along, self.mounts)])
-        check_inertia(self, max(float(np.ptp(ends)), self._width()), "sled lengths")
+        across = [0.0 if mount.y is None else float(mount.y) for mount in self.mounts]
+        check_inertia(self, max(float(np.ptp(ends)), float(np.ptp(across))), "sled lengths")
         for (one, a), (other, b) in itertools.combinations(zip(self.mounts, ends, strict=True), 2):
             apart = one.rail != other.rail or a[0] >= b[1] or b[0] >= a[1]
             both = f"{names[self.mounts.index(one)]} and {names[self.mounts.index(other)]}"
@@ -111,9 +105,6 @@ class Sled(AbstractBody):
         """Return a mount's place along the track and its length [m]."""
         length = self.length if mount.length is None else mount.length
         return 0.0 if mount.x is None else float(mount.x), float(length)
-
-    def _width(self) -> float:
-        return float(np.ptp([0.0 if mount.y is None else float(mount.y) for mount in self.mounts]))
 
     @property
     def names(self):
@@ -152,12 +143,13 @@ class Sled(AbstractBody):
     def mounted(self, section):
         slippers = []
         for mount in self.mounts:
+            length = self.length
             ahead = mount.x
             if mount.length is not None:
+                length = mount.length
                 longer = (mount.length - self.length) / 2
                 ahead = longer if ahead is None else ahead + longer
-            length = self.length if mount.length is None else mount.length
-            own = section if mount.section is None else mount.section
+            own = mount.section or section
             if mount.play is not None:
                 own = eqx.tree_at(lambda section: section.play, own, mount.play)
             slippers.append(Mounted((mount.x, mount.y, mount.z), length, own, mount.rail, ahead))

@@ -1,6 +1,7 @@
 """The slipper, a rigid body; and the methods that a scene needs of bodies with slippers."""
 
 import abc
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -30,6 +31,15 @@ class Mounted(NamedTuple):
     ahead: Real | None
     """How far the slipper's front end is ahead of the counted distance [m]; None for zero."""
 
+    @property
+    def arms(self) -> list[Float[Array, " both_ends"]]:
+        """x, y and z of the points of its front, then of its rear end, in the body's frame [m]."""
+        # A constant array: an index computed inside the loop over cases and points would prevent vectorisation.
+        x = self.length * np.repeat([0.5, -0.5], self.section.points.shape[0])
+        # the rear end has the section of the front one
+        own = (x, *jnp.tile(self.section.points, (2, 1)).T)
+        return [v if place is None else v + place for v, place in zip(own, self.place, strict=True)]
+
 
 class AbstractBody(ShapeChecked):
     """A body that rides the rail on one slipper or more."""
@@ -57,30 +67,15 @@ class AbstractBody(ShapeChecked):
     def mounted(self, section: Section) -> tuple[Mounted, ...]:
         """Return the slippers; `section`: for slippers without their own section."""
 
-    def reach(self, section: Section) -> Array:
-        """Return the greatest distance of contact points from the x axis, along y or z [m]."""
-        return _greatest([_farthest(slipper) for slipper in self.mounted(section)])
 
-    def half_length(self, section: Section) -> Array:
-        """Return the greatest distance of contact points from the centre of mass along x [m]."""
-        ends = []
-        for slipper in self.mounted(section):
-            x = slipper.place[0]
-            ends.append(slipper.length / 2 if x is None else jnp.abs(x) + slipper.length / 2)
-        return _greatest(ends)
+def side_by_side(parts: Sequence[AnyArray]) -> AnyArray:
+    """Return arrays joined along their last axis; a single array unchanged."""
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
-def _farthest(slipper: Mounted) -> Array:
-    """Return the greatest lateral or vertical distance of a slipper's points from the body's x axis [m]."""
-    _, y, z = slipper.place
-    points = slipper.section.points
-    if y is not None or z is not None:
-        points = points + jnp.stack([jnp.zeros(()) if v is None else v for v in (y, z)])[None]
-    return jnp.max(jnp.abs(points))
-
-
-def _greatest(values: list[Array]) -> Array:
-    return values[0] if len(values) == 1 else jnp.max(jnp.stack(values))
+def stacked(numbers: Iterable[Real | None]) -> Array:
+    """Return numbers, one for each slipper, as an array; None is zero."""
+    return jnp.stack([jnp.zeros(()) if number is None else number for number in numbers])
 
 
 class Slipper(AbstractBody):

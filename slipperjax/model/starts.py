@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import finite, instance, require, warn
+from ..tools.checks import finite, require, warn
 from ..tools.compile import as_argument, jit
 from ..tools.files import listed
 from ..tools.tracing import is_traced
 from ..tools.types import Real
 from ..tools.units import STANDARD_GRAVITY
-from .dynamics import Acting, State, driven_mass, motion_rates, phase
+from .dynamics import Acting, State, driven_mass, motion_rates
 from .kinematics import (
     ModalMotion,
     Motion,
@@ -29,7 +29,6 @@ from .kinematics import (
     track_nodes,
 )
 from .linearised import eliminated, factored, solved
-from .quantities import MOTION_NUMBERS
 from .scene import Scene, check_scene
 from .step_size import contact_depth
 
@@ -101,7 +100,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
         start = State(start, None)
     motion = start.motion
     memory = start.memory
-    place = phase(0.0, epoch)
+    place = epoch + 0.0  # a number of any kind becomes one of 64 bits
     frame = rail_frame(scene, place)
     rest = None
     if isinstance(motion, AtRest):
@@ -169,7 +168,6 @@ def at_rest(scene: Scene, epoch: Real) -> Motion:
 
     Found by Newton's iterations with a bounded step. Derivatives are the derivatives of the equilibrium.
     """
-    instance("scene", scene, Scene, "a slipperjax.Scene")
     here = jnp.asarray(epoch, float)
     frozen, at = jax.lax.stop_gradient((scene, here))
     scales = _Scales.of(frozen, at)
@@ -210,7 +208,7 @@ class _Scales(NamedTuple):
     @classmethod
     def of(cls, scene: Scene, epoch: Array) -> "_Scales":
         body = scene.slipper
-        reach, half_length = body.reach(scene.section), body.half_length(scene.section)
+        half_length = scene.half_length
         load = jnp.zeros(()) if scene.gravity is None else driven_mass(scene) * jnp.abs(scene.gravity)
         if scene.load is not None:
             (_, *force), moment = scene.load.wrench(scene.travel(epoch))
@@ -220,7 +218,7 @@ class _Scales(NamedTuple):
         depth = (load / scene.contact.stiffness) ** (2 / 3)
         size = jnp.max(scene.section.play) + depth
         # a quaternion's component is half an angle
-        pose = size * jnp.stack([1.0, 1.0, 0.5 / reach, 0.5 / half_length, 0.5 / half_length])
+        pose = size * jnp.stack([1.0, 1.0, 0.5 / scene.reach, 0.5 / half_length, 0.5 / half_length])
         if body.modes is not None:
             farthest = jnp.max(jnp.abs(body.modes.shapes), axis=(1, 2))
             pose = jnp.concatenate([pose, size / jnp.where(farthest > 0, farthest, 1.0)])
@@ -349,15 +347,11 @@ def _equilibrium(scene: Scene, epoch: Array, scales: _Scales) -> _Search:
 def _with_parts(scene: Scene, motion: Motion) -> Motion:
     """Return a motion with a part for each part of the scene: a mass at rest on its springs, modes at rest."""
     # a motion may have parts that the scene does not have
-    sled = modes = None
+    payload = modes = None
     if scene.payload is not None:
-        sag = scene.payload.sag(scene.gravity)
-        sled = (
-            PayloadMotion(motion.y, motion.z + sag, motion.v_y, motion.v_z)
-            if motion.payload is None
-            else motion.payload
-        )
+        resting = motion.z + scene.payload.sag(scene.gravity)
+        payload = motion.payload or PayloadMotion(motion.y, resting, motion.v_y, motion.v_z)
     if scene.slipper.modes is not None:
         still = jnp.zeros(scene.slipper.modes.count)
-        modes = ModalMotion(still, still) if motion.modes is None else motion.modes
-    return Motion(**{name: getattr(motion, name) for name in MOTION_NUMBERS}, payload=sled, modes=modes)
+        modes = motion.modes or ModalMotion(still, still)
+    return Motion(**vars(motion) | {"payload": payload, "modes": modes})

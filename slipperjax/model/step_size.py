@@ -50,9 +50,7 @@ def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""
     """Return the depth of a typical impact [m], see `contact_duration`."""
     # effective mass at a corner, which translates, rolls and pitches
     body = scene.slipper
-    reach = body.reach(scene.section)
-    along = body.half_length(scene.section)
-    yielding = 1 / body.mass + reach**2 / body.inertia[0] + along**2 / body.inertia[1]
+    yielding = 1 / body.mass + scene.reach**2 / body.inertia[0] + scene.half_length**2 / body.inertia[1]
     if body.modes is not None:
         # modes also yield to an impact
         yielding = yielding + jnp.max(jnp.sum(body.modes.shapes**2, axis=(0, 2)))

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import hashlib
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,22 +23,19 @@ from .travel import SpeedProgramme
 
 COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
 """Columns of a survey, and their SI units."""
-ALIASES = {
-    **dict.fromkeys(("chainage", "station", "sta", "x"), "distance"),
+SIDES = ("left_", "right_")
+"""First words of the columns of two rails."""
+OF_SIDES = {side + name: unit for side in SIDES for name, unit in COLUMNS.items() if name != "distance"}
+"""Columns of two rails, and their SI units."""
+_OTHERS = {
     **dict.fromkeys(("offset", "lat", "y"), "lateral"),
     **dict.fromkeys(("elevation", "elev", "vert", "z"), "vertical"),
 }
-"""Other names of columns."""
-SIDES = ("left", "right")
-"""First words of the columns of two rails."""
-OF_SIDES = {f"{side}_{name}": unit for side in SIDES for name, unit in COLUMNS.items() if name != "distance"}
-"""Columns of two rails, and their SI units."""
-COLUMNS_OF_TWO = {"distance": "m", **OF_SIDES, "gauge": "m"}
-"""Columns of a survey of two rails, and their SI units."""
-ALIASES_OF_TWO = ALIASES | {
-    f"{side}_{other}": f"{side}_{name}" for side in SIDES for other, name in ALIASES.items() if name != "distance"
+ALIASES = {
+    **dict.fromkeys(("chainage", "station", "sta", "x"), "distance"),
+    **{side + other: side + name for side in ("", *SIDES) for other, name in _OTHERS.items()},
 }
-"""Other names of columns of two rails."""
+"""Other names of columns."""
 
 DAMPING = 0.03
 """Damping of the waves that follow from versines, over the height that a chord shows of them, at most 2 [1]."""
@@ -79,13 +76,10 @@ class SurveyedTrack(SampledTrack):
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` where there is no
         file.
         """
-        path, content, self.sha256 = _content(file, sha256)
         self.file = str(file)
-        columns, self.distance_unit = _read(path, content)
-        self.chord = None if chord is None else number(positive, "chord", chord, "m")
-        if self.chord is not None:
-            columns = _from_chords(columns, self.chord)
-        super().__init__(**columns, ends=ends, ramp=ramp)
+        self.chord = _chord(chord)
+        self.sha256, self.distance_unit, (rail,) = _read(file, sha256, self.chord)
+        super().__init__(**rail, ends=ends, ramp=ramp)
         _warn_if_coarse(self.file, self)
 
 
@@ -130,21 +124,11 @@ class SurveyedRails(AbstractTwoRails):
         **Raises:** `ValueError` for a file that is no survey of two rails, or has another digest; `OSError` where
         there is no file.
         """
-        path, content, self.sha256 = _content(file, sha256)
         self.file = str(file)
-        self.chord = None if chord is None else number(positive, "chord", chord, "m")
+        self.chord = _chord(chord)
         self.gauge = None if gauge is None else number(_GAUGE, "gauge", gauge, "m")
-        rails, of_gauge, self.distance_unit = _read_two(path, content, self.gauge)
-        if self.chord is not None:
-            rails = {side: _from_chords(columns, self.chord) for side, columns in rails.items()}
-        # the gauge is left minus right
-        if of_gauge is not None and self.gauge is not None:
-            wider = of_gauge - self.gauge
-            if "lateral" in rails["left"]:
-                rails["right"]["lateral"] = rails["left"]["lateral"] - wider
-            else:
-                rails["left"]["lateral"] = rails["right"]["lateral"] + wider
-        self.left, self.right = (SampledTrack(**_filled(rails, side), ends=ends, ramp=ramp) for side in SIDES)
+        self.sha256, self.distance_unit, rails = _read(file, sha256, self.chord, SIDES, self.gauge)
+        self.left, self.right = (SampledTrack(**rail, ends=ends, ramp=ramp) for rail in rails)
         self.ends = self.left.ends
         self.ramp = float(self.left.ramp)
         _warn_if_coarse(self.file, self.left, self.right)
@@ -194,14 +178,8 @@ def load_rail(
     return SurveyedRails(file, chord=chord, gauge=gauge, **options)
 
 
-def _content(file: str | Path, sha256: str | None) -> tuple[Path, bytes, str]:
-    """Return a file's path, its content, and the first digits of its digest, which must be `sha256` if given."""
-    path = user_path(file, "file")
-    content = content_of(path)
-    found = hashlib.sha256(content).hexdigest()[:16]
-    need = "be the content with which the scene was made"
-    require(sha256 in (None, found), "sha256", need, shown=f"another one of {file} now")
-    return path, content, found
+def _chord(chord: object) -> float | None:
+    return None if chord is None else number(positive, "chord", chord, "m")
 
 
 def _warn_if_coarse(file: str, *rails: SampledTrack) -> None:
@@ -215,79 +193,84 @@ def _warn_if_coarse(file: str, *rails: SampledTrack) -> None:
         )
 
 
+def _read(
+    file: str | Path,
+    sha256: str | None,
+    chord: float | None,
+    sides: Sequence[str] = ("",),
+    gauge: float | None = None,
+) -> tuple[str, str, list[dict[str, np.ndarray]]]:
+    """Return the first digits of the digest of a survey's file, the unit of its distances, and the columns of each
+    rail in SI units, as displacements.
+
+    **Arguments:** `sides`: those of two rails, or for one rail an empty one; `gauge`: nominal gauge of two rails [m].
+
+    **Raises:** `_TwoRailsFound` for names of columns of both a left and a right rail where one rail is wanted.
+    """
+    path = user_path(file, "file")
+    content = content_of(path)
+    digest = hashlib.sha256(content).hexdigest()[:16]
+    need = "be the content with which the scene was made"
+    require(sha256 in (None, digest), "sha256", need, shown=f"another one of {file} now")
+    wanted = {"distance": "m", **OF_SIDES, "gauge": "m"} if sides == SIDES else _columns_of_one
+    table = Table(path, content, wanted, ALIASES)
+    found = table.columns
+    if "distance" in found and all({f"{side}lateral", f"{side}vertical"} & set(found) for side in sides):
+        signs = "the signs of lateral and roll, of two rails also sides, if left was left along the falling distance"
+        table.check_rising("distance", gaps=True, also=f", and change {signs}")
+    else:
+        of_rails = " of the left and of the right rail" if sides == SIDES else ""
+        has = ", ".join(found) or "neither"
+        table.fault(f"must have distance, and lateral or vertical{of_rails}, but has {has}")
+    if "gauge" in found:
+        _check_gauge(table, gauge)
+    columns = table.si()
+    offsets = [column.name for column in found.values() if "offset" in column.name.lower()]
+    if offsets:
+        # road surveys count offsets positive to the right
+        warn(f"File {path}: {listed(offsets)} counts as lateral, positive to the left along the distance.")
+    distance = columns["distance"]
+    rails = []
+    for side in sides:
+        own = {name: columns[side + name] for name in ("lateral", "vertical", "roll") if side + name in columns}
+        rails.append(own if chord is None else _from_chords(distance, own, chord))
+    if "gauge" in columns and gauge is not None:
+        mean = np.mean(columns["gauge"])
+        if abs(mean / gauge - 1) > 0.1:
+            shown = f"{mean:g} m on average, far from the nominal {gauge:g} m"
+            raise TableError(
+                f"{path}: `{found['gauge'].name}` must be the distance between both rails, but is {shown}."
+            )
+        # the gauge is left minus right
+        left, right = rails
+        wider = columns["gauge"] - gauge
+        if "lateral" in left:
+            right["lateral"] = left["lateral"] - wider
+        else:
+            left["lateral"] = right["lateral"] + wider
+    # a missing column is zero, and both rails roll if one does
+    usual = dict.fromkeys({"lateral", "vertical"}.union(*rails), np.zeros_like(distance)) | {"distance": distance}
+    return digest, found["distance"].unit or "m", [usual | rail for rail in rails]
+
+
 def _columns_of_one(names: Set[str]) -> Mapping[str, str]:
     """Return the columns of a survey; raise `_TwoRailsFound` for names of columns of both a left and a right rail."""
-    if all(any(name.startswith(f"{side}_") for name in names & set(OF_SIDES)) for side in SIDES):
+    if all(any(name.startswith(side) for name in names & set(OF_SIDES)) for side in SIDES):
         raise _TwoRailsFound(
             "Argument `file` must be a survey of one rail, but is one of two: slipperjax.load_rail reads both."
         )
     return COLUMNS
 
 
-def _read(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], str]:
-    """Return the columns of a survey by name, in SI units, and the unit of the file's distances."""
-    table = Table(path, content, _columns_of_one, ALIASES_OF_TWO)
-    found = table.columns
-    if "distance" not in found or not {"lateral", "vertical"} & set(found):
-        table.fault(f"must have distance, and lateral or vertical, but has {', '.join(found) or 'neither'}")
-    else:
-        signs = ", and change the signs of lateral and roll if left was left along the falling distance"
-        table.check_rising("distance", gaps=True, also=signs)
-    columns = table.si()
-    _warn_of_offsets(table)
-    zero = np.zeros_like(columns["distance"])
-    return {"lateral": zero, "vertical": zero} | columns, found["distance"].unit or "m"
-
-
-def _read_two(
-    path: Path, content: bytes, gauge: float | None
-) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None, str]:
-    """Return the columns of two rails by side and name, and of the gauge if any, in SI units; and the unit of the
-    file's distances.
-
-    **Arguments:** `gauge`: the nominal gauge [m]; None where it is not known.
-    """
-    table = Table(path, content, COLUMNS_OF_TWO, ALIASES_OF_TWO)
-    found = table.columns
-    each = all({f"{side}_lateral", f"{side}_vertical"} & set(found) for side in SIDES)
-    if "distance" not in found or not each:
-        need = "must have distance, and lateral or vertical of the left and of the right rail"
-        table.fault(f"{need}, but has {', '.join(found) or 'neither'}")
-    else:
-        signs = ", and change sides, and the signs of lateral and roll, if left was left along the falling distance"
-        table.check_rising("distance", gaps=True, also=signs)
-    laterals = [column.name for name, column in found.items() if name.endswith("_lateral")]
-    if "gauge" in found and len(laterals) != 1:
-        have = f"`{found['gauge'].name}` stands in place of one rail's lateral"
+def _check_gauge(table: Table, gauge: float | None) -> None:
+    """Note where a column of the gauge is not in place of one rail's lateral, or has no nominal gauge."""
+    name = table.columns["gauge"].name
+    laterals = [column.name for key, column in table.columns.items() if key.endswith("_lateral")]
+    if len(laterals) != 1:
+        have = f"`{name}` stands in place of one rail's lateral"
         table.fault(f"{have}, but the file has {' and '.join(laterals) or 'neither of them'}")
-    if "gauge" in found and gauge is None:
-        table.fault(f'`{found["gauge"].name}` needs the nominal gauge, such as gauge=1.435, or gauge = "1.435 m"')
-    columns = table.si()
-    _warn_of_offsets(table)
-    of_gauge = columns.pop("gauge", None)
-    if of_gauge is not None and gauge is not None and abs(np.mean(of_gauge) / gauge - 1) > 0.1:
-        shown = f"{np.mean(of_gauge):g} m on average, far from the nominal {gauge:g} m"
-        raise TableError(f"{path}: `{found['gauge'].name}` must be the distance between both rails, but is {shown}.")
-    rails = {
-        side: {"distance": columns["distance"]}
-        | {name.removeprefix(f"{side}_"): array for name, array in columns.items() if name.startswith(f"{side}_")}
-        for side in SIDES
-    }
-    return rails, of_gauge, found["distance"].unit or "m"
-
-
-def _warn_of_offsets(table: Table) -> None:
-    """Warn of columns with the name offset, which road surveys count positive to the right."""
-    offsets = [column.name for column in table.columns.values() if "offset" in column.name.lower()]
-    if offsets:
-        warn(f"File {table.path}: {listed(offsets)} counts as lateral, positive to the left along the distance.")
-
-
-def _filled(rails: dict[str, dict[str, np.ndarray]], side: str) -> dict[str, np.ndarray]:
-    """Return the columns of one of two rails; a missing column is zero, and both rails roll if one does."""
-    columns = rails[side]
-    names = ["lateral", "vertical", *(["roll"] if any("roll" in of for of in rails.values()) else [])]
-    return {name: np.zeros_like(columns["distance"]) for name in names} | columns
+    if gauge is None:
+        table.fault(f'`{name}` needs the nominal gauge, such as gauge=1.435, or gauge = "1.435 m"')
 
 
 def load_speed(file: str | Path, begin: Real = 0.0, cutoff: Real | None = None) -> SpeedProgramme:
@@ -316,7 +299,7 @@ def load_speed(file: str | Path, begin: Real = 0.0, cutoff: Real | None = None) 
             programme = SpeedProgramme.over_distance(begin + columns["distance"], speed)
     except ValueError as error:
         raise TableError(f"{file}: {error}") from None
-    _, _, digest = _content(file, None)
+    digest = hashlib.sha256(content_of(user_path(file, "file"))).hexdigest()[:16]
     filtered = "" if cutoff is None else f", low-pass {cutoff:g} Hz"
     return replace(programme, source=f"{file}, sha256 {digest}{filtered}")
 
@@ -333,12 +316,11 @@ def _without_noise(time: np.ndarray, speed: np.ndarray, cutoff: float) -> np.nda
     return np.maximum(smooth, 0.0)
 
 
-def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
+def _from_chords(distance: np.ndarray, columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
     """Return displacements from distances to the middle of a chord, see `load_rail`: the smallest waves with these
     distances, by least squares, without waves that the chord hardly shows."""
     from scipy.sparse.linalg import LinearOperator, lsqr  # here, because importing it takes time
 
-    distance = columns["distance"]
     steps = np.diff(distance)
     require(
         np.ptp(steps) <= 2 * EQUAL_SPACING * steps.mean(),

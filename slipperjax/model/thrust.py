@@ -52,10 +52,6 @@ class WaterBrake(ShapeChecked):
         return float(self.density * self.area * (1 - np.cos(self.turn)))
 
 
-def _brakes(value: object) -> tuple[WaterBrake, ...]:
-    return tuple_of("brakes", value, WaterBrake, "a list of slipperjax.model.WaterBrake(...)")
-
-
 class RocketSled(ShapeChecked):
     """A whole sled with its forces along the rail, from which the programme of its speed follows.
 
@@ -80,7 +76,10 @@ class RocketSled(ShapeChecked):
     """Density of the air [kg/m^3]."""
     friction: Float[Array, ""] = field("", not_negative, default=0.0)
     """Friction on the rail over the weight [1]."""
-    brakes: tuple[WaterBrake, ...] = eqx.field(converter=_brakes, default=())
+    brakes: tuple[WaterBrake, ...] = eqx.field(
+        converter=lambda brakes: tuple_of("brakes", brakes, WaterBrake, "a list of slipperjax.model.WaterBrake(...)"),
+        default=(),
+    )
     """Water brakes along the rail."""
     begin: Float[Array, ""] = field("m", finite, default=0.0)
     """Distance along the rail of the sled at the beginning [m]."""

@@ -117,11 +117,16 @@ class AbstractTrack(ShapeChecked):
         far_is_equal = jnp.abs(heights(1000.0) - here) <= within
         return jnp.where(jnp.all(next_is_equal & far_is_equal), self.wavelength, jnp.inf)
 
+    def _places(self) -> Float[Array, " places"]:
+        """Return the distances at which slopes are sampled [m]: of sixteen first wavelengths."""
+        # 512 places a wavelength
+        return self.wavelength * jnp.arange(16 * 512) / 512
+
     @property
+    @at_once
     def steepest_slope(self) -> Float[Array, ""]:
         """Greatest lateral or vertical slope [1], by default sampled over sixteen first wavelengths."""
-        # 512 places a wavelength
-        _, slope = self.motion(self.wavelength * jnp.arange(16 * 512) / 512)
+        _, slope = self.motion(self._places())
         return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
 
     @property
@@ -150,6 +155,11 @@ def greatest(values: Sequence[Real]) -> Real:
     """Return the greatest of some numbers, which may be traced."""
     # Python's `max` compiles nothing
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
+
+
+def least(values: Sequence[Real]) -> Real:
+    """Return the least of some numbers, which may be traced."""
+    return -greatest([-value for value in values])
 
 
 PLAUSIBLE_LENGTHS = 0.02, 2000.0
@@ -398,6 +408,17 @@ class _OfTwo(AbstractTrack):
     def _both(self) -> tuple[AbstractTrack, AbstractTrack]:
         """Both tracks."""
 
+    @abc.abstractmethod
+    def _joined(self, one: Irregularity, other: Irregularity) -> Irregularity:
+        """Return the displacements, or slopes, of this track from those of both tracks."""
+
+    def irregularity(self, distance):
+        return self._joined(*(track.irregularity(distance) for track in self._both))
+
+    def motion(self, distance):
+        (here, slope), (there, other_slope) = (track.motion(distance) for track in self._both)
+        return self._joined(here, there), self._joined(slope, other_slope)
+
     @property
     def wavelength(self):
         return self._both[0].wavelength
@@ -418,12 +439,11 @@ class _OfTwo(AbstractTrack):
 
     @property
     def extent(self):
-        # the lesser one of both
-        return -greatest([-track.extent for track in self._both])
+        return least([track.extent for track in self._both])
 
     @property
     def end(self):
-        return -greatest([-track.end for track in self._both])
+        return least([track.end for track in self._both])
 
     @property
     def shortest_wavelength(self):
@@ -466,12 +486,8 @@ class SumTrack(_OfTwo):
     def prepared(self):
         return SumTrack(self.one.prepared(), self.other.prepared())
 
-    def irregularity(self, distance):
-        return _sum(*(track.irregularity(distance) for track in (self.one, self.other)))
-
-    def motion(self, distance):
-        (here, slope), (there, other_slope) = (track.motion(distance) for track in (self.one, self.other))
-        return _sum(here, there), _sum(slope, other_slope)
+    def _joined(self, one, other):
+        return _sum(one, other)
 
     @property
     def steepest_slope(self):
@@ -500,12 +516,8 @@ class AbstractTwoRails(_OfTwo):
     def prepared(self):
         return TwoRails(self.left.prepared(), self.right.prepared(), self.gauge)
 
-    def irregularity(self, distance):
-        return _scaled(0.5, _sum(*(rail.irregularity(distance) for rail in self.rails.values())))
-
-    def motion(self, distance):
-        (here, slope), (there, other_slope) = (rail.motion(distance) for rail in self.rails.values())
-        return _scaled(0.5, _sum(here, there)), _scaled(0.5, _sum(slope, other_slope))
+    def _joined(self, one, other):
+        return jax.tree.map(lambda displacement: 0.5 * displacement, _sum(one, other))
 
     @property
     def steepest_slope(self):
@@ -540,11 +552,6 @@ class TwoRails(AbstractTwoRails):
     def distance_unit(self) -> str:
         """Unit of distances in the survey of the left rail, if it is a survey; otherwise m."""
         return getattr(self.left, "distance_unit", "m")
-
-
-def _scaled(factor: Real, rail: Irregularity) -> Irregularity:
-    """Return displacements, or slopes, times a factor."""
-    return Irregularity(*(None if channel is None else factor * channel for channel in rail))
 
 
 def _sum(one: Irregularity, other: Irregularity) -> Irregularity:

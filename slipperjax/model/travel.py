@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import check_no_clock, finite, instance, not_negative, number, positive, require
+from ..tools.checks import check_no_clock, finite, not_negative, number, positive, require, tuple_of
 from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced
@@ -147,17 +147,13 @@ class SpeedProgramme(ShapeChecked):
         **Raises:** `ValueError` that shows the wrong stage: a stage without an end, or one that does not reach its
         speed.
         """
-        instance("stages", stages, Sequence, "a list of slipperjax.Stage")
-        distance = [number(finite, "begin", begin, "m")]
-        speed = [number(not_negative, "start", start, "m/s")]
-        time = [0.0]
+        rows = [(number(finite, "begin", begin, "m"), number(not_negative, "start", start, "m/s"), 0.0)]
         # each stage begins where the stage before ended
-        for stage in stages:
-            length, end, duration = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
-            distance.append(distance[-1] + length)
-            speed.append(end)
-            time.append(time[-1] + duration)
-        return cls.passing(*map(np.array, (distance, speed, time)))
+        for stage in tuple_of("stages", stages, Stage, "a list of slipperjax.Stage"):
+            place, speed, time = rows[-1]
+            length, end, duration = stage.after(speed)
+            rows.append((place + length, end, time + duration))
+        return cls.passing(*np.array(rows).T)
 
     @classmethod
     def passing(

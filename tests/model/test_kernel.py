@@ -76,9 +76,8 @@ def plain(t, angles, m, memory, speed, clearance, length):
 
 @sj.jit
 def compiled(t, scene, state):
-    return sj.model.reactions(t, state, Args(scene)), sj.model.vector_field(scene).evaluate(
-        t, state, Args(scene)
-    ).motion
+    args = Args(scene)
+    return sj.model.reactions(t, state, args), sj.model.vector_field(scene).evaluate(t, state, args).motion
 
 
 @pytest.mark.parametrize("seed", range(4))
