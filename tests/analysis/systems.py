@@ -60,11 +60,6 @@ class Fixed(eqx.Module):
         return self.family(value, self.second)
 
 
-def settled(step, state, count):
-    """A state after some applications of a map."""
-    return jax.jit(lambda s: jax.lax.fori_loop(0, count, lambda k, s: step(s, 0.0), s))(jnp.asarray(state))
-
-
 def rk4(field, state, period, steps):
     """`state` after a period of s' = field(s, t) from t = 0, by the classical method of Runge and Kutta."""
     h = period / steps
@@ -113,18 +108,6 @@ def linear(stiffness, damping, shift, force, frequency):
         return np.array([value.real + shift / stiffness, (1j * frequency * value).real])
 
     return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
-
-
-def one_touch(damping, frequency, gap, stop, force, up, down, rising, falling):
-    """Gives the residual of a motion that touches a spring once, by instants and speeds at the gap; its matrix over a
-    period; and its state at t = 0 in contact."""
-    period = 2 * np.pi / frequency
-    free, slow = linear(1.0, damping, 0.0, force, frequency)
-    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
-    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
-    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
-    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
-    return np.concatenate([at_down, at_up]), through, touching(np.array([gap, rising]), up, -up)
 
 
 def _halved(beyond, low, high):
