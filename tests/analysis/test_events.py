@@ -8,7 +8,6 @@ import pytest
 
 from slipperjax.analysis.arclength import Observation, Pace
 from slipperjax.analysis.continuation import continue_motion
-from slipperjax.analysis.floquet import rounding_errors
 
 from ..common import among
 from .systems import (
@@ -221,15 +220,6 @@ def test_an_undamped_pendulum_is_neutral_to_the_error_of_its_integration(method,
     assert np.all(branch.stable)
     off = [abs(mu) - 1 for node in branch.nodes for mu in node.multipliers]
     assert least < max(off) < most
-
-
-def test_errors_by_rounding_follow_the_condition_of_multipliers():
-    # a double multiplier has the root of the error
-    double = np.array([[[1.0, 1.0], [0.0, 1.0]]])
-    assert 1e-8 < rounding_errors(np.linalg.eigvals(double[0]), double).min() < 1e-6
-    # units make no difference
-    scaled = np.array([[[np.cos(1.0), -1e6 * np.sin(1.0)], [1e-6 * np.sin(1.0), np.cos(1.0)]]])
-    assert rounding_errors(np.linalg.eigvals(scaled[0]), scaled).max() < 1e-13
 
 
 @pytest.mark.full

@@ -7,7 +7,6 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.analysis.quantiles import (
-    bootstrap,
     check_quantile,
     estimate,
     mean_plane,
@@ -40,14 +39,6 @@ def test_a_mean_plane_is_that_of_least_squares():
     again = np.repeat(np.arange(20), weights.astype(int))
     expected = np.linalg.lstsq(system[again], values[again], rcond=None)[0]
     np.testing.assert_allclose(mean_plane(system, values, weights), expected, atol=1e-12)
-
-
-def test_the_bootstrap_gives_the_error_of_a_mean():
-    values = np.random.default_rng(0).normal(size=400)
-    value, drawn = bootstrap(lambda w: np.atleast_1d(w @ values / w.sum()), len(values), resamples=2000)
-    assert value[0] == pytest.approx(values.mean())
-    # closed form; measured 0.6 % apart
-    assert drawn.std(ddof=1) == pytest.approx(values.std() / np.sqrt(len(values)), rel=0.05)
 
 
 def runs(rails, starts, cases, draws, share=0.5):
