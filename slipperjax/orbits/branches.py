@@ -92,7 +92,8 @@ class OrbitView(NamedTuple):
 
     grazing: Grazing
     signature: Signature
-    crossings: SectionPoints
+    crossed: SectionPoints
+    """Samples of `PoincareSections` in each period."""
 
 
 class OrbitBranch(Result):
@@ -237,16 +238,11 @@ class _Settings:
         steps = self.call["steps_per_period"]
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(steps, most=steps))
         equations = dataclasses.replace(self.equations, family=family)
-        sections = PoincareSections()
-        records = RecordSet((GapSamples(), sections))
+        records = RecordSet((GapSamples(), PoincareSections()))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
-        # records finish a batch of cases, here one case
-        one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
-        span = RecordedSpan(self.equations.intervals, steps, 0.0, np.zeros(1, int))
-        crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
         gaps = Gaps.of(gap, rate, steps, float(period))
         touches = grazing(gaps)
-        view = OrbitView(touches, signature(self.scene, gaps), crossings)
+        view = OrbitView(touches, signature(self.scene, gaps), crossed)
         return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
@@ -306,9 +302,11 @@ class _Settings:
             ),
             "touchdowns": column(("point", *labels), touchdowns, "1", "touchdowns in a period of the orbit"),
         }
-        # crossings of all orbits, with a leading axis of points
-        together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
-        sections, _ = PoincareSections().label(scene, ("point",), together)
+        # the record finishes a batch of cases, here the orbits of all points
+        crossed = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossed for view in views))
+        record = PoincareSections()
+        span = RecordedSpan(call["period"], call["steps_per_period"], 0.0, np.zeros(len(nodes), int))
+        sections, _ = record.label(scene, ("point",), record.finish(None, crossed, span))
         # the state at the start of the orbit is its one strobe state
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= labels

@@ -87,8 +87,7 @@ class Probe(NamedTuple):
     @property
     def worst(self) -> Float[np.ndarray, ""]:
         """The greatest error of all motions and forces; not for use under a transformation."""
-        errors = np.asarray(self.error), np.nan_to_num(np.asarray(self.peak_error))
-        return np.asarray(max(np.max(error) for error in errors))
+        return np.asarray(np.max([self.error, np.nan_to_num(self.peak_error)]))
 
 
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:

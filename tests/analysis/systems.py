@@ -1,7 +1,5 @@
 """Oscillators of textbooks with exact or nearly exact flows, and short ways to follow motions, for the tests."""
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -48,16 +46,6 @@ HENON_AT = {"LP": lambda b: -((1 - b) ** 2) / 4, "PD": lambda b: 3 * (1 - b) ** 
 def delayed(r, c):
     """x' = r x (1 - c x - y), y' = x: at c = 0 Maynard Smith's delayed logistic map."""
     return lambda s, k: jnp.stack([r * s[0] * (1 - c * s[0] - s[1]), s[0]])
-
-
-class Fixed(eqx.Module):
-    """A family over the first of its two parameters; the second is a number."""
-
-    family: Callable
-    second: jax.Array
-
-    def __call__(self, value):
-        return self.family(value, self.second)
 
 
 def rk4(field, state, period, steps):

@@ -155,19 +155,16 @@ def test_duffings_response_curve_and_folds():
 NEAR = "`start` must be near a periodic motion, but is at a residual of"
 
 
-@pytest.mark.parametrize(
-    ("family", "start", "bounds", "words"),
-    [
+def test_wrong_arguments_are_named():
+    for family, start, bounds, words in (
         (NOTHING, ([0.6], 2.0), (1, 3), f"{NEAR} [0-9]"),
         (BURSTING, ([0.6], 2.0), (1, 3), f"{NEAR} inf"),
         (LOGISTIC, ([0.6], 2.5), (3, 4), "`start` must lie within the bounds 3 and 4, but is 2.5"),
         (LOGISTIC, ([0.6], 2.5), (3, 2), r"`bounds` must be two numbers, the smaller first, but is \(3, 2\)"),
         (LOGISTIC, ([0.6, 0.6], 2.5), (2, 3), "`state` must have 1 numbers as `like` has, but has 2"),
-    ],
-)
-def test_wrong_arguments_are_named(family, start, bounds, words):
-    with pytest.raises(ValueError, match=words):
-        continue_motion(motions(family), (jnp.asarray(start[0]), start[1]), bounds)
+    ):
+        with pytest.raises(ValueError, match=words):
+            continue_motion(motions(family), (jnp.asarray(start[0]), start[1]), bounds)
 
 
 def test_an_interruption_returns_what_was_found_which_goes_on(whole):

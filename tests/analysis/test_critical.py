@@ -4,20 +4,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.tree_util import Partial
 
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import PeriodicMotions
 
-from .systems import HENON_AT, Fixed, Polynomial, column, delayed, henon, motions
+from .systems import HENON_AT, Polynomial, column, delayed, henon, motions
 
 START = {"LP": -0.3, "PD": 0.3}
 CRITICAL = {"LP": 1.0, "PD": -1.0}
 
 
 def henon_motion(b, label):
-    return critical_motion(motions(Fixed(henon, b), 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03)
+    return critical_motion(
+        motions(Partial(henon, b=b), 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03
+    )
 
 
 def with_derivative(found_at, numbers, at):
@@ -61,7 +64,7 @@ def test_derivatives_in_forward_mode_under_jit_and_vmap():
 @pytest.mark.full
 def test_a_neimark_sacker_and_its_derivatives():
     """With x = (1 - 1/r) / (1 + c) the determinant r x is 1 at r = 2 + c, and the trace 1 - r c x is 2 cos(angle)."""
-    at = lambda c: critical_motion(motions(Fixed(delayed, c), 2), "NS", jnp.array([0.45, 0.45]), 2.1, angle=1.0)
+    at = lambda c: critical_motion(motions(Partial(delayed, c=c), 2), "NS", jnp.array([0.45, 0.45]), 2.1, angle=1.0)
     c = 0.2
     numbers = lambda found: jnp.stack([found.value, jnp.angle(found.multiplier)])
     value, slope, found = with_derivative(at, numbers, jnp.asarray(c))

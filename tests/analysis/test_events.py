@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.tree_util import Partial
 
 from slipperjax.analysis.arclength import Observation, Pace
 from slipperjax.analysis.continuation import continue_motion
@@ -12,7 +13,6 @@ from slipperjax.analysis.continuation import continue_motion
 from ..common import among
 from .systems import (
     HENON_AT,
-    Fixed,
     Polynomial,
     Stopped,
     delayed,
@@ -66,8 +66,15 @@ LONG = Pace(first=0.1, most=0.2)
 HENON = [("LP", HENON_AT["LP"](0.3)), ("PD", HENON_AT["PD"](0.3))]
 CLOSE = [("PD", 0.0), ("PD", 1e-3), ("NS", 2e-3), ("BP", 3e-3)]
 TEXTBOOK = {
-    "delayed logistic map": (Fixed(delayed, jnp.asarray(0.0)), [1 / 3, 1 / 3], 1.5, (1.2, 2.5), [("NS", 2.0)], 2.0),
-    "Henon": (Fixed(henon, jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0), HENON, None),
+    "delayed logistic map": (
+        Partial(delayed, c=jnp.asarray(0.0)),
+        [1 / 3, 1 / 3],
+        1.5,
+        (1.2, 2.5),
+        [("NS", 2.0)],
+        2.0,
+    ),
+    "Henon": (Partial(henon, b=jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0), HENON, None),
     "imperfect": (IMPERFECT, [-0.7], 0.5, (-0.6, 0.6), [("LP", 3 * 0.005 ** (2 / 3))], None),
     "within a step": (coupled, [0.0] * 5, -0.5, (-0.6, 0.6), CLOSE, 0.0),
     "standard map": (STANDARD, [np.pi, 0.0], 0.5, (0.5, 5.0), [("PD", 4.0)], 4.0),
