@@ -238,6 +238,12 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     return ConstantSteps(most and capacity_for(most), as_argument(steps))
 
 
+def steps_of_call(steps: int, *given: object) -> ConstantSteps:
+    """Return constant steps of which one program serves all numbers; but where any of the arguments `given` is
+    traced, a fixed number, which reverse mode needs."""
+    return ConstantSteps(steps) if is_traced(given) else dynamic_steps(steps)
+
+
 def _resolved_adjoint(adjoint: object) -> diffrax.AbstractAdjoint:
     """Return how runs with a step size controller are differentiated, by default in forward mode."""
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint

@@ -18,9 +18,8 @@ CRITICAL = {"LP": 1.0, "PD": -1.0}
 
 
 def henon_motion(b, label):
-    return critical_motion(
-        motions(Partial(henon, b=b), 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03
-    )
+    family = Partial(henon, b=b)
+    return critical_motion(motions(family, 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03)
 
 
 def with_derivative(found_at, numbers, at):

@@ -1,7 +1,6 @@
 """Wrong inputs of a right kind are answered in one line; tests/test_arguments.py has those of another kind."""
 
 import functools
-import inspect
 
 import jax
 import numpy as np
@@ -34,19 +33,10 @@ OTHERS = [
     (lambda: model.parameter("a" * 10**5, SCENE), "`'aaa.* is no parameter"),
     (lambda: sj.SpeedProgramme([0.0, 1.0], [1.0, 2.0], []), "`scale` must be of shape"),
     # since Python 3.13 `repr` of a deep list is no error
-    (
-        lambda: SCENE.replace(speed=functools.reduce(lambda a, _: [a], range(5000))),
-        "`speed` must be positive, but is",
-    ),
+    (lambda: SCENE.replace(speed=functools.reduce(lambda a, _: [a], range(5000))), "`speed` must be positive"),
     (lambda: sj.simulate(SCENE, 10**5000), "`periods` must be at most"),
-    (lambda: sj.sweeps.processes(10**30), "`count` must be at most 4096"),
     (lambda: sj.sweeps.sample_box({"speed": (1.0, 2.0)}, 10**400), "`count` must be at most"),
     (lambda: flow.PowerMean(flow.Strobe()), "`record` must be a record of one number"),
-    (lambda: flow.OnePoint(flow.RECORDS["peak_force"], 3), "`point` must be a point's name"),
-    (lambda: design.Descent(optimiser=3), "`optimiser` must be an optax"),
-    # without the tests' own checks of types, which would answer first
-    (lambda: inspect.unwrap(analysis.extend)(None, (0.0, 1.0)), "`branch` must be"),
-    (lambda: analysis.ode_step(lambda t, s: s, dt=0.1, steps=3, solver="Tsit5"), "`solver` must be a diffrax solver"),
     (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
 ]
 
