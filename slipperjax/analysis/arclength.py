@@ -98,7 +98,7 @@ class Node(NamedTuple):
 
     def margins(self, conserved: bool) -> Float[np.ndarray, " size"]:
         """Return the distances from the unit circle within which multipliers count as on it."""
-        return np.maximum(self.errors, CONSERVED * conserved)
+        return np.maximum(self.errors, max(CONSERVED * conserved, CRITICAL_DISTANCE * self.critical))
 
     @property
     def critical(self) -> bool:
@@ -108,8 +108,7 @@ class Node(NamedTuple):
     @property
     def outside(self) -> int:
         """Number of multipliers outside the unit circle by more than their errors, without a critical multiplier."""
-        near = np.maximum(self.margins(self.conserved), CRITICAL_DISTANCE * self.critical)
-        return int(np.sum(np.abs(self.multipliers) > 1 + near))
+        return self.beyond(self.conserved)
 
     def beyond(self, conserved: bool, sign: int = 0) -> int:
         """Return the number of multipliers outside the unit circle, by more than their errors.

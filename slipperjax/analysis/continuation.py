@@ -195,9 +195,21 @@ def extend(
     return branch
 
 
-def _walked(walk, nodes, events, search, limit, until, on_point):
-    """Add the points of a walk, and the events between them; return the reason why it has stopped."""
-    for point in walk:
+def _extended(branch, walk, search, most, until, on_point):
+    """Return a branch with up to `most` further points at its end, and the events among them."""
+    nodes = list(branch.nodes)
+    events = list(branch.events)
+    if branch.ends[1].reason == "bound":  # the bound is wider now: its end point becomes an ordinary point
+        nodes[-1] = nodes[-1]._replace(label="")
+        events.pop()
+    limit = len(nodes) + most
+    reason = ""
+    # the unknowns may end with an angle
+    place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
+    begin = 0
+
+    def passed(point: Node) -> str:
+        """Add a point, and the events before it; return the reason why the branch ends here, if any."""
         last = nodes[-1]
         new = observed(point, search.observe)
         between = search.between(last, new) if walk.smooth else []
@@ -214,26 +226,11 @@ def _walked(walk, nodes, events, search, limit, until, on_point):
             return "closed"
         if any(event.label in until for event in between):
             return "event"
-        if len(nodes) >= limit and not walk.ended:
-            return "count"
-    return walk.ended
+        return "count" if len(nodes) >= limit and not walk.ended else ""
 
-
-def _extended(branch, walk, search, most, until, on_point):
-    """Return a branch with up to `most` further points at its end, and the events among them."""
-    nodes = list(branch.nodes)
-    events = list(branch.events)
-    if branch.ends[1].reason == "bound":  # the bound is wider now: its end point becomes an ordinary point
-        nodes[-1] = nodes[-1]._replace(label="")
-        events.pop()
-    limit = len(nodes) + most
-    reason = ""
-    # the unknowns may end with an angle
-    place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
-    begin = 0
     try:
         while not reason:
-            reason = _walked(walk, nodes, events, search, limit, until, on_point)
+            reason = next(filter(None, map(passed, walk)), "") or walk.ended
             if reason == "no convergence":
                 event, beyond = end_without_convergence(walk, nodes[begin:], place)
                 events.append(event)
@@ -249,7 +246,7 @@ def _extended(branch, walk, search, most, until, on_point):
     if reason == "bound":
         value = float(nodes[-1].z[place])
         nodes[-1] = nodes[-1]._replace(label="EP")
-        events.append(Event("EP", nodes[-1], value, value, complex(np.nan), True, "", (), place))
+        events.append(Event("EP", nodes[-1], value, value, True, place=place))
     back = branch.ends[0]
     if reason == "closed":
         # a closed curve has no rest to follow from its start

@@ -35,13 +35,39 @@ BORDER_UPDATES = 3
 """Number of updates of the borders before Newton's method begins."""
 
 
-class CriticalMotions(AbstractEquations):
+class AbstractExtended(AbstractEquations):
+    """Equations of periodic motions, with further equations and unknowns behind those of the motions.
+
+    There is one equation more than there are unknowns of these.
+    """
+
+    motions: PeriodicMotions
+
+    @property
+    def further(self) -> int:
+        """Number of unknowns behind those of the motions, by default none."""
+        return 0
+
+    def of_motion(self, z: Array) -> Array:
+        """Return the unknowns of the motions."""
+        return z[: z.size - self.further]
+
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        rows, columns = self.motions.weights(self.of_motion(z))
+        return jnp.append(rows, jnp.ones(self.further + 1)), jnp.append(columns, jnp.zeros(self.further))
+
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
+        of = self.of_motion(z)
+        consistent = self.motions.project(of, self.of_motion(before), residual)
+        return jnp.append(consistent, z[of.size :])
+
+
+class CriticalMotions(AbstractExtended):
     """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" the angle.
 
     `null_vectors` of its linearisations are the left and right null vectors of P_x - mu, of weighted length one.
     """
 
-    motions: PeriodicMotions
     left: Array
     """Left border of the system of equations, of shape (size,), near the left null vector; `right` likewise."""
     right: Array
@@ -56,9 +82,9 @@ class CriticalMotions(AbstractEquations):
         return cls(motions, one, one, label)
 
     @property
-    def angled(self) -> bool:
-        """Whether the multiplier's angle is an unknown."""
-        return CRITICAL_MULTIPLIERS[self.label] is None
+    def further(self) -> int:
+        # the angle of a complex pair
+        return int(CRITICAL_MULTIPLIERS[self.label] is None)
 
     @property
     def size(self) -> int:
@@ -67,19 +93,19 @@ class CriticalMotions(AbstractEquations):
 
     def multiplier(self, z: Array) -> Array:
         """Return the critical multiplier."""
-        return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
+        return jnp.exp(1j * z[-1]) if self.further else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
 
     def evaluate(self, z: Array) -> Linearisation:
-        of = self._of_motion(z)
+        of = self.of_motion(z)
         mu = self.multiplier(z)
-        scale = self._scale(z)
+        scale = self._scale(of)
         motion = self.motions.evaluate(of)
         v, w, g = self._null(product(motion.matrices), mu, scale)
         # the derivative of g follows from the derivative of P_x v, along each unknown in turn
         along = lambda t: jax.jvp(lambda of: self._pushed(of, v / scale), (of,), (t,))[1]
         slope = -jax.vmap(along)(jnp.eye(of.size)) @ jnp.conj(w * scale)
         jacobian = motion.jacobian
-        if self.angled:
+        if self.further:
             slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
         # v and w are weighted components, so that these are weighted lengths of one
@@ -93,8 +119,8 @@ class CriticalMotions(AbstractEquations):
 
     def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
         """Return the residual with fixed null vectors, which has the derivatives of the exact equations. Pure."""
-        of = self._of_motion(z)
-        scale = self._scale(z)
+        of = self.of_motion(z)
+        scale = self._scale(of)
         mu = self.multiplier(z)
         left, right = jax.lax.stop_gradient(null_vectors)
         miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
@@ -102,31 +128,18 @@ class CriticalMotions(AbstractEquations):
         factor = jnp.vdot(left, self.left) * jnp.vdot(self.right, right)
         return jnp.concatenate([self.motions.mapped(of) - of[: self.size], self._parts(-miss / factor)])
 
-    def weights(self, z: Array) -> tuple[Array, Array]:
-        rows, columns = self.motions.weights(self._of_motion(z))
-        more = 2 if self.angled else 1
-        return jnp.append(rows, jnp.ones(more)), jnp.append(columns, jnp.zeros(more - 1))
-
-    def project(self, z: Array, before: Array, residual: Array) -> Array:
-        of = self.motions.project(self._of_motion(z), self._of_motion(before), residual[: self.size])
-        return jnp.append(of, z[-1]) if self.angled else of
-
     def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "CriticalMotions":
         """Return the equations with the null vectors of a point as borders."""
         left, right = map(jnp.asarray, null_vectors)  # type: ignore[arg-type]
         return dataclasses.replace(self, left=left, right=right)
 
-    def _of_motion(self, z: Array) -> Array:
-        """Return the unknowns of `motions`, without the angle."""
-        return z[:-1] if self.angled else z
-
     def _parts(self, value: Array) -> Array:
         """Return an equation as rows of real equations: two rows for a complex equation."""
-        return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
+        return jnp.stack([value.real, value.imag]) if self.further else value[None].real
 
-    def _scale(self, z: Array) -> Array:
+    def _scale(self, of: Array) -> Array:
         """Return the weights of the state, with one in place of zero."""
-        weights = self.motions.weights(self._of_motion(z))[0]
+        weights = self.motions.weights(of)[0]
         return jax.lax.stop_gradient(jnp.where(weights > 0, weights, 1.0))
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
@@ -145,7 +158,7 @@ class CriticalMotions(AbstractEquations):
         # the map of the state only, with fixed parameters
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
-        if not self.angled:
+        if not self.further:
             return push(v)
         # both parts in one call of the map, which halves the program
         real, imaginary = jax.vmap(push)(jnp.stack([v.real, v.imag]))
@@ -182,7 +195,7 @@ def critical_motion(
     **Raises:** `ValueError` for an unknown label.
     """
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
-    angles = [angle] if CRITICAL_MULTIPLIERS[label] is None else []
+    angles = [angle] * CriticalMotions.of(motions, label).further
     z = motions.unknowns(state, value, *angles)
     static = label, is_transformed()
     z, residual, count, matrices, mu = call_compiled(_critical, motions, static, z, jnp.asarray(tolerance, float))
@@ -204,10 +217,9 @@ def _critical(exact: PeriodicMotions, static: tuple, z: Array, tolerance: Array)
     return z, root.residual, root.iterations, now.matrices, equations.multiplier(z)
 
 
-class ConditionedMotions(AbstractEquations):
+class ConditionedMotions(AbstractExtended):
     """Periodic motions for which a function of state and parameters is zero."""
 
-    motions: PeriodicMotions
     condition: Callable[..., Array]
     """`condition(state, *values)`: a differentiable number; a pytree as `PeriodicMotions.family`. A method
     `update(state, *values)`, if any, returns the condition to use near a point of the curve."""
@@ -221,13 +233,6 @@ class ConditionedMotions(AbstractEquations):
         value, slope = jax.vmap(lambda t: jax.jvp(condition, (z,), (t,)), out_axes=(None, 0))(jnp.eye(z.size))
         jacobian = jnp.concatenate([motion.jacobian, slope[None]])
         return motion._replace(residual=jnp.append(motion.residual, value), jacobian=jacobian)
-
-    def weights(self, z: Array) -> tuple[Array, Array]:
-        rows, columns = self.motions.weights(z)
-        return jnp.append(rows, 1.0), columns
-
-    def project(self, z: Array, before: Array, residual: Array) -> Array:
-        return self.motions.project(z, before, residual)
 
     def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "ConditionedMotions":
         if not hasattr(self.condition, "update"):
@@ -267,7 +272,7 @@ def continue_critical(
     instance("equations", equations, (CriticalMotions, ConditionedMotions), "CriticalMotions or ConditionedMotions")
     size = equations.motions.size
     limits = [checked_bounds(pair) for pair in bounds]
-    angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
+    angles = [angle] * equations.further
     z = equations.motions.unknowns(state, *values, *angles)
     row = jnp.zeros(z.size).at[size + 1].set(1.0)
     # The borders become null vectors at the start. With zero iterations `correct` only evaluates the equations; its

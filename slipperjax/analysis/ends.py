@@ -61,20 +61,13 @@ def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tu
     """
     last = nodes[-1]
     value = float(last.z[place])
-    found = lambda label, note, other=value, known=False: Event(
-        label,
-        last._replace(label=label),
-        min(value, other),
-        max(value, other),
-        complex(np.nan),
-        known,
-        note,
-        (),
-        place,
-    )
-    touches = [_touch_of(walk.equations, node) for node in nodes[-2:]]
-    if len(touches) == 2 and touches[0] is not None and touches[1] is not None:
-        before, now = touches
+
+    def found(label: str, note: str, other: float = value, known: bool = False) -> Event:
+        bounds = min(value, other), max(value, other)
+        return Event(label, last._replace(label=label), *bounds, known, note=note, place=place)
+
+    touch = lambda node: _touch_of(walk.equations, node)
+    if len(nodes) > 1 and (before := touch(nodes[-2])) and (now := touch(last)):
         chord = last.z - nodes[-2].z
 
         def share(name: str) -> float:

@@ -51,10 +51,10 @@ class Event(NamedTuple):
     low: float
     """Lower bound of the parameter's value at the event; `high`: upper bound."""
     high: float
-    multiplier: complex
-    """Critical multiplier; NaN where there is none."""
     converged: bool
-    note: str
+    multiplier: complex = complex(np.nan)
+    """Critical multiplier; NaN where there is none."""
+    note: str = ""
     change: tuple[int, ...] = ()
     """Changes of `Observation.counts` at a grazing, along the branch."""
     place: int = -1
@@ -188,7 +188,7 @@ class EventSearch(NamedTuple):
         near_to = resonance(np.angle(critical)) if label == "NS" else ""
         note = f"near the strong resonance {near_to}: a torus need not branch off" if near_to else ""
         node = nearest._replace(label=label)
-        return Event(label, node, min(values), max(values), critical, bool(converged), note)
+        return Event(label, node, min(values), max(values), bool(converged), critical, note)
 
     def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
         """Return a branch point located by interpolation between points on both sides, or None.
@@ -226,7 +226,7 @@ class EventSearch(NamedTuple):
         # the error is the difference from a polynomial through fewer points
         error = float(abs(z[-1] - _polynomials(tests[1:-1], unknowns[1:-1])[0][-1]))
         value = float(z[-1])
-        return Event("BP", node, value - error, value + error, _critical("BP", node, index), True, "")
+        return Event("BP", node, value - error, value + error, True, _critical("BP", node, index))
 
     def grazing(self, a: Node, b: Node) -> Event | None:
         """Return a single grazing, located; None where there are several grazings, or other events near it."""
@@ -272,16 +272,7 @@ class EventSearch(NamedTuple):
         low, high = sorted((float(a.z[-1]), float(b.z[-1])))
         critical = complex(np.nan) if label == "GR" else _critical(label, a, self.index(a, b))
         change = tuple(n - m for m, n in zip(a.view.counts, b.view.counts, strict=True))
-        return Event(
-            label,
-            a._replace(label=label),
-            low,
-            high,
-            critical,
-            alone,
-            "; ".join(notes),
-            change,
-        )
+        return Event(label, a._replace(label=label), low, high, alone, critical, "; ".join(notes), change)
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:

@@ -13,7 +13,7 @@ from ..tools.checks import finite, numbers, whole
 from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
-from .lyapunov import Step, check_functions, check_state, returns_its_state
+from .lyapunov import Step, checked_system
 
 
 def solve(
@@ -53,12 +53,10 @@ def jacobians(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    check_functions(step, None)
-    state = check_state(state)
     intervals = whole("intervals", intervals, 1)
     index = finite("index")(index)
-    with returns_its_state(step, state, index):
-        return linearise(step, state, intervals, index=index)[1]
+    with checked_system(step, state, index=index) as first:
+        return linearise(step, first, intervals, index=index)[1]
 
 
 def linearise(

@@ -7,6 +7,7 @@ arrays along one axis.
 """
 
 import abc
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -55,16 +56,18 @@ def share_before(
     t: Real,
     dt: Real,
     crosses: Bool[Array, ""],
+    reach: Real = 1.0,
 ) -> Float[Array, ""]:
-    """Return the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
+    """Return the share of a step from `t` after which `surface` crosses zero; `reach` where it does not cross.
 
-    The crossing leads to the sign at the end. A start that is on the wrong side of the surface by rounding is no
+    The crossing leads to the sign at `reach`. A start that is on the wrong side of the surface by rounding is no
     crossing. Derivatives are those of the exact share, of any order and in both modes.
 
-    **Arguments:** `flow(share)`: the state after this share of the step `dt`.
+    **Arguments:** `flow(share)`: the state after this share of the step `dt`; `reach`: share up to which a crossing
+    is sought.
     """
-    # the surface as a function of the share
-    height = lambda share: surface(t + share * dt, flow(share))
+    # the surface as a function of the share of the reach
+    height = lambda share: surface(t + share * (reach * dt), flow(share * reach))
     # without a crossing, a function with a root at 1 replaces the surface's function
     sought = lambda share: jnp.where(crosses, height(share), share - 1)
 
@@ -73,7 +76,7 @@ def share_before(
         slope = line(jnp.ones_like(miss))
         return miss / jnp.where(slope == 0, jnp.inf, slope)
 
-    return jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, tangent)
+    return reach * jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, tangent)
 
 
 def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
@@ -112,22 +115,71 @@ class AbstractCrossingStep(eqx.Module):
     dt: Float[Array, ""]
     t0: Float[Array, ""]
     steps: int = eqx.field(static=True)
+    surface: Surface
 
     @abc.abstractmethod
-    def _flight(self, t, y) -> tuple[Field, Surface]:
-        """Return the field of a motion from (t, y) that does not stick, and its gap, positive off the surface."""
+    def _side(self, up) -> tuple[Field, Surface]:
+        """Return the field of a motion that does not stick, and its gap, positive off the surface.
+
+        **Arguments:** `up`: whether the motion is on the side where the surface's function is positive.
+        """
+
+    @abc.abstractmethod
+    def _held(self, t, y) -> Array:
+        """Return the field of a motion that sticks to the surface."""
+
+    @abc.abstractmethod
+    def _holding(self, t, y) -> Array:
+        """Return a number that is positive as long as a motion sticks to the surface."""
 
     @abc.abstractmethod
     def _ahead(self, t, y) -> tuple[Array, Bool[Array, ""]]:
         """Return the state after a whole step from (t, y), and whether the step may cross the surface."""
 
     @abc.abstractmethod
+    def _stuck(self, t, y) -> Bool[Array, ""]:
+        """Return whether the motion sticks to the surface, so that the step from there is not a plain step."""
+
+    @abc.abstractmethod
+    def _after(self, t, y, up, sticks, happens) -> tuple[Array, Bool[Array, ""], Bool[Array, ""]]:
+        """Return state, side and whether the motion sticks, after a part of a step that may end with an event."""
+
+    def _begin(self, t, y) -> tuple[Array, Bool[Array, ""]]:
+        """Return the state with which a step begins at (t, y), and whether the motion sticks there."""
+        return y, self._stuck(t, y)
+
+    def _lasts(self, t, y, sticks) -> Bool[Array, ""]:
+        """Return whether an event may also follow the lowest point of the gap in the step."""
+        return sticks
+
     def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Array, Bool[Array, ""]]:
         """Return the state after a split step, if it `crosses`, and whether the motion then sticks to the surface."""
+        at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
 
-    def _stuck(self, t, y) -> Bool[Array, ""] | bool:
-        """Return whether the motion sticks to the surface, so that the step from there is not a plain step."""
-        return False
+        def to_event(carry):
+            # advance to the next event or to the end of the step
+            share, y, up, sticks, _, count = carry
+            free, gap = self._side(up)
+            # jit, so that each function is traced once: tracing takes longer than all steps
+            field = jax.jit(lambda t, y: jnp.where(sticks, self._held(t, y), free(t, y)))
+            margin = jax.jit(lambda t, y: jnp.where(sticks, self._holding(t, y), gap(t, y)))
+            flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
+            # events are searched up to the lowest point, because the gap may rise after it within the step
+            lowest = _lowest(free, gap, at(share), y, at(1.0), flow(1.0))[0]
+            reach = jnp.where(self._lasts(at(share), y, sticks), 1.0, lowest)
+            end = margin(at(share) + reach * left(share), flow(reach))
+            # the function must fall, because rounding may put a start on the surface below it
+            happens = crosses & (end < jnp.minimum(margin(at(share), y), 0.0))
+            reach = jnp.where(happens, reach, 1.0)
+            part = share_before(margin, flow, at(share), left(share), happens, reach)
+            share, y = share + part * (1 - share), flow(part)
+            return share, *self._after(at(share), y, up, sticks, happens), happens, count + 1
+
+        start, sticks = self._begin(t, y)
+        begin = jnp.zeros_like(self.dt), start, self.surface(t, y) >= 0, sticks, jnp.asarray(True), 0
+        going = lambda carry: carry[4] & (carry[5] < MOST_EVENTS)
+        _, y, _, sticks, lost, _ = jax.lax.while_loop(going, to_event, begin)
+        return jnp.where(lost, jnp.nan, y), sticks
 
     def nearness(self, state: Array, k: Real) -> tuple[Array, Array]:
         """Return how near the motion of an interval is to a grazing: the least gap at which it turns before it
@@ -137,14 +189,14 @@ class AbstractCrossingStep(eqx.Module):
 
         def one(y, i):
             t = self.t0 + (k * self.steps + i) * self.dt
-            field, gap = self._flight(t, y)
+            field, gap = self._side(self.surface(t, y) >= 0)
             flow = lambda share: rk4(field, t, y, share * self.dt)
             end, split = self._ahead(t, y)
             stuck = self._stuck(t, y)
             lowest = _lowest(field, gap, t, y, t + self.dt, end)[0]
             least = gap(t + lowest * self.dt, flow(lowest))
             touches = split & (least < 0)
-            share = lowest * share_before(gap, lambda part: flow(part * lowest), t, lowest * self.dt, touches)
+            share = share_before(gap, flow, t, self.dt, touches, lowest)
             touch = t + share * self.dt, flow(share)
             after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
             rate = _along(field, gap)
@@ -180,7 +232,7 @@ class AbstractCrossingStep(eqx.Module):
             end, stuck = self._across(instant(i), y, crosses)
             return jnp.where(crosses, i + 1, i), jnp.where(crosses, end, y), stuck
 
-        begin = 0, state, jnp.asarray(self._stuck(instant(0), state))
+        begin = 0, state, self._stuck(instant(0), state)
         return jax.lax.while_loop(lambda carry: carry[0] < self.steps, to_crossing, begin)[1]
 
 
@@ -189,36 +241,26 @@ class SwitchedStep(AbstractCrossingStep):
 
     above: Field
     below: Field
-    surface: Surface
 
-    def _field(self, up, slides=False):
-        either = lambda t, y: jnp.where(up, self.above(t, y), self.below(t, y))
-        if slides is False:
-            return either
-        return lambda t, y: jnp.where(slides, self._sliding(t, y), either(t, y))
+    def _side(self, up):
+        side = jnp.where(up, 1.0, -1.0)
+        field = lambda t, y: jnp.where(up, self.above(t, y), self.below(t, y))
+        return field, lambda t, y: side * self.surface(t, y)
 
     def _rates(self, t, y):
         """Return how fast the surface's function grows along the field above, and along the field below."""
         return _along(self.above, self.surface)(t, y), _along(self.below, self.surface)(t, y)
 
-    def _sliding(self, t, y):
-        """Return Filippov's mixture of both fields, which stays on the surface."""
+    def _held(self, t, y):
+        # Filippov's mixture of both fields, which stays on the surface
         above, below = self._rates(t, y)
         apart = jnp.where(below == above, 1.0, below - above)
         return (below * self.above(t, y) - above * self.below(t, y)) / apart
 
-    def _held(self, t, y):
-        """Return a positive number where both fields point towards the surface."""
+    def _holding(self, t, y):
+        # both fields point towards the surface
         above, below = self._rates(t, y)
         return jnp.minimum(-above, below)
-
-    def _flight(self, t, y):
-        up = self.surface(t, y) >= 0
-        return self._field(up), self._gap(up)
-
-    def _gap(self, up):
-        side = jnp.where(up, 1.0, -1.0)
-        return lambda t, y: side * self.surface(t, y)
 
     def _near(self, t, y):
         """Return whether the surface is so near that rounding errors may decide on which side the motion is."""
@@ -226,7 +268,7 @@ class SwitchedStep(AbstractCrossingStep):
         return jnp.abs(self.surface(t, y)) <= ON_SURFACE * self.dt * (jnp.abs(above) + jnp.abs(below))
 
     def _ahead(self, t, y):
-        field, gap = self._flight(t, y)
+        field, gap = self._side(self.surface(t, y) >= 0)
         end = rk4(field, t, y, self.dt)
         rate, then = _along(field, gap), t + self.dt
         fall, rise, last = rate(t, y), rate(then, end), gap(then, end)
@@ -238,45 +280,21 @@ class SwitchedStep(AbstractCrossingStep):
         above, below = self._rates(t, y)
         return self._near(t, y) & (above < 0) & (below > 0)
 
-    def _across(self, t, y, crosses):
-        at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
+    def _lasts(self, t, y, sticks):
+        return sticks | self._near(t, y)
 
-        def to_event(carry):
-            # advance to a crossing, to the end of sliding, or to the end of the step
-            share, y, up, slides, _, count = carry
-            # positive until an event occurs; jit, so that each function is traced once
-            gap = self._gap(up)
-            ahead = jax.jit(lambda t, y: jnp.where(slides, self._held(t, y), gap(t, y)))
-            field = jax.jit(self._field(up, slides))
-            flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            # events are searched up to the lowest point, because the gap may rise after it within the step
-            lowest = _lowest(field, gap, at(share), y, at(1.0), flow(1.0))[0]
-            reach = jnp.where(slides | self._near(at(share), y), 1.0, lowest)
-            happens = crosses & (ahead(at(share) + reach * left(share), flow(reach)) < 0)
-            reach = jnp.where(happens, reach, 1.0)
-            part = reach * share_before(
-                ahead, lambda part: flow(part * reach), at(share), reach * left(share), happens
-            )
-            share, y = share + part * (1 - share), flow(part)
-            above, below = self._rates(at(share), y)
-            # sliding ends along the field that no longer points towards the surface
-            up = jnp.where(happens, jnp.where(slides, -above < below, ~up), up)
-            slides = jnp.where(happens, ~slides & (above < 0) & (below > 0), slides)
-            y = jnp.where(slides, _to_surface(self.surface, at(share), y), y)
-            return share, y, up, slides, happens, count + 1
-
-        slides = self._stuck(t, y)
-        begin = jnp.zeros_like(self.dt), y, self.surface(t, y) >= 0, slides, jnp.asarray(True), 0
-        going = lambda carry: carry[4] & (carry[5] < MOST_EVENTS)
-        _, y, _, slides, lost, _ = jax.lax.while_loop(going, to_event, begin)
-        return jnp.where(lost, jnp.nan, y), slides
+    def _after(self, t, y, up, sticks, happens):
+        above, below = self._rates(t, y)
+        # sliding ends along the field that no longer points towards the surface
+        up = jnp.where(happens, jnp.where(sticks, -above < below, ~up), up)
+        slides = jnp.where(happens, ~sticks & (above < 0) & (below > 0), sticks)
+        return jnp.where(slides, _to_surface(self.surface, t, y), y), up, slides
 
 
 class ImpactStep(AbstractCrossingStep):
     """Map of y' = field(t, y), with impacts where `surface` falls to zero. See `impact_step`."""
 
     field: Field
-    surface: Surface
     reset: Reset
 
     @property
@@ -288,22 +306,20 @@ class ImpactStep(AbstractCrossingStep):
         """Acceleration of the gap in flight, negative where the motion is pressed into the surface."""
         return _along(self.field, self._rate)
 
-    def _flight(self, t, y):
+    def _side(self, up):
         return self.field, self.surface
 
     def _ahead(self, t, y):
         end = rk4(self.field, t, y, self.dt)
-        return end, self._falls(t, y, _lowest(self.field, self.surface, t, y, t + self.dt, end)[1])
-
-    def _falls(self, t, y, height):
+        height = _lowest(self.field, self.surface, t, y, t + self.dt, end)[1]
         # the gap must fall, because rounding may put a start on the surface below it
-        return (height < 0) & (height < self.surface(t, y))
+        return end, height < jnp.minimum(self.surface(t, y), 0.0)
 
     def other_side(self, state, intervals):
         # up to the unsplit last step, which is then taken without the impact
         state_before = jax.lax.fori_loop(0, intervals - 1, lambda k, s: self(s, 1.0 * k), state)
         begin = self.t0 + (intervals - 1) * self.steps * self.dt
-        shorter = ImpactStep(self.dt, begin, self.steps - 1, self.field, self.surface, self.reset)
+        shorter = dataclasses.replace(self, t0=begin, steps=self.steps - 1)
         before = rk4(self.field, begin + (self.steps - 1) * self.dt, shorter(state_before, 0.0), self.dt)
         rate = self._rate(self.t0, state)
         beyond = jnp.where(rate < 0, self.reset(self.t0, state), before)
@@ -320,41 +336,14 @@ class ImpactStep(AbstractCrossingStep):
         )
         return pressed & (flight < SHORTEST * self.dt)
 
-    def _across(self, t, y, crosses):
-        at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
-
-        def to_event(carry):
-            # advance to an impact, to the release of a sticking motion, or to the end of the step
-            share, y, stuck, _, count = carry
-            # jit, so that each function is traced once: tracing takes longer than all steps
-            surface = jax.jit(lambda t, y: jnp.where(stuck, self._push(t, y), self.surface(t, y)))
-            field = jax.jit(self._field(stuck))
-            flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
-            # the end of the step, unless an event occurs before
-            end = flow(1.0)
-            lowest = jnp.where(stuck, 1.0, _lowest(self.field, self.surface, at(share), y, at(1.0), end)[0])
-            released = self._push(at(1.0), end) > 0
-            touches = self._falls(at(share), y, self.surface(at(share) + lowest * left(share), flow(lowest)))
-            happens = crosses & jnp.where(stuck, released, touches)
-            # a touch is searched up to the lowest point, because the gap may rise after it within the step
-            reach = jnp.where(happens, lowest, 1.0)
-            part = reach * share_before(
-                surface, lambda part: flow(part * reach), at(share), reach * left(share), happens
-            )
-            share, y = share + part * (1 - share), flow(part)
-            y = jnp.where(happens & ~stuck, self.reset(at(share), y), y)
-            sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
-            y = jnp.where(sticks | stuck, self._settled(at(share), y), y)
-            return share, y, sticks, happens, count + 1
-
+    def _begin(self, t, y):
         stuck = self._stuck(t, y)
-        begin = jnp.zeros_like(self.dt), jnp.where(stuck, self._settled(t, y), y), stuck, True, 0
-        going = lambda carry: carry[3] & (carry[4] < MOST_EVENTS)
-        _, y, stuck, lost, _ = jax.lax.while_loop(going, to_event, begin)
-        return jnp.where(lost, jnp.nan, y), stuck
+        return jnp.where(stuck, self._settled(t, y), y), stuck
 
-    def _field(self, stuck):
-        return lambda t, y: jnp.where(stuck, self._held(t, y), self.field(t, y))
+    def _after(self, t, y, up, sticks, happens):
+        y = jnp.where(happens & ~sticks, self.reset(t, y), y)
+        after = jnp.where(sticks, ~happens, happens & self._stuck(t, y))
+        return jnp.where(after | sticks, self._settled(t, y), y), up, after
 
     def _reaction(self, t, y):
         """Return the change of the state by an impact, scaled so that the rate of the gap changes by one."""
@@ -363,8 +352,10 @@ class ImpactStep(AbstractCrossingStep):
         jump = jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1] - slope
         return jump / (slope @ jump)
 
+    def _holding(self, t, y):
+        return -self._push(t, y)
+
     def _held(self, t, y):
-        """Return the field of a motion that stays on the surface."""
         # the reaction cancels the acceleration of the gap
         return self.field(t, y) - self._push(t, y) * self._reaction(t, y)
 
@@ -438,7 +429,7 @@ def switched_step(
     **Raises:** `ValueError` that names the wrong argument.
     """
     _check(above=above, below=below, surface=surface)
-    return SwitchedStep(*_instants(dt, t0, steps), above, below, surface)
+    return SwitchedStep(*_instants(dt, t0, steps), surface, above, below)
 
 
 def impact_step(
@@ -472,7 +463,7 @@ def impact_step(
     **Raises:** `ValueError` that names the wrong argument.
     """
     _check(vector_field=vector_field, surface=surface, reset=reset)
-    return ImpactStep(*_instants(dt, t0, steps), vector_field, surface, reset)
+    return ImpactStep(*_instants(dt, t0, steps), surface, vector_field, reset)
 
 
 def return_step(

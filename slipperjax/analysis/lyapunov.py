@@ -263,22 +263,20 @@ def map_spectrum(
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    check_functions(step, scale)
-    state = check_state(state)
-    size = sum(leaf.size for leaf in jax.tree.leaves(state))
-    count = size if count is None else whole("count", count, 1)
-    require(count <= size, "count", f"be at most {size}, the size of the state", count)
     intervals = whole("intervals", intervals, 1)
     align = whole("align", align, 0)
     transient = whole("transient", transient, 0)
     index = finite("index")(index)
     periods = positive("periods")(periods)
     period = positive("period", "s")(period)
-    # As an argument of the program, any transient runs without a new compilation; reverse mode needs a constant.
-    fixed = transient if is_traced((step, state)) else None
-    settings = count, align, intervals, transient > 0, fixed
-    with returns_its_state(step, state, index):
-        history, state, tangents = call_compiled(_spectrum, (step, scale), settings, state, index, transient)
+    with checked_system(step, state, scale, index) as first:
+        size = sum(leaf.size for leaf in jax.tree.leaves(first))
+        count = size if count is None else whole("count", count, 1)
+        require(count <= size, "count", f"be at most {size}, the size of the state", count)
+        # As an argument of the program, any transient runs without a new compilation; reverse mode needs a constant.
+        fixed = transient if is_traced((step, first)) else None
+        settings = count, align, intervals, transient > 0, fixed
+        history, state, tangents = call_compiled(_spectrum, (step, scale), settings, first, index, transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
@@ -296,24 +294,20 @@ def _spectrum(functions, static, state, index, transient):
     return history[align:], state, tangents
 
 
-def check_functions(step: object, scale: object) -> None:
-    """Raise `ValueError` unless both are callable; `scale` may be None."""
+@contextmanager
+def checked_system(step: Step, state: PyTree, scale: Scale | None = None, index: Real = 0.0) -> Iterator[PyTree]:
+    """Yield `state` as arrays of floats, for a computation with a system.
+
+    **Raises:** `ValueError` unless `state` is a pytree of finite real numbers, `step` a function, and `scale` a
+    function or None; or where the computation fails because `step` returns another kind of state than it gets.
+    """
     require(callable(step), "step", "be a function", step)
     require(scale is None or callable(scale), "scale", "be a function", scale)
-
-
-def check_state(state: PyTree) -> PyTree:
-    """Return `state` as arrays of floats; raise `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
-    return jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
-
-
-@contextmanager
-def returns_its_state(step: Step, state: PyTree, index: Real = 0.0) -> Iterator[None]:
-    """Raise `ValueError` where a computation fails because `step` returns another kind of state than it gets."""
+    state = jax.tree.map(lambda leaf: finite("state")(check_real("state", leaf)), state)
     failure = None
     try:
-        yield
+        yield state
     except TypeError as error:
         failure = error
     # only after a failure, because this traces `step` once more

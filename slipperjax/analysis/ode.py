@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PyTree
 
-from ..tools.checks import finite, positive, require, whole
+from ..tools.checks import finite, instance, positive, require, whole
 from ..tools.types import Real
 from .lyapunov import LyapunovSpectrum, map_spectrum
 
@@ -72,15 +72,10 @@ def ode_step(
     **Raises:** `ValueError` that names the wrong argument.
     """
     require(callable(vector_field), "vector_field", "be a function", vector_field)
-    require(
-        solver is None or isinstance(solver, diffrax.AbstractSolver),
-        "solver",
-        "be a diffrax solver",
-        solver,
-    )
+    solver = diffrax.Tsit5() if solver is None else solver
+    instance("solver", solver, diffrax.AbstractSolver, "a diffrax solver")
     steps = whole("steps", steps, 1)
     duration = steps * positive("dt")(dt)
-    solver = diffrax.Tsit5() if solver is None else solver
     return OdeStep(vector_field, solver, args, finite("t0")(t0), duration, steps)
 
 

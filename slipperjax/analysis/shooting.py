@@ -17,7 +17,7 @@ from ..tools.forms import in_one_kernel
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .floquet import linearise, product, solve
-from .lyapunov import Scale, Step, check_functions, check_state, returns_its_state, weights_of
+from .lyapunov import Scale, Step, checked_system, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
 Consistent = Callable[[Step, PyTree, PyTree], PyTree]
@@ -66,15 +66,13 @@ def shoot(
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    check_functions(step, scale)
     require(consistent is None or callable(consistent), "consistent", "be a function", consistent)
-    state = check_state(state)
     count = whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
     static = count, limit, is_transformed()
-    with returns_its_state(step, state):
-        return call_compiled(_shoot, (step, scale, consistent), static, state, as_argument(tolerance))
+    with checked_system(step, state, scale) as first:
+        return call_compiled(_shoot, (step, scale, consistent), static, first, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, tolerance):
@@ -116,11 +114,9 @@ def minimal_period(
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    state = check_state(state)
-    with returns_its_state(step, state):
-        return call_compiled(_residuals, (step, scale), (count,), state)
+    with checked_system(step, state, scale) as first:
+        return call_compiled(_residuals, (step, scale), (count,), first)
 
 
 def _residuals(functions, static, state):

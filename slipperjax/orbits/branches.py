@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import diffrax
 import jax
@@ -92,7 +92,8 @@ class OrbitView(NamedTuple):
 
     grazing: Grazing
     signature: Signature
-    crossings: SectionPoints
+    crossed: SectionPoints
+    """Samples of `PoincareSections` in each period."""
 
 
 class OrbitBranch(Result):
@@ -132,16 +133,17 @@ class OrbitBranch(Result):
         """Return the orbit at a point, by its index, or at an event."""
         ds = self.ds.isel(point=point.point if isinstance(point, BranchEvent) else point)
         settings = _Settings.of(self)
+        call = settings.call
         return PeriodicOrbit(
-            scene=settings.varied.replaced(settings.scene, ds[settings.varied.name].values),
+            scene=settings.varied.replaced(settings.scene, ds[call["parameter"]].values),
             state=settings.equations.state(jnp.asarray(ds["state"].values)),
             multipliers=jnp.asarray(ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values),
             residual=jnp.asarray(ds["residual"].values),
             iterations=jnp.asarray(ds["iterations"].values),
             status=jnp.asarray(0),
-            period=self.period,
-            steps_per_period=settings.steps,
-            solver=settings.solver,
+            period=call["period"],
+            steps_per_period=call["steps_per_period"],
+            solver=call["solver"],
         )
 
     def extended(
@@ -179,7 +181,7 @@ class OrbitBranch(Result):
         """The branch as a `slipperjax.analysis.Branch`; the points of a branch from a file are evaluated again."""
         settings = _Settings.of(self)
         ds = self.ds
-        z = np.column_stack([ds["state"].values, ds[settings.varied.name].values])
+        z = np.column_stack([ds["state"].values, ds[settings.call["parameter"]].values])
         nodes = []
         # all points meet a tolerance of 1 at once, so that Newton's method does not move them
         for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
@@ -194,7 +196,7 @@ class OrbitBranch(Result):
 def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
     """Return an event as a `slipperjax.analysis.Event`."""
     label, _, low, high, multiplier, converged, note, point = event
-    return Event(label, nodes[point], low, high, multiplier, converged, note)
+    return Event(label, nodes[point], low, high, converged, multiplier, note)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,47 +204,45 @@ class _Settings:
     """Settings with which a branch is followed."""
 
     scene: Scene
-    varied: Parameter
-    bounds: tuple[float, float]
-    steps: int
-    solver: diffrax.AbstractSolver
-    tolerance: float
+    call: dict[str, Any]
+    """The call in the branch's dataset, with parameter, bounds, period, steps, solver and tolerance."""
     equations: PeriodicMotions
 
     @classmethod
-    def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Settings":
+    def new(cls, scene: Scene, call: dict[str, Any], like: State) -> "_Settings":
         """Return the settings of a new branch, with its equations."""
+        low, high = call["bounds"]
         # dynamic, so that one program serves all numbers of steps
-        options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
-        equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
-        return cls(scene, varied, bounds, steps, solver, tolerance, equations)
+        stepping = dynamic_steps(call["steps_per_period"])
+        options = dict(stepping=stepping, solver=call["solver"], period=call["period"])
+        return cls(scene, call, slipper_motions(scene, (call["parameter"],), (high - low,), like, **options))
 
     @classmethod
     def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Settings":
         """Return the settings of a branch, or with other bounds. The scale of lengths still follows from the first
         bounds."""
-        call = load_call(branch.ds)
         scene, start = load_base(branch.ds)
-        varied = branch.parameter
-        values = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
-        first = cls.new(scene, varied, tuple(call["bounds"]), *values, initial_state(scene, start))
-        return first if bounds is None else dataclasses.replace(first, bounds=bounds_of(varied, bounds))
+        first = cls.new(scene, load_call(branch.ds), initial_state(scene, start))
+        if bounds is None:
+            return first
+        return dataclasses.replace(first, call=first.call | {"bounds": list(bounds_of(first.varied, bounds))})
+
+    @property
+    def varied(self) -> Parameter:
+        """Parameter that varies."""
+        return parameter(self.call["parameter"], self.scene)
 
     def observe(self, node: Node) -> Observation:
         """Return the touchdowns and margins of an orbit for the search of grazings, with an `OrbitView` as data."""
         # a second program of the equations, which keeps samples inside the periods
-        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
+        steps = self.call["steps_per_period"]
+        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(steps, most=steps))
         equations = dataclasses.replace(self.equations, family=family)
-        sections = PoincareSections()
-        records = RecordSet((GapSamples(), sections))
+        records = RecordSet((GapSamples(), PoincareSections()))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
-        # records finish a batch of cases, here one case
-        one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
-        span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
-        crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
-        gaps = Gaps.of(gap, rate, self.steps, float(period))
+        gaps = Gaps.of(gap, rate, steps, float(period))
         touches = grazing(gaps)
-        view = OrbitView(touches, signature(self.scene, gaps), crossings)
+        view = OrbitView(touches, signature(self.scene, gaps), crossed)
         return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
@@ -254,13 +254,14 @@ class _Settings:
         progress: bool | None = None,
     ) -> OrbitBranch:
         """Return the branch that `walk` makes from a start, with a progress bar, or after Ctrl-C in `Interrupted`."""
-        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
+        varied = self.varied
+        with counted(progress, f"branch over {varied.name}", varied) as count:
             branch = walk(
                 *start,
-                self.bounds,
+                self.call["bounds"],
                 observe=self.observe,
                 on_point=lambda node: count(node.z[-1]),
-                tolerance=self.tolerance,
+                tolerance=self.call["tolerance"],
                 # a length of 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
                 pace=Pace(most=0.3),
                 points=points,
@@ -274,19 +275,13 @@ class _Settings:
         """Return an `xarray.Dataset` of a branch, from which the branch can be made again."""
         nodes = branch.nodes
         scene = self.scene
+        varied = self.varied
         views: list[OrbitView] = [node.view.data for node in nodes]
         # a bifurcation, with a multiplier on the unit circle, counts as unstable
         stable = [not node.outside and not node.critical for node in nodes]
-        call = {
-            "function": "continue_orbit",
-            "parameter": self.varied.name,
-            "bounds": list(self.bounds),
-            "period": branch.equations.intervals,
-            "steps_per_period": self.steps,
-            "solver": self.solver,
-            "tolerance": self.tolerance,
-        }
-        ds, states = orbits_dataset(nodes, branch.equations, scene, [self.varied], call)
+        # after a flip the equations have twice the period
+        call = self.call | {"period": branch.equations.intervals}
+        ds, states = orbits_dataset(nodes, branch.equations, scene, [varied], call)
         # contact points are called `contact`, because `point` means the points of the branch
         labels = {name.replace("point", "contact"): of for name, of in scene.point_labels.items()}
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), *scene.point_shape)
@@ -307,13 +302,16 @@ class _Settings:
             ),
             "touchdowns": column(("point", *labels), touchdowns, "1", "touchdowns in a period of the orbit"),
         }
-        # crossings of all orbits, with a leading axis of points
-        together = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossings for view in views))
-        sections, _ = PoincareSections().label(scene, ("point",), together)
+        # the record finishes a batch of cases, here the orbits of all points
+        crossed = jax.tree.map(lambda *parts: np.stack(parts), *(view.crossed for view in views))
+        record = PoincareSections()
+        span = RecordedSpan(call["period"], call["steps_per_period"], 0.0, np.zeros(len(nodes), int))
+        sections, _ = record.label(scene, ("point",), record.finish(None, crossed, span))
         # the state at the start of the orbit is its one strobe state
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= labels
-        ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
+        note = functools.partial(_note, names=scene.point_names)
+        ds = ds.assign(data | sections | strobe | event_columns(branch, varied.unit, note))
         # the steps with which `extended` continues
         next_steps = [end.step for end in branch.ends]
         return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
@@ -338,57 +336,61 @@ def orbits_dataset(
     `load_base` and `load_call` read scene and call from the dataset.
     """
     z = np.array([node.z for node in nodes])
-    multipliers = np.array([node.multipliers for node in nodes])
     size = motions.size
     names = [quantity.name for quantity in varied]
     # the unknowns are the numbers of the state, then the parameters
     states = jax.vmap(motions.state)(jnp.asarray(z))
     data = {
-        "state": column(("point", "number"), z[:, :size], "1", "all numbers of the state, as in slipperjax.State"),
-        "multiplier_real": column(("point", "multiplier"), multipliers.real, "1", "Floquet multipliers, real parts"),
-        "multiplier_imag": column(
-            ("point", "multiplier"), multipliers.imag, "1", "Floquet multipliers, imaginary parts"
-        ),
-        "outside": column(
-            "point",
-            [node.outside for node in nodes],
-            "1",
-            "multipliers outside the unit circle, without critical ones",
-        ),
-        "residual": column("point", [float(node.residual) for node in nodes], "1", "scaled residual"),
+        "state": column(("point", "number"), z[:, :size], "1", "all numbers of the state, as in slipperjax.State")
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
     # the first orbit represents the start of a run
     start = jax.tree.map(lambda a: np.asarray(a)[0], states)
     attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
-    return result_dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
+    attrs |= {"orbit_period": motions.intervals}
+    return result_dataset(data | point_columns(nodes), coords, attrs), states
 
 
-def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, tuple]:
-    """Return the dataset's variables along `event`."""
+def point_columns(nodes: Sequence[Node]) -> dict[str, tuple]:
+    """Return a dataset's variables along `point` that branches and curves of all systems have."""
+    multipliers = np.array([node.multipliers for node in nodes])
+    outside = "multipliers outside the unit circle, without critical ones"
+    each = ("point", "multiplier")
+    return {
+        "multiplier_real": column(each, multipliers.real, "1", "Floquet multipliers, real parts"),
+        "multiplier_imag": column(each, multipliers.imag, "1", "Floquet multipliers, imaginary parts"),
+        "outside": column("point", [node.outside for node in nodes], "1", outside),
+        "residual": column("point", [float(node.residual) for node in nodes], "1", "scaled residual"),
+    }
+
+
+def event_columns(
+    branch: Branch, unit: str, note: Callable[[Event], str] = lambda event: event.note
+) -> dict[str, tuple]:
+    """Return a dataset's variables along `event`; `unit`: of the parameter; `note`: makes the text of an event."""
     # by identity, because two points may have the same value, such as a bound and a grazing
     index = {id(node.z): k for k, node in enumerate(branch.nodes)}
-    names = scene.point_names
     rows = []
     for event in branch.events:
-        z = event.node.z
-        opening = event.node.view.data.grazing.opening
-        notes = []
-        # the changes of touchdowns at a grazing, along the branch
-        for k, change in enumerate(event.change):
-            if change:
-                happens = "opens" if opening[k] else "touches"
-                notes.append(f"{names[k]} {happens} once {'more' if change > 0 else 'less'}")
-        if event.note:
-            notes.append(event.note)
         mu = event.multiplier
-        place = z[-1], event.low, event.high, event.converged
-        rows.append((event.label, *place, "; ".join(notes), index[id(z)], mu.real, mu.imag))
+        place = event.value, event.low, event.high, event.converged
+        rows.append((event.label, *place, note(event), index[id(event.node.z)], mu.real, mu.imag))
     data = {}
     for k, (name, (kind, text)) in enumerate(EVENT_COLUMNS.items()):
         own = unit if name in ("value", "low", "high") else "1"
         data[f"event_{name}"] = column("event", np.array([row[k] for row in rows], kind), own, text)
     return data
+
+
+def _note(event: Event, names: Sequence[str]) -> str:
+    """Return the note of an event, with the changes of touchdowns at a grazing, along the branch."""
+    opening = event.node.view.data.grazing.opening
+    notes = []
+    for k, change in enumerate(event.change):
+        if change:
+            happens = "opens" if opening[k] else "touches"
+            notes.append(f"{names[k]} {happens} once {'more' if change > 0 else 'less'}")
+    return "; ".join([*notes, event.note] if event.note else notes)
 
 
 Followed = TypeVar("Followed", bound=Result)
@@ -508,6 +510,15 @@ def continue_orbit(
         start = periodic_orbit(scene, period, start=start, **options)
         if int(start.status):
             raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
-    settings = _Settings.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
+    call = {
+        "function": "continue_orbit",
+        "parameter": varied.name,
+        "bounds": list(bounds),
+        "period": start.period,
+        "steps_per_period": steps,
+        "solver": solver,
+        "tolerance": tolerance,
+    }
+    settings = _Settings.new(scene, call, start.state)
     at = start.state, value
     return settings.follow(continue_motion, settings.equations, at, points=points, until=until, progress=progress)

@@ -25,7 +25,7 @@ from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
-from ..flow.stepping import AbstractStepping, ConstantSteps
+from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
@@ -34,7 +34,6 @@ from ..tools.checks import one_of, require, shown_number
 from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.hermite import Cubic
-from ..tools.tracing import is_traced
 from ..tools.types import Real
 from .branches import (
     BranchEvent,
@@ -47,7 +46,7 @@ from .branches import (
 from .motions import ScenePath, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
-from .simulate import dynamic_steps
+from .simulate import dynamic_steps, steps_of_call
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,9 +79,7 @@ def critical_orbit(
     """
     scene = check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
-    steps = int(start.steps_per_period)
-    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
-    stepping = ConstantSteps(steps) if is_traced(scene) else dynamic_steps(steps)
+    stepping = steps_of_call(int(start.steps_per_period), scene)
     return _critical_orbit(scene, start, stepping, _angle(start), tolerance, name, label)
 
 

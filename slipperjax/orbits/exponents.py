@@ -12,7 +12,6 @@ import diffrax
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.status import judge_states, with_growth, with_resolution
-from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
@@ -20,16 +19,14 @@ from ..model.scene import Scene, check_scene, check_steady
 from ..model.starts import initial_state
 from ..solvers.named import resolve_solver
 from ..tools.checks import require, whole
-from ..tools.limits import refuse_impossible
-from ..tools.tracing import is_traced
 from .simulate import (
-    SECONDS_PER_STEP,
     Trajectory,
     beginning_of,
     check_rail,
     default_steps,
-    dynamic_steps,
     first_of,
+    refuse_periods,
+    steps_of_call,
 )
 
 
@@ -84,14 +81,9 @@ def lyapunov_spectrum(
     total = whole("periods", periods, 1) + whole("transient", transient, 0) + whole("align", align, 0)
     check_rail(scene, total, origin)
     count = check_count(scene, count)
-    # the cost of a traced number of steps is not known
-    if not is_traced(steps):
-        seconds = SECONDS_PER_STEP * steps * total
-        refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * periods * count, seconds)
-    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
-    stepping = ConstantSteps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
+    refuse_periods(total, steps, periods * count)
     spectrum = map_spectrum(
-        PeriodMap(scene, stepping, resolve_solver(scene, solver)),
+        PeriodMap(scene, steps_of_call(steps, scene, start), resolve_solver(scene, solver)),
         initial_state(scene, start, epoch),
         periods,
         count=count,

@@ -16,7 +16,6 @@ from ..analysis.shooting import Shot, minimal_period, shoot
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.record import RecordSet
 from ..flow.status import Status, is_lost, judge_states
-from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import MOTION_NUMBERS
@@ -38,6 +37,7 @@ from .simulate import (
     refuse_periods,
     run_eagerly,
     simulate,
+    steps_of_call,
 )
 
 TOLERANCE = 1e-10
@@ -177,9 +177,8 @@ def periodic_orbit(
         tries = [0]
     else:
         tries = [60] if traced else [60, 240]
-    # reverse mode needs a fixed number of steps; otherwise one program serves all numbers of steps
-    stepping = ConstantSteps(steps) if traced else dynamic_steps(steps)
-    step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
+    step = PeriodMap(scene, steps_of_call(steps, scene, begin), solver)
+    state = initial_state(scene, begin)
     scale = tangent_weights(scene)
     options = dict(scale=scale, consistent=consistent_state, tolerance=tolerance, max_iterations=limit)
     # a further transient only if Newton's method finds no orbit after the first transient
@@ -213,7 +212,7 @@ def periodic_orbit(
     if in_flight and np.isfinite(state.motion.y):
         # In free flight all multipliers have modulus one, and the result of Newton's method is arbitrary. Therefore
         # check whether the motion touched the rail.
-        moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
+        moved = simulate(scene, period, start=state, steps_per_period=steps, solver=solver).status
         if moved != Status.FINITE:
             code = moved
         elif code == Status.NOT_FINITE:

@@ -87,8 +87,7 @@ class Probe(NamedTuple):
     @property
     def worst(self) -> Float[np.ndarray, ""]:
         """The greatest error of all motions and forces; not for use under a transformation."""
-        errors = np.asarray(self.error), np.nan_to_num(np.asarray(self.peak_error))
-        return np.asarray(max(np.max(error) for error in errors))
+        return np.asarray(np.max([self.error, np.nan_to_num(self.peak_error)]))
 
 
 def _probed(run: PeriodMap, records: RecordSet, states: State, saves: int, epoch: Real, count: int) -> Probe:
@@ -237,6 +236,12 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     **Arguments:** `most`: where states inside periods are recorded, the greatest number of steps.
     """
     return ConstantSteps(most and capacity_for(most), as_argument(steps))
+
+
+def steps_of_call(steps: int, *given: object) -> ConstantSteps:
+    """Return constant steps of which one program serves all numbers; but where any of the arguments `given` is
+    traced, a fixed number, which reverse mode needs."""
+    return ConstantSteps(steps) if is_traced(given) else dynamic_steps(steps)
 
 
 def _resolved_adjoint(adjoint: object) -> diffrax.AbstractAdjoint:

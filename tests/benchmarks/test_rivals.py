@@ -18,12 +18,20 @@ import pytest
 from slipperjax.analysis import map_spectrum, switched_step
 
 from ..analysis.systems import HENON_AT, Stopped, two_trajectories
-from ..analysis.test_lyapunov import Rk4, free, touching
+from ..analysis.test_lyapunov import Rk4
 from . import rivals
 from .rivals import GAP, PERIOD, PERIODS, D, K, W
 from .timing import in_turns
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
+
+
+def free(t, y):
+    return jnp.stack([y[1], jnp.cos(2.6 * t) - 0.04 * y[1] - y[0]])
+
+
+def touching(t, y):
+    return free(t, y) + jnp.stack([0 * t, jnp.maximum(-100 * y[0] - 4 * y[1], 0.0)])
 
 
 def lines(function):

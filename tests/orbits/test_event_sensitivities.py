@@ -24,12 +24,10 @@ def test_stated_errors_of_the_places_and_their_derivatives_hold(label, parameter
     ds, truth = (event_sensitivities(*found(steps), NAMES) for steps in (50, 400))
     errors = abs(ds - truth)[["value", "gradient"]]
     stated, true = float(ds["stderr"]), float(errors["value"])
-    print(f"\n{label} at {parameter} {float(truth['value']):.8g}: stated {stated:.1e}, true {true:.1e}")
     assert true <= 3 * stated
     for name in NAMES:
         of = lambda data, key, name=name: float(data[key].sel(parameter=name))
         stated, true = of(ds, "gradient_stderr"), of(errors, "gradient")
-        print(f"  by {name}: {of(truth, 'gradient'):.6g}, stated {stated:.1e}, true {true:.1e}")
         assert true <= 3 * stated
     # places found anew, 0.2 % of the restitution apart
     low, high = (found(400, SCENE.replace(restitution=0.9 * (1 + side * 1e-3)))[1].value for side in (-1, 1))
