@@ -7,8 +7,8 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
+from slipperjax.sweeps.engine import Run
 from slipperjax.sweeps.exponents import BLOCK, HOLD, MOTIONS, LongerMotions, LyapunovExponents
-from slipperjax.sweeps.run import Run
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
 LOST = 1e-3  # hours in 50 steps: thrown out of the finite numbers

@@ -13,10 +13,10 @@ import slipperjax as sj
 from slipperjax.flow.record import History, HistoryValues
 from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.plots.maps import bifurcations
-from slipperjax.sweeps import run as runs
+from slipperjax.sweeps import engine as runs
 from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.engine import run_parts
 from slipperjax.sweeps.plan import Chunk
-from slipperjax.sweeps.run import run_chunks
 from slipperjax.sweeps.schedule import Schedule
 
 
@@ -49,7 +49,7 @@ def interrupt_after(monkeypatch):
 
 def run(work, workers=1):
     chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, Schedule.of(0, 10, 50)) for k in range(4)]
-    return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
+    return chunks, run_parts(chunks, workers, work, periods=10, progress=False)
 
 
 def found_of(chunk):

@@ -7,8 +7,8 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.attractors import attractors, groups
+from slipperjax.sweeps.engine import PartRun
 from slipperjax.sweeps.follow import find_jump
-from slipperjax.sweeps.run import ChunkRun
 
 from ..common import SCALES, growth
 
@@ -109,7 +109,7 @@ def motion(monkeypatch):
         def run_chunk(part, states, epoch):
             speed = float(part.scenes.varied.speed[0])
             strobe = np.broadcast_to(level(speed), (8, 3, 10)) * SCALES
-            return ChunkRun(states, np.full(8, int(status(speed))), (strobe,), np.empty((8, 0)))
+            return PartRun(states, np.full(8, int(status(speed))), (strobe,), np.empty((8, 0)))
 
         monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
 

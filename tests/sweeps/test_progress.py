@@ -2,7 +2,7 @@
 
 import sys
 
-from slipperjax.sweeps.run import progress_shown
+from slipperjax.sweeps.engine import progress_shown
 
 
 def test_a_bar_tells_work_and_finished_cases(capsys, monkeypatch):

@@ -501,11 +501,11 @@ def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_pat
 
     def work(chunk, on_progress):
         warn(f"{chunk.index[0]} of 48 starts lie outside.")
-        return run.ChunkRun(np.zeros(8), np.zeros(8, int), (), np.empty((8, 0)))
+        return run.PartRun(np.zeros(8), np.zeros(8, int), (), np.empty((8, 0)))
 
     for _ in range(2):
         with pytest.warns(sj.ImplausibleWarning) as told:
-            run.run_chunks(chunks, 2, work, periods=1.0, progress=False)
+            run.run_parts(chunks, 2, work, periods=1.0, progress=False)
         assert len(told) == 1
 
 
