@@ -19,6 +19,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import known, require, whole, yes_or_no
 from ..tools.columns import column
 from .engine import PartRun, run_plan
+from .estimate import Estimate
 from .exponents import LyapunovExponents
 from .grid import Cases, Grid
 from .orbits import NearestOrbit
@@ -52,6 +53,10 @@ class AbstractCall(abc.ABC):
 
         **Raises:** `ValueError` that names the wrong argument.
         """
+
+    def estimate(self, grid: Grid, start: Motion | State) -> Estimate:
+        """Return the estimate of all cases of a grid, before anything is compiled."""
+        return self.plan(grid.sample(start)).estimate(grid.count)
 
     @abc.abstractmethod
     def dataset(self, plan: Plan, results: PartRun) -> xr.Dataset:

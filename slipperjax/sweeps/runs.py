@@ -225,7 +225,11 @@ class RunPlan(Plan):
 
     def begun(self, index):
         scenes, starts = super().begun(index)
-        scenes = _windowed(scenes, self.window)
+        # the window is shared; `is_leaf` finds its place, where there was None
+        shared = eqx.tree_at(
+            lambda s: s.window, scenes.shared, as_argument(self.window), is_leaf=lambda leaf: leaf is None
+        )
+        scenes = Batched(scenes.varied, shared)
         if self.worn is not None:
             scenes = _opened(scenes, np.broadcast_to(self.worn, (len(index), *self.worn.shape)))
         return scenes, starts
@@ -318,13 +322,6 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Arra
         return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
     return scenes.map(one, starts)
-
-
-def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
-    """Return the same scenes with windows as their unit of travel."""
-    # the window is shared; `is_leaf` finds its place, where there was None
-    put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
-    return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
 
 
 def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:

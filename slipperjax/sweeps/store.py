@@ -143,7 +143,11 @@ def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[
         "scene": json.loads(scene_to_json(grid.scene)),
         "start": describe(start),
         "grid": {name: _summary(values) for name, values in grid.axes.items()},
-        "call": {name: _described(value) for name, value in vars(call).items()},
+        # a function by its name and a digest of its code, an array by a summary
+        "call": {
+            name: _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
+            for name, value in vars(call).items()
+        },
         "code": code,
     }
     # in the form that a store returns: tuples become lists
@@ -154,11 +158,6 @@ def _summary(values: np.ndarray) -> dict[str, object]:
     """Return the few numbers of an axis that distinguish it from other axes."""
     digest = _digest(np.ascontiguousarray(values, float).tobytes())
     return {"values": len(values), "first": float(values[0]), "last": float(values[-1]), "digest": digest}
-
-
-def _described(value: object) -> object:
-    """Return a value as plain data; a function by its name and a digest of its code, an array by a summary."""
-    return _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
 
 
 def _digest(content: bytes) -> str:
@@ -358,9 +357,7 @@ def _make_archive(path: Path, *contents: object) -> Archive:
 
     **Arguments:** `contents`: as for `_create`.
 
-    **Raises:** `ValueError` where the path has anything else.
     """
-    _check_replaceable(path)
     # made in a folder next to it and renamed, so that a crash leaves no incomplete store
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
@@ -602,7 +599,7 @@ def _stored(
                 tiles = Tiling.of(grid.shape, store.tile)
                 shared = not alone or store.share is not None
                 of_store = dict(tiles=tiles, workers=threads, shared=shared, free=store.free_bytes)
-                replace(call.plan(grid.sample(start)).estimate(grid.count), **of_store).check()
+                replace(call.estimate(grid, start), **of_store).check()
                 _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:
