@@ -13,7 +13,7 @@ import xarray as xr
 from jaxtyping import Int
 
 from ..flow.record import AbstractRecord, RecordSet
-from ..flow.records import RECORDS, AbstractNumber, ContactChecks
+from ..flow.records import ALIASES, RECORDS, AbstractNumber, ContactChecks
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -46,7 +46,6 @@ from .windows import (
     ThirdOctaves,
     Wearing,
     default_records,
-    named_records,
     play_added,
     run_record,
     stretch_ends,
@@ -268,10 +267,12 @@ def _records(scene: Scene, record: object) -> RecordSet:
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = []
-    for one in (single for several in chosen for single in named_records(several)):
-        known.append(run_record(one))
-        ok = known[-1] is not None
-        require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
+    for name in chosen:
+        # a name may mean several records
+        for one in ALIASES.get(name, (name,)) if isinstance(name, str) else (name,):
+            known.append(run_record(one))
+            ok = known[-1] is not None
+            require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
     records: list[AbstractRecord] = list(map(PerWindow, known))
     names = {one.name for one in records}
     # each variable once, for windows where the user asks for this

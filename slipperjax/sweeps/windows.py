@@ -17,7 +17,6 @@ from jaxtyping import Array, Float, Int
 from ..flow.course import Course
 from ..flow.record import AbstractRecord
 from ..flow.records import (
-    ALIASES,
     ONE_PERIOD,
     POINTS,
     RECORDS,
@@ -133,11 +132,6 @@ def default_records(scene: Scene) -> list[str]:
     names += ["spring_force"] * (scene.payload is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
     return names
-
-
-def named_records(name: object) -> tuple[object, ...]:
-    """Return the names that a name of several records means; any other value alone."""
-    return ALIASES.get(name, (name,)) if isinstance(name, str) else (name,)
 
 
 def run_record(name: Any) -> AbstractNumber | None:
