@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.record import History, HistoryValues
 from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.sweeps import engine
 from slipperjax.sweeps.call import Call
@@ -173,6 +174,14 @@ def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
         )
         assert done.dtype.kind != "f" or np.all(np.isnan(done[8:])), name
     assert sj.sweeps.attractors(found, 20).kind[9] == "unresolved"
+
+
+def test_a_history_has_no_times_of_cases_that_were_not_run():
+    period = np.array([[np.nan] * 4, [0.25, 0.5, 0.75, 1.0], [np.nan] * 4])
+    force = np.ones((3, 4, 2, 10))
+    found = HistoryValues(np.ones((3, 4, 10)), period, np.ones((3, 4, 5)), force, force, np.ones((3, 4)))
+    _, coords = History(4).label(sj.paper_scene(), ("speed",), found)
+    assert coords["period"][1].tolist() == [0.25, 0.5, 0.75, 1.0]
 
 
 @pytest.mark.full
