@@ -7,10 +7,12 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+import warnings
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -433,18 +435,37 @@ def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, 
     assert files(dies) == whole
 
 
-def test_tasks_of_a_broken_executor_are_left_to_it(tmp_path):
-    futures = []
+@contextlib.contextmanager
+def dask(processes):
+    """A client of two workers of one thread each, in this process or in spawned ones."""
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of dask's own making: ports in use, unclosed sockets
+        options = dict(n_workers=2, threads_per_worker=1, processes=processes, dashboard_address=None)
+        with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+            yield client
 
-    def submit(*work):
-        futures.append(Future())
-        if len(futures) == 12:
-            futures[3].set_exception(BrokenExecutor("lost"))
-        return futures[-1]
 
-    with pytest.raises(WorkerLost):
-        call(tmp_path / "map.zarr", executor=SimpleNamespace(submit=submit))
-    assert not any(future.cancelled() for future in futures)
+def test_workers_of_dask_compute_tiles(tmp_path, whole):
+    with dask(processes=False) as client:
+        assert not_run(call(tmp_path / "map.zarr", executor=client)) == 0
+    assert files(tmp_path / "map.zarr") == whole
+
+
+@pytest.mark.slow
+def test_a_worker_of_dask_that_is_killed_midway_changes_no_byte(tmp_path, whole, monkeypatch):
+    path = tmp_path / "map.zarr"
+    monkeypatch.setenv("PAUSE", "0.1")  # of each tile, in the workers
+
+    def kill(client):
+        wait_for_tiles(path)
+        os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+    with dask(processes=True) as client, ThreadPoolExecutor(1) as other:
+        killed = other.submit(kill, client)
+        call(path, executor=client)
+        killed.result()
+    assert files(path) == whole
 
 
 def test_each_kind_of_warning_is_given_once_however_many_tiles_there_are(tmp_path):
