@@ -155,7 +155,7 @@ def judge_on_orbits(
     its states.
     """
     options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
-    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
+    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet())
     # fewer periods would not show whether an orbit was reached
     transient = settling.strobes(0, max(plan.transient, 20))
     cases = transient.cases

@@ -85,8 +85,10 @@ def follow(
     # places in the list of all cases of the two cases at one time, "up" first: (values, directions)
     up = np.arange(count)
     met = np.stack([up, count + up[::-1]], axis=1)
-    pairs = zip(met, plan.which, strict=True)
-    parts = [Part(plan, filled(at % count, len(at)), at, len(at), plan.schedules[k]) for at, k in pairs]
+    parts = []
+    for at, k in zip(met, plan.which, strict=True):
+        row = filled(at, len(at))
+        parts.append(Part(plan, row % count, row, len(at), plan.schedules[k]))
     # states at the end of the previous part, and the number of parts so far
     states: State | None = None
     passed = 0

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.record import RecordSet
 from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.quantities import COORDINATE_SCALES
@@ -50,7 +51,7 @@ def run(
     grid = Grid(scene, {"speed": speeds}, product=False)
     # a sweep's plan, for its chunks and threads
     options = Call(0, case.periods, steps_per_period=1, solver=method.solver)
-    plan = make_plan(grid, case.start, options)
+    plan = make_plan(grid, case.start, options, RecordSet())
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:
         # The first step of a period is 1/200 of it. pyright takes the properties rtol, atol and norm for arguments.

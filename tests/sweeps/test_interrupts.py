@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.record import History, HistoryValues
+from slipperjax.flow.record import History, HistoryValues, RecordSet
 from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.sweeps import engine
 from slipperjax.sweeps.call import Call
@@ -31,11 +31,11 @@ def interrupt_after(monkeypatch):
     """Interrupts the next runs when so many of their parts are finished."""
     until = engine.wait
 
-    def after(finished):
+    def after(finished, when=lambda: True):
         def wait(futures, timeout, *first):
             if not first:
                 return until(futures, timeout)
-            while sum(future.done() for future in futures) < finished:
+            while sum(future.done() for future in futures) < finished or not when():
                 time.sleep(0.001)
             raise KeyboardInterrupt
 
@@ -47,7 +47,7 @@ def interrupt_after(monkeypatch):
 def run(work, workers=1):
     """Runs four parts of three cases each."""
     grid = Grid(sj.paper_scene(), {"speed": np.linspace(1000.0, 1500.0, 12)})
-    plan = make_plan(grid, sj.table_2_start(), Call(0, 10, steps_per_period=50))
+    plan = make_plan(grid, sj.table_2_start(), Call(0, 10, steps_per_period=50), RecordSet())
     lanes = np.arange(12).reshape(4, 3)
     parts = [Part(plan, index, index, 3, plan.schedules[0]) for index in lanes]
     return engine.run_parts(parts, workers, work, periods=10, progress=False)
@@ -67,7 +67,7 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
             part.on_progress(1)  # raises: the run is over
         return found_of(part)
 
-    interrupt_after(2)
+    interrupt_after(2, lambda: len(begun) == 3)
     before = time.perf_counter()
     with pytest.warns(sj.ImplausibleWarning, match="has ended, but 1 of its threads will go on"):
         done = run(work)
