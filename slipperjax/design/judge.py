@@ -24,11 +24,11 @@ from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import calls_lapack
 from ..sweeps.attractors import FLOOR, LAST
-from ..sweeps.call import Call
+from ..sweeps.call import Call, make_plan
 from ..sweeps.engine import run_cases, run_part, run_parts
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import Maps, find_orbits, rows_of
-from ..sweeps.plan import Part, make_plan
+from ..sweeps.plan import Part
 from ..sweeps.reached import reached_orbits
 from ..tools.compile import ahead
 from ..tools.limits import cores

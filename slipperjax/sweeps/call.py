@@ -23,7 +23,7 @@ from .estimate import Estimate
 from .exponents import LyapunovExponents
 from .grid import Cases, Grid
 from .orbits import NearestOrbit
-from .plan import AbstractStage, Plan, make_plan
+from .plan import AbstractStage, Plan
 from .records import resolved_record
 from .schedule import Schedule
 
@@ -70,6 +70,23 @@ class AbstractCall(abc.ABC):
         plan = make_plan(Grid(scene, grid, product=self.product), start, self)
         run = run_plan(plan, how)
         return run.checked(lambda: Result(self.dataset(plan, run.results)))
+
+
+def make_plan(
+    grid: Grid, start: Motion | State, call: AbstractCall, *outputs: RecordSet | tuple[AbstractStage, ...]
+) -> Plan:
+    """Return the plan of all cases of a grid. **Arguments:** `outputs`: records and stages in place of the call's.
+
+    **Raises:** `ValueError` that names the wrong argument, or memory and time of an impossible run.
+    """
+    cases = grid.sample(start)  # first, so that warnings of implausible values come first
+    grid.check_steps(call.steps_per_period)
+    plan = call.plan(cases, *outputs)
+    plan.estimate(grid.count).check()  # before all cases are made, because they may not fit into memory
+    if cases.count < grid.count:
+        plan = call.plan(grid.sample(start, grid.count), *outputs)
+    plan.check()
+    return plan
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from ..model.step_size import given_steps
 from ..orbits.simulate import Trajectory, beginning_of, check_rail, first_of
 from ..results.result import Result
 from ..tools.checks import number, one_of, positive, require, whole
-from .call import Call
+from .call import Call, make_plan
 from .engine import PartRun, run_part, run_parts
 from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
-from .plan import Part, make_plan
+from .plan import Part
 from .records import resolved_record
 
 DIRECTIONS = {"up": 1, "down": -1}

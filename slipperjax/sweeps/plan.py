@@ -6,7 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -29,11 +29,8 @@ from ..tools.checks import whole
 from ..tools.compile import as_argument
 from ..tools.limits import cores
 from .estimate import Estimate
-from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
+from .grid import VECTOR_LANES, Cases, batch_size, filled
 from .schedule import FEW, STEP_IN_LANES, Schedule, Span, shared_capacity
-
-if TYPE_CHECKING:
-    from .call import AbstractCall
 
 LARGEST_CHUNK = 128
 """Most cases in one call by default: enough to use vectors well, few enough for a core's cache. A step of a case
@@ -324,23 +321,6 @@ class LastStrobes(Unlabelled):
 
     def sample(self, course):
         return course.end.motion
-
-
-def make_plan(
-    grid: Grid, start: Motion | State, call: "AbstractCall", *outputs: RecordSet | tuple[AbstractStage, ...]
-) -> Plan:
-    """Return the plan of all cases of a grid. **Arguments:** `outputs`: records and stages in place of the call's.
-
-    **Raises:** `ValueError` that names the wrong argument, or memory and time of an impossible run.
-    """
-    cases = grid.sample(start)  # first, so that warnings of implausible values come first
-    grid.check_steps(call.steps_per_period)
-    plan = call.plan(cases, *outputs)
-    plan.estimate(grid.count).check()  # before all cases are made, because they may not fit into memory
-    if cases.count < grid.count:
-        plan = call.plan(grid.sample(start, grid.count), *outputs)
-    plan.check()
-    return plan
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,8 @@ from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.quantities import COORDINATE_SCALES
 from slipperjax.solvers.adaptive import AdaptiveSteps
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 from slipperjax.tools.checks import one_of, whole
 
 from .methods import METHODS, Case, Method, all_cases

@@ -7,9 +7,9 @@ import pytest
 
 from slipperjax.flow.record import RecordSet
 from slipperjax.model.dang2024 import paper_scene, table_2_start
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
+from slipperjax.sweeps.plan import CHUNK_OF_DEVICE
 
 from . import rates
 from .__main__ import main

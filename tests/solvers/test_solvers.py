@@ -15,9 +15,8 @@ from slipperjax.model.linearised import LinearSystem, dense_linearised
 from slipperjax.solvers.latching import calls_lapack, solver_name
 from slipperjax.solvers.named import OWN_SOLVERS
 from slipperjax.solvers.twostep import two_step_weights
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 
 from ..common import cases, scaled_errors, scene_of
 

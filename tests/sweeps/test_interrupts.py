@@ -12,9 +12,9 @@ import slipperjax as sj
 from slipperjax.flow.record import History, HistoryValues, RecordSet
 from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.sweeps import engine
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import Part, make_plan
+from slipperjax.sweeps.plan import Part
 from slipperjax.tools.checks import warn
 
 

@@ -5,9 +5,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.schedule import joint_profiles
 
 

@@ -14,9 +14,9 @@ from slipperjax.flow.records import Record
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import Motions, attractors
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import AbstractStage, make_plan
+from slipperjax.sweeps.plan import AbstractStage
 from slipperjax.sweeps.records import MotionKind, resolved_record
 from slipperjax.tools.columns import column
 
