@@ -24,12 +24,12 @@ from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import calls_lapack
 from ..sweeps.attractors import FLOOR, LAST
-from ..sweeps.call import Call
+from ..sweeps.call import Call, make_plan
+from ..sweeps.engine import run_cases, run_part, run_parts
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import Maps, find_orbits, rows_of
-from ..sweeps.plan import Chunk, OnProgress, Part, make_plan
+from ..sweeps.plan import Part
 from ..sweeps.reached import reached_orbits
-from ..sweeps.run import run_cases, run_chunk, run_chunks
 from ..tools.compile import ahead
 from ..tools.limits import cores
 from .ensembles import RailEnsemble, box_corners
@@ -133,7 +133,7 @@ def _run_members(
     starts = list(motions.reshape(-1, len(MOTION_NUMBERS)).T)
     runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), starts)
     # starts may be deep inside contacts, which is intended
-    work = lambda part: run_chunk(part, states_and_penetrations(part.scenes, part.starts)[0])
+    work = lambda part: run_part(part, states_and_penetrations(*part.begun)[0])
     run = run_cases(runs, work, periods=runs.periods)
     made = run.checked(lambda: run.results)
     measured = dict(zip((*plan.numbers, *plan.exponents), made.record, strict=True))
@@ -155,28 +155,30 @@ def judge_on_orbits(
     its states.
     """
     options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
-    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
+    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet())
     # fewer periods would not show whether an orbit was reached
     transient = settling.strobes(0, max(plan.transient, 20))
     cases = transient.cases
     groups = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
     # the last chunk is filled up with copies
-    chunks = [Chunk(filled(index, LANES_PER_CALL), len(index), transient.schedules[0]) for index in groups]
+    parts = []
+    for index in groups:
+        lanes = filled(index, LANES_PER_CALL)
+        parts.append(Part(transient, lanes, lanes, len(index), transient.schedules[0]))
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
-        part = Part(transient, *cases.take(chunk.index), chunk.index, *chunk, on_progress)
-        found = Evaluation.of_states(plan, rows_of(initial_states(part.scenes, part.starts, transient.epoch)))
+    def work(part: Part) -> Evaluation:
+        found = Evaluation.of_states(plan, rows_of(part.states))
         maps = Maps.of(part, found.period)
         if warm_start is not None:
-            _follow(found, maps, warm_start.take(chunk.index))
-        elif chunk is chunks[0]:
+            _follow(found, maps, warm_start.take(part.index))
+        elif part.index[0] == 0:
             _compile_ahead(plan, maps, found.state.copy())
         if not np.all(found.period):
             _settle(found, maps, part)
         _differentiate(found, maps, plan)
         return found
 
-    run = run_chunks(chunks, min(cores(), len(chunks)), work, periods=1, progress=False)
+    run = run_parts(parts, min(cores(), len(parts)), work, periods=1, progress=False)
     return run.checked(lambda: run.results)
 
 
@@ -212,7 +214,7 @@ def _settle(found: Evaluation, maps: Maps, part: Part) -> None:
     """Simulate the cases until those without an orbit have settled, and find the orbits that these have reached."""
     unsettled = found.period == 0
     states = maps.states(found.state)
-    run = run_chunk(part, states)
+    run = run_part(part, states)
     strobe = run.record[0][:, -LAST:]
     # only motions that stay on the rail can have reached an orbit
     good = maps._replace(periods=(unsettled & (run.status == Status.FINITE)).astype(int))

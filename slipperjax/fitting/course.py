@@ -28,8 +28,8 @@ from ..model.scene import Scene
 from ..model.sensors import Channels, Rig, channels
 from ..model.starts import state_and_penetration
 from ..solvers.latching import calls_lapack
+from ..sweeps.engine import gather
 from ..sweeps.grid import VECTOR_LANES, Cases
-from ..sweeps.run import gather
 from ..tools.batching import Batched
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores

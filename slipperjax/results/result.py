@@ -3,13 +3,13 @@
 import abc
 import html
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, ParamSpec
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..flow.datasets import load_call, scene_of, start_of
-from ..flow.status import Interrupted, Status
+from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from .kinds import Kind
 
-Arguments = ParamSpec("Arguments")
 WIDTH = 92
 """Characters in a line of what a result prints."""
 
@@ -176,13 +175,3 @@ class Result(AbstractResult):
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(chr(10).join(self.summary()))}</pre>{self.ds._repr_html_()}"
-
-
-def answered(compute: "Callable[Arguments, xr.Dataset]", *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-    """Return the dataset that a function computes as a `Result`, also for the partial result of an interrupt."""
-    try:
-        return Result(compute(*args, **kwargs))
-    except Interrupted as stop:
-        if hasattr(stop.result, "data_vars") and not isinstance(stop.result, Result):
-            stop.result = Result(stop.result)  # type: ignore[arg-type]
-        raise

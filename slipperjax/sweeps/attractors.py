@@ -102,20 +102,21 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
     # dimensions other than the start: attractors are found separately at each of their values
     over = [d for d in strobe.dims if d in ds.coords and d not in (*STARTS, "direction")]
-    # places of the cases in the flat list, one row for each value of the parameters
+    # places of the cases in the flat list, (*parameters, starts)
     place = strobe.copy(data=np.arange(strobe.size).reshape(strobe.shape)).transpose(*over, ...).values
     outer = place.shape[: len(over)]
-    place = place.reshape(int(np.prod(outer)), -1)
+    place = place.reshape(*outer, -1)
     marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
-    numbers, kinds = _numbered(marks[place], periods[place], outer, tolerance, reach)
+    numbers, kinds = _numbered(marks[place], periods[place], tolerance, reach)
     sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
     ranked = rank[numbers]
     basin = np.empty(strobe.shape, int)
     np.put(basin, place, ranked)
-    counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in ranked]
-    share = np.reshape(counts, (*outer, len(kinds))) / ranked.shape[1]
+    rows = ranked.reshape(-1, ranked.shape[-1])
+    counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in rows]
+    share = np.reshape(counts, (*outer, len(kinds))) / rows.shape[1]
     text = "attractor, by falling size of its basin; -1 for cases with a status"
     data = {
         "basin": column(strobe.dims, basin, "", text),
@@ -152,24 +153,22 @@ class _Basin(NamedTuple):
 
 
 def _numbered(
-    marks: np.ndarray, periods: np.ndarray, outer: tuple[int, ...], tolerance: float, reach: float
-) -> tuple[Int[np.ndarray, "values starts"], list[int]]:
+    marks: np.ndarray, periods: np.ndarray, tolerance: float, reach: float
+) -> tuple[Int[np.ndarray, "*parameters starts"], list[int]]:
     """Return the number of each case's attractor, -1 for none, and the period of each number.
 
-    **Arguments:** `marks`, `periods`: as of `_marks`, at each value of the parameters; `outer`: number of values of
-    each parameter.
+    **Arguments:** `marks`, `periods`: as of `_marks`, (*parameters, starts, ...).
     """
     numbers = np.full(periods.shape, -1)
     kinds: list[int] = []
-    found: list[dict[int, _Basin]] = []
-    for k in range(len(marks)):
+    found: dict[tuple[int, ...], dict[int, _Basin]] = {}
+    for at in np.ndindex(periods.shape[:-1]):
         # attractors at the previous value of each parameter
-        before = [np.subtract(np.unravel_index(k, outer), step) for step in np.eye(len(outer), dtype=int)]
-        known = [found[np.ravel_multi_index(tuple(at), outer)] for at in before if at.min() >= 0]
-        here = _basins(marks[k], periods[k], tolerance)
-        found.append(_named(here, [pair for basins in known for pair in basins.items()], kinds, reach))
-        for number, basin in found[-1].items():
-            numbers[k, basin.cases] = number
+        before = [found.get(tuple(np.subtract(at, step)), {}) for step in np.eye(len(at), dtype=int)]
+        known = [pair for basins in before for pair in basins.items()]
+        found[at] = _named(_basins(marks[at], periods[at], tolerance), known, kinds, reach)
+        for number, basin in found[at].items():
+            numbers[at][basin.cases] = number
     return numbers, kinds
 
 

@@ -214,8 +214,7 @@ def _compared(
     over = (*dims, "quantile")
     shape = (*designs.shape, len(shares))
     all_shares = Estimates(*(np.stack(of_each, axis=-1) for of_each in zip(*found, strict=True)))
-    columns = _columns(all_shares, unit, "quantile of the runs", "the best design")
-    data = {name: column(over, array.reshape(shape), *words) for name, (array, *words) in columns.items()}
+    data = _columns(over, shape, all_shares, unit, "quantile of the runs", "the best design")
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), ds[record].attrs
     codes = status.reshape(data["runs"][1].shape)
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
@@ -283,22 +282,17 @@ def over_rails(
     draws = dict(resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0))
     found = estimate(numbers[:, None], quantile, 0, **draws)
     text = "mean" if quantile is None else f"quantile {quantile:g}"
-    columns = _columns(found, values.attrs.get("units", ""), text)
+    shape = tuple(rows.sizes[name] for name in others)
+    data = _columns(others, shape, found, values.attrs.get("units", ""), text)
     if finer is not None:
         # drawn together, so that both have the same rails in each resample
         pairs = np.concatenate([part.values.reshape(len(part), -1) for part in _same_rails(finer, rows, dim)], axis=1)
         check_quantile(quantile, len(pairs))
-        change, error = _step_change(pairs[whole_rails(pairs)], quantile, **draws)
-        columns["step_change"] = change, "1", "relative change by more steps"
-        columns["step_change_stderr"] = error, "1", "standard error of the relative change"
-    shape = [rows.sizes[name] for name in others]
-    data = {name: column(others, array.reshape(shape), *words) for name, (array, *words) in columns.items()}
-    if finer is not None:
-        status = with_accuracy(
-            np.zeros(shape, int),
-            np.abs(data["step_change"][1]),
-            data["step_change_stderr"][1],
-        )
+        parts = _step_change(pairs[whole_rails(pairs)], quantile, **draws)
+        change, error = (part.reshape(shape) for part in parts)
+        data["step_change"] = column(others, change, "1", "relative change by more steps")
+        data["step_change_stderr"] = column(others, error, "1", "standard error of the relative change")
+        status = with_accuracy(np.zeros(shape, int), np.abs(change), error)
         data["status"] = column(others, status, "", "status", meaning=MEANINGS)
     coords = {name: values.coords[name] for name in others if name in values.coords}
     facts = dict(rails=len(numbers) - len(lost), quantile="none" if quantile is None else quantile)
@@ -306,9 +300,14 @@ def over_rails(
 
 
 def _columns(
-    found: Estimates, unit: str, text: str, base: str = "the first case"
-) -> dict[str, tuple[np.ndarray, str, str]]:
-    """Return the variables of `over_rails`, each with its unit and description.
+    dims: Sequence[str],
+    shape: tuple[int, ...],
+    found: Estimates,
+    unit: str,
+    text: str,
+    base: str = "the first case",
+) -> dict[str, object]:
+    """Return the variables of `over_rails` over some dimensions.
 
     **Arguments:** `text`: description of the values; `base`: the case from which differences count.
     """
@@ -322,7 +321,7 @@ def _columns(
         difference_low="lower end of the 95 % interval of all differences at once",
         difference_high="upper end of the 95 % interval of all differences at once",
     )
-    return {name: (getattr(found, name), unit, word) for name, word in words.items()}
+    return {name: column(dims, getattr(found, name).reshape(shape), unit, word) for name, word in words.items()}
 
 
 def _step_change(

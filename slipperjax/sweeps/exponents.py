@@ -35,10 +35,10 @@ from ..orbits.simulate import dynamic_steps
 from ..tools.checks import whole, yes_or_no
 from ..tools.columns import column
 from .attractors import LAST, classify_motions
+from .engine import run_cases, run_part
 from .orbits import Maps, rows_of
 from .plan import AbstractStage, Part, Plan
 from .reached import ReachedOrbits, reached_orbits
-from .run import run_cases, run_chunk
 
 BLOCK = 20
 """Forcing periods in one call; the first such block aligns the tangents with their directions and does not count."""
@@ -140,7 +140,7 @@ def run_longer_motions(
         # the motions of a case follow each other in the list; their lateral velocities differ [m/s]
         apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
-        run = run_chunk(part, begin, epoch)
+        run = run_part(part, begin, epoch)
         local = measure(part, run.state, plan.epoch + epoch + plan.periods, counted, count)
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 

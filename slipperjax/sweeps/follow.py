@@ -8,24 +8,22 @@ import diffrax
 import numpy as np
 
 from ..analysis.attractor import recurrence
-from ..flow.period_map import initial_states
 from ..flow.record import AbstractOutput, RecordSet, Strobe
-from ..flow.status import Status, heed_interrupts
+from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_steady
 from ..model.step_size import given_steps
 from ..orbits.simulate import Trajectory, beginning_of, check_rail, first_of
-from ..results.result import Result, answered
+from ..results.result import Result
 from ..tools.checks import number, one_of, positive, require, whole
-from .call import Call
+from .call import Call, make_plan
+from .engine import PartRun, run_part, run_parts
 from .exponents import LyapunovExponents
 from .grid import Grid, filled, path_grid
-from .plan import Chunk, OnProgress, Part, make_plan
+from .plan import Part
 from .records import resolved_record
-from .run import ChunkRun, run_chunk, run_chunks
-from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Order of the increasing values of a parameter, by the name of the direction."""
@@ -87,26 +85,26 @@ def follow(
     # places in the list of all cases of the two cases at one time, "up" first: (values, directions)
     up = np.arange(count)
     met = np.stack([up, count + up[::-1]], axis=1)
-    chunks = [Chunk(at, len(at), plan.schedules[k]) for at, k in zip(met, plan.which, strict=True)]
-    # states at the end of the previous chunk, and the number of chunks so far
+    parts = []
+    for at, k in zip(met, plan.which, strict=True):
+        row = filled(at, len(at))
+        parts.append(Part(plan, row % count, row, len(at), plan.schedules[k]))
+    # states at the end of the previous part, and the number of parts so far
     states: State | None = None
     passed = 0
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
+    def work(part: Part) -> PartRun:
         nonlocal states, passed
-        lanes = filled(chunk.index % count, chunk.cases)
-        part = Part(plan, *plan.cases.take(lanes), lanes, *chunk, on_progress)
-        before = initial_states(part.scenes, part.starts, plan.epoch) if states is None else states
-        run = run_chunk(part, before, passed * plan.periods)
+        run = run_part(part, part.states if states is None else states, passed * plan.periods)
         states = run.state
         passed += 1
         return run
 
-    # one worker, because each chunk begins where the previous chunk ended
-    run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
+    # one worker, because each part begins where the previous part ended
+    run = run_parts(parts, 1, work, periods=plan.periods, progress=progress)
     first = {"direction": list(DIRECTIONS)}
     more = dict(values=count, steps_per_period=call.steps_per_period)
-    return answered(run.checked, lambda: sweep_dataset(plan, run.results, call, first, **more))
+    return run.checked(lambda: Result(call.dataset(plan, run.results, first, **more)))
 
 
 class Jump(NamedTuple):
@@ -188,9 +186,8 @@ def find_jump(
     def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch  # the rail continues from one value to the next
         plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
-        part = Part(plan, *plan.cases.take(lanes), lanes, lanes, 1, plan.schedules[0], heed_interrupts)
-        state = initial_states(part.scenes, part.starts, plan.epoch) if state is None else state
-        done = run_chunk(part, state, epoch)
+        part = Part(plan, lanes, lanes, 1, plan.schedules[0])
+        done = run_part(part, part.states if state is None else state, epoch)
         epoch += plan.periods
         strobe = done.record[0][0] / COORDINATE_SCALES
         # over the periods that the record contains twice, because the motion's own period is unknown

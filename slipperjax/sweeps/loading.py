@@ -1,7 +1,6 @@
 """Scenes and results from files."""
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..flow.datasets import function_of, read_dataset
@@ -39,17 +38,13 @@ def load(source: "str | os.PathLike[str] | xr.Dataset") -> Result | SceneFile:
         return _result(ds)
     path = user_path(source, "source")
     if path.suffix.lower() == ".toml" or path == STANDARD_INPUT:
-        return _scene_file(path)
+        content = content_of(path)
+        with readable(path, "TOML file in UTF-8"):
+            text = content.decode()
+        return scene_from_toml(text, str(path))
     if path.is_dir() or path.suffix == ".zarr":
         return _result(open_store(path))
     return _result(read_dataset(path))
-
-
-def _scene_file(path: Path) -> SceneFile:
-    content = content_of(path)
-    with readable(path, "TOML file in UTF-8"):
-        text = content.decode()
-    return scene_from_toml(text, str(path))
 
 
 def _result(ds: "xr.Dataset") -> Result:

@@ -212,6 +212,14 @@ class Orbits(NamedTuple):
         return np.abs(self.multipliers[:, 0]) < 1 - circle_error(self.multipliers)
 
 
+HALVINGS = 5
+"""Number of halvings after which a step is taken even if the residual rises."""
+SLOW = 0.3
+"""Greatest share of the residual that may be left after a step; above it the Jacobian is computed again."""
+MOST_JACOBIANS = 6
+"""Number of Jacobians of a case after which its search ends without success."""
+
+
 def find_orbits(
     maps: Maps,
     states: State,
@@ -225,114 +233,70 @@ def find_orbits(
     **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
     a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, for example of neighbours, NaN without a guess.
     """
-    search = _Search(maps, rows_of(states), tolerance, max_iterations, inverse)
-    while len(going := search.going()):
-        search.renew(going[search.stale[going]])
-        search.step(going)
-    return search.orbits()
-
-
-class _Search:
-    """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
-
-    halvings = 5
-    """Number of halvings after which a step is taken even if the residual rises."""
-    slow = 0.3
-    """Greatest share of the residual that may be left after a step; above it the Jacobian is computed again."""
-    most_jacobians = 6
-    """Number of Jacobians of a case after which its search ends without success."""
-
-    def __init__(
-        self, maps: Maps, rows: np.ndarray, tolerance: float, max_iterations: int, inverse: np.ndarray | None
-    ):
-        cases, size = rows.shape
-        self.maps = maps
-        self.rows = rows
-        self.tolerance = tolerance
-        self.max_iterations = max_iterations
-        self.miss = np.zeros_like(rows)
-        self.residual = np.full(cases, np.inf)
-        self.share = np.ones(cases)
-        """Share of the full step for the next try."""
-        self.iterations = np.zeros(cases, int)
-        self.jacobians = np.zeros(cases, int)
-        self.inverse = np.full((cases, size, size), np.nan) if inverse is None else inverse.copy()
-        self.stale = ~np.all(np.isfinite(self.inverse), axis=(1, 2))
-        """Whether the Jacobian is computed again before the next step."""
-        # a case without a search keeps an infinite residual, so that it never continues
-        wanted = np.flatnonzero(maps.periods)
-        begin = self.rows[wanted]
-        self.miss[wanted] = maps.mapped(wanted, begin) - begin
-        self.residual[wanted] = _residuals(self.miss[wanted], maps.weights(wanted, begin))
-
-    def going(self) -> np.ndarray:
-        """Return indices of the cases whose search continues."""
-        going = (self.residual > self.tolerance) & (self.residual < np.inf) & (self.iterations < self.max_iterations)
-        return np.flatnonzero(going & ~(self.stale & (self.jacobians >= self.most_jacobians)))
-
-    def renew(self, index: np.ndarray) -> None:
-        """Compute the Jacobians of some cases."""
-        if len(index):
-            self.inverse[index] = _inverses(self.maps.jacobians(index, self.rows[index]))
-            self.jacobians[index] += 1
-            self.stale[index] = False
-            self.share[index] = 1.0
-
-    def step(self, index: np.ndarray) -> None:
-        """Try one step of some cases, and take it where the residual falls enough, or after `halvings`."""
-        maps = self.maps
-        rows = self.rows[index]
-        miss = self.miss[index]
-        share = self.share[index]
-        direction = np.einsum("kij,kj->ki", self.inverse[index], miss)
-        proposed = maps.settled(index, rows + share[:, None] * direction, rows + miss)
+    rows = rows_of(states)
+    cases, size = rows.shape
+    miss = np.zeros_like(rows)
+    residual = np.full(cases, np.inf)
+    share = np.ones(cases)  # of the full step, for the next try
+    iterations = np.zeros(cases, int)
+    jacobians = np.zeros(cases, int)
+    inverse = np.full((cases, size, size), np.nan) if inverse is None else inverse.copy()
+    # whether the Jacobian is computed again before the next step
+    stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
+    # a case without a search keeps an infinite residual, so that it never continues
+    wanted = np.flatnonzero(maps.periods)
+    miss[wanted] = maps.mapped(wanted, rows[wanted]) - rows[wanted]
+    residual[wanted] = _residuals(miss[wanted], maps.weights(wanted, rows[wanted]))
+    while True:
+        going = (residual > tolerance) & (residual < np.inf) & (iterations < max_iterations)
+        index = np.flatnonzero(going & ~(stale & (jacobians >= MOST_JACOBIANS)))
+        if not len(index):
+            break
+        renewed = index[stale[index]]
+        if len(renewed):
+            inverse[renewed] = _inverses(maps.jacobians(renewed, rows[renewed]))
+            jacobians[renewed] += 1
+            stale[renewed] = False
+            share[renewed] = 1.0
+        # a step is taken where the residual falls enough, or after `HALVINGS`
+        before = rows[index]
+        fraction = share[index]
+        direction = np.einsum("kij,kj->ki", inverse[index], miss[index])
+        proposed = maps.settled(index, before + fraction[:, None] * direction, before + miss[index])
         weights = maps.weights(index, proposed)
         new_miss = maps.mapped(index, proposed) - proposed
         new_residual = _residuals(new_miss, weights)
-        self.iterations[index] += 1
-        last = share <= 0.5**self.halvings
+        iterations[index] += 1
+        last = fraction <= 0.5**HALVINGS
         # the fall that the share of a full step promises, as in `analysis.newton`
-        good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
+        good = (new_residual <= (1 - LEAST_FALL * fraction) * residual[index]) | (last & np.isfinite(new_residual))
         taken = index[good]
-        moved = (proposed - rows)[good]
-        fell = (miss - new_miss)[good]
-        self.inverse[taken] = _broyden(self.inverse[taken], moved, fell, weights[good])
-        self.stale[taken] = new_residual[good] > self.slow * self.residual[taken]
-        self.rows[taken] = proposed[good]
-        self.miss[taken] = new_miss[good]
-        self.residual[taken] = new_residual[good]
-        self.share[taken] = 1.0
-        self.share[index[~good]] /= 2
-        self.iterations[index[~good & last]] = self.max_iterations  # all its steps lead to NaN: the search ends
-
-    def orbits(self) -> Orbits:
-        """Return the orbits, with multipliers where orbits exist, after one more step with their Jacobian."""
-        maps = self.maps
-        rows = self.rows
-        found = np.where(self.residual <= self.tolerance, int(Status.FINITE), int(Status.NO_ORBIT))
-        status = first_problem(_statuses(maps.states(rows)), found)
-        mu = np.full(rows.shape, np.nan + 0j)
-        growth = np.full(len(rows), np.nan)
-        good = np.flatnonzero(status == Status.FINITE)
-        if len(good):
-            matrices = maps.jacobians(good, rows[good])
-            self.jacobians[good] += 1
-            mu[good] = [multipliers(of_periods) for of_periods in matrices]
-            growth[good] = [_growth(*both) for both in zip(matrices, maps.weights(good, rows[good]), strict=True)]
-            self.inverse[good] = _inverses(matrices)
-            # one more step costs nothing now, and squares the small error
-            rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
-        self.inverse[status != Status.FINITE] = np.nan
-        return Orbits(
-            maps.states(rows),
-            self.residual,
-            self.iterations,
-            self.jacobians,
-            mu,
-            growth,
-            self.inverse,
-            status,
-        )
+        moved = (proposed - before)[good]
+        fell = miss[taken] - new_miss[good]
+        inverse[taken] = _broyden(inverse[taken], moved, fell, weights[good])
+        stale[taken] = new_residual[good] > SLOW * residual[taken]
+        rows[taken] = proposed[good]
+        miss[taken] = new_miss[good]
+        residual[taken] = new_residual[good]
+        share[taken] = 1.0
+        share[index[~good]] /= 2
+        iterations[index[~good & last]] = max_iterations  # all its steps lead to NaN: the search ends
+    found = np.where(residual <= tolerance, int(Status.FINITE), int(Status.NO_ORBIT))
+    status = first_problem(_statuses(maps.states(rows)), found)
+    mu = np.full(rows.shape, np.nan + 0j)
+    growth = np.full(cases, np.nan)
+    on_orbit = np.flatnonzero(status == Status.FINITE)
+    if len(on_orbit):
+        matrices = maps.jacobians(on_orbit, rows[on_orbit])
+        jacobians[on_orbit] += 1
+        mu[on_orbit] = [multipliers(of_periods) for of_periods in matrices]
+        scales = maps.weights(on_orbit, rows[on_orbit])
+        growth[on_orbit] = [_growth(*both) for both in zip(matrices, scales, strict=True)]
+        inverse[on_orbit] = _inverses(matrices)
+        # one more step with this Jacobian costs nothing, and squares the small error
+        rows[on_orbit] += np.einsum("kij,kj->ki", inverse[on_orbit], miss[on_orbit])
+    inverse[status != Status.FINITE] = np.nan
+    return Orbits(maps.states(rows), residual, iterations, jacobians, mu, growth, inverse, status)
 
 
 def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:

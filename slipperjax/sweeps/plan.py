@@ -6,7 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,22 +15,21 @@ from diffrax import AbstractSolver
 from jaxtyping import Bool, Int, PyTree
 
 from ..flow.datasets import result_dataset, run_attributes, scene_attributes
-from ..flow.record import AbstractOutput, History, Labelled, RecordSet, Strobe, Unlabelled
-from ..flow.status import Status
+from ..flow.period_map import initial_states
+from ..flow.record import AbstractOutput, Labelled, RecordSet, Strobe, Unlabelled
+from ..flow.status import Status, heed_interrupts
 from ..flow.stepping import ROOM, ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
-from ..orbits.simulate import beginning_of, check_rail, dynamic_steps, step_plan
+from ..orbits.simulate import dynamic_steps
 from ..solvers.latching import calls_lapack, solver_name
-from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import known, require, whole
+from ..tools.checks import whole
 from ..tools.compile import as_argument
 from ..tools.limits import cores
-from .call import Call
 from .estimate import Estimate
-from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
+from .grid import VECTOR_LANES, Cases, batch_size, filled
 from .schedule import FEW, STEP_IN_LANES, Schedule, Span, shared_capacity
 
 LARGEST_CHUNK = 128
@@ -45,14 +44,6 @@ OnProgress = Callable[[float], Any]
 """Reports progress in forcing periods; raises to stop."""
 
 
-class Chunk(NamedTuple):
-    """Cases that run as one batch."""
-
-    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases; the last is repeated to fill the batch
-    cases: int  # number of these that count
-    schedule: Schedule
-
-
 @dataclass(frozen=True)
 class Plan:
     """Plan for running a list of cases."""
@@ -64,7 +55,6 @@ class Plan:
     which: Int[np.ndarray, " cases"]  # the schedule of each case
     stages: "tuple[AbstractStage, ...]" = ()  # measurements after the recorded periods
     epoch: float = 0.0  # forcing periods from distance zero to the beginning of the run
-    stretched: bool = False  # whether values of stretches follow each other along an axis
 
     @property
     def outputs(self) -> tuple[AbstractOutput, ...]:
@@ -110,6 +100,14 @@ class Plan:
         # where states inside periods are recorded, unused periods need memory
         longest = max(span.periods for one in self.schedules for span in one.spans if span.recorded)
         return FEW if records.inside and longest <= FEW else ROOM
+
+    def program(self, records: RecordSet, carry: PyTree, used: int) -> dict[str, Any]:
+        """Return the options of `advance` for a call of `used` periods.
+
+        **Arguments:** `carry`: of the records, from the periods before.
+        """
+        options = dict(solver=self.solver, periods=self.room(records), records=records)
+        return options | dict(used=as_argument(used), earlier=carry)
 
     def stepping(self, steps: int, records: RecordSet) -> ConstantSteps:
         """Return the stepping of periods with `steps` steps; few steppings, because each program must be compiled."""
@@ -170,9 +168,7 @@ class Plan:
         data = {}
         coords = {}
         for one, mine in zip(self.outputs, values, strict=True):
-            # values of stretches follow each other
-            axis = ("distance" if one.each_period else "stretch",) if self.stretched else ()
-            more, along = one.label(self.cases.scene, (*dims, *axis), mine)
+            more, along = one.label(self.cases.scene, (*dims, *self.axis(one)), mine)
             data |= more
             coords |= along
         return data, coords
@@ -197,26 +193,37 @@ class Plan:
         attrs |= {**facts, "solver": solver_name(self.solver), "record": self.record}
         return result_dataset(data, {**coords, **cases.coordinates()}, attrs)
 
+    def begun(self, index: Int[np.ndarray, " lanes"]) -> tuple[Batched[Scene], Motion | State]:
+        """Return the scenes and the starts with which some cases run."""
+        return self.cases.take(index)
+
+    def axis(self, output: AbstractOutput) -> tuple[str, ...]:
+        """Return the dimension along which the values of several stretches follow each other."""
+        return ()
+
     def joined(self, made: Sequence[tuple[PyTree, ...]]) -> list[PyTree]:
         """Return the values of each record, (lanes, ...), from the values of each stretch."""
-        if not self.stretched:
-            return list(made[0])
-        found = []
-        for record, *parts in zip(self.records.records, *made, strict=True):
-            join = np.concatenate if record.each_period else np.stack
-            found.append(jax.tree.map(lambda *of_each, join=join: join(of_each, axis=1), *parts))
-        return found
+        (values,) = made
+        return list(values)
 
     def strobes(self, settled: int, periods: int) -> "Plan":
         """Return the same cases with another transient, for which strobes of `periods` are kept."""
         schedules = tuple(Schedule.of(settled, periods, one.steps) for one in self.schedules)
         return replace(self, records=RecordSet((Strobe(),)), schedules=schedules, stages=())
 
-    def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
+    def chunks(
+        self,
+        chunk: int | None = None,
+        workers: int | None = None,
+        *,
+        index: Int[np.ndarray, " some"] | None = None,
+        tangents: bool = False,
+    ) -> tuple[list["Part"], int]:
         """Cut the cases into chunks of equal steps, and choose the number of threads. Both do not change results.
 
         **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default the number with the shortest
-        run. `workers`: threads, by default one per core. `tangents`: whether the calls compute derivatives.
+        run. `workers`: threads, by default one per core. `index`: indices of cases, which may repeat; by default all.
+        `tangents`: whether the calls compute derivatives.
 
         **Returns:** the chunks, those with most steps first, and the number of threads.
         """
@@ -226,20 +233,23 @@ class Plan:
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
         # cases of one batch have the same schedule; the longest chunk must not begin last
-        present, sizes = np.unique(self.which, return_counts=True)
+        index = np.arange(self.cases.count) if index is None else index
+        which = self.which[index]
+        present, sizes = np.unique(which, return_counts=True)
         counts = np.array([self.schedules[k].work for k in present])
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
         # eight cases round differently from more cases, so that eight are used only in runs without more cases
-        least = 1 if len(self.which) <= VECTOR_LANES else VECTOR_LANES + 1
+        least = 1 if len(index) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
-        chunks = []
+        parts = []
         for k in present[np.argsort(-counts, kind="stable")]:
-            members = np.flatnonzero(self.which == k)
+            members = np.flatnonzero(which == k)
             for first in range(0, len(members), chunk):
-                index = members[first : first + chunk]
-                chunks.append(Chunk(filled(index, chunk), len(index), self.schedules[k]))
-        return chunks, min(workers, len(chunks))
+                some = members[first : first + chunk]
+                row = filled(some, chunk)
+                parts.append(Part(self, index[row], row, len(some), self.schedules[k]))
+        return parts, min(workers, len(parts))
 
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
@@ -313,74 +323,34 @@ class LastStrobes(Unlabelled):
         return course.end.motion
 
 
-def planned(
-    cases: Cases,
-    call: Call,
-    records: RecordSet = RecordSet(),
-    stages: tuple[AbstractStage, ...] = (),
-) -> Plan:
-    """Return the plan of some cases, all of a grid or a sample, from a user's arguments, records and stages.
-
-    **Raises:** `ValueError` that names the wrong argument.
-    """
-    scene = cases.scene
-    default = lambda: call.refine * cases.default_steps()
-    steps, saves = step_plan(default, call.steps_per_period, call.saves_per_period)
-    solver = resolve_solver(scene, call.solver)
-    # histories get their saves from the run
-    kept = tuple(History(saves) if one == History() else one for one in records.records)
-    begin = beginning_of(scene, known("begin", call.begin))
-    epoch = _epoch(cases, begin)
-    each = steps if np.ndim(steps) else np.full(cases.count, steps)
-    different, which = np.unique(each, return_inverse=True)
-    of_steps = lambda number: Schedule.of(call.settled, call.measured, number, int(call.probe or 0))
-    schedules = tuple(map(of_steps, different.tolist()))
-    plan = Plan(cases, solver, RecordSet(kept), schedules, which, stages, epoch)
-    # stages travel further along the rail than the plan itself
-    check_rail(scene, plan.periods, begin, plan.settled, plan.periods_after)
-    return plan
-
-
-def make_plan(grid: Grid, start: Motion | State, call: Call, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
-    """Return the plan of all cases of a grid, see `planned`.
-
-    **Raises:** `ValueError` that names the wrong argument, or memory and time of an impossible run.
-    """
-    cases = grid.sample(start)  # first, so that warnings of implausible values come first
-    grid.check_steps(call.steps_per_period)
-    plan = planned(cases, call, *outputs)
-    plan.estimate(grid.count).check()  # before all cases are made, because they may not fit into memory
-    if cases.count < grid.count:
-        plan = planned(grid.sample(start, grid.count), call, *outputs)
-    plan.check()
-    return plan
-
-
-def _epoch(cases: Cases, begin: float) -> float:
-    """Return the forcing periods from distance zero to the beginning of a run [m].
-
-    **Raises:** `ValueError` where these differ between cases, because a batch begins at one number of periods.
-    """
-    if not begin:
-        return 0.0
-    lengths = np.unique(cases.wavelengths())
-    need = "be zero where cases differ in the length of their forcing periods"
-    require(len(lengths) == 1, "begin", need, begin)
-    return begin / float(lengths[0])
-
-
-class Part(NamedTuple):
-    """A chunk of cases at work."""
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Cases of a plan that run as one batch."""
 
     plan: Plan
-    scenes: Batched[Scene]
-    starts: Motion | State
-    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
-    # Indices into the list of the cases of this run, whose order the results have.
+    index: Int[np.ndarray, " lanes"]
+    """Indices into the plan's cases; the last is repeated to fill the batch."""
     row: Int[np.ndarray, " lanes"]
-    cases: int  # number of cases that count; the others fill the batch up
+    """Places of the cases in the results of the run."""
+    cases: int
+    """Number of cases that count; the others fill the batch up."""
     schedule: Schedule
-    on_progress: OnProgress
+    on_progress: OnProgress = heed_interrupts
+
+    @functools.cached_property
+    def begun(self) -> tuple[Batched[Scene], Motion | State]:
+        """Scenes and starts of the cases, made when they are first used."""
+        return self.plan.begun(self.index)
+
+    @property
+    def scenes(self) -> Batched[Scene]:
+        """The scenes with which the cases run."""
+        return self.begun[0]
+
+    @property
+    def states(self) -> State:
+        """The states with which the cases begin."""
+        return initial_states(*self.begun, self.plan.epoch)
 
     @property
     def steps(self) -> int:

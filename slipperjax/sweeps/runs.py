@@ -1,7 +1,7 @@
 """Runs over a length of rail, one or many, at a speed that may change, with records of each window of distance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import diffrax
@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow.numbers import RECORDS, AbstractNumber, ContactChecks
+from ..flow.numbers import ALIASES, RECORDS, AbstractNumber, ContactChecks
 from ..flow.record import AbstractRecord, RecordSet
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
@@ -23,7 +23,7 @@ from ..model.step_size import given_steps, rounded_steps, rounded_up, steps_need
 from ..model.tracks import DEFAULT_WAVELENGTH
 from ..model.travel import SpeedProgramme
 from ..orbits.simulate import Trajectory, beginning, longer_rails, warn_beyond
-from ..results.result import Result, answered
+from ..results.result import Result
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import known, number, positive, require, whole
@@ -31,10 +31,10 @@ from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from ..tools.types import Numbers, Real
 from .call import AbstractCall
+from .engine import PartRun
 from .grid import Cases
-from .plan import Part, Plan
+from .plan import AbstractStage, Plan
 from .records import OF_LOADS
-from .run import ChunkRun, run_plan
 from .schedule import Schedule, joint_profiles
 from .store import Store, run_or_store
 from .windows import (
@@ -46,7 +46,6 @@ from .windows import (
     ThirdOctaves,
     Wearing,
     default_records,
-    named_records,
     play_added,
     run_record,
     stretch_ends,
@@ -57,20 +56,6 @@ LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window; the curves of a window are made from its steps."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces in each stretch [%]."""
-
-
-@dataclass(frozen=True)
-class RunCall(AbstractCall):
-    """Arguments of `run` other than scene, grid and start."""
-
-    length: float
-    begin: float
-    window: float
-    probe: int
-    only: bool
-    """Whether there is only one run, without a grid."""
-    worn: np.ndarray | None
-    """Play that earlier wear has opened at each face [m]; None where slippers do not wear."""
 
 
 def run(
@@ -158,57 +143,105 @@ def run(
         function="run",
     )
     how: dict[str, object] = dict(chunk=chunk, workers=workers, progress=progress)
-    if grid is None:
-        for name, value in (("store", store), ("executor", executor)):
-            require(value is None, name, "come with a grid", value)
-        # a grid of one case, whose dimension the dataset drops
-        return answered(_computed, call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
-    return answered(
-        run_or_store,
-        _computed,
-        lambda cases: _planned(call, cases.sample(first)).estimate(cases.count),
-        call,
-        scene,
-        grid,
-        first,
-        store=store,
-        executor=executor,
-        **how,
-    )
+    if grid is not None:
+        return run_or_store(call, scene, grid, first, store=store, executor=executor, **how)
+    for name, value in (("store", store), ("executor", executor)):
+        require(value is None, name, "come with a grid", value)
+    # a grid of one case, whose dimension the dataset drops
+    return call.compute(scene, {"length": [float(scene.slipper.length)]}, first, **how)
 
 
-def _planned(call: RunCall, cases: Cases) -> Plan:
-    """Return the plan of some runs, whose forcing periods are windows."""
-    scene = cases.scene
-    windows = _windows(scene, call.length, call.begin, call.window)
-    records = _records(scene, call.record)
-    profiles, which = _step_profiles(cases, call, windows)
-    # errors grow over a wavelength of the track
-    length = max(1, round(_probed_length(scene) / call.window))
-    stretches = len(stretch_ends(windows))
-    probed = np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int)
-    schedules = [Schedule.of_profile(profile, STRETCH, probed, length) for profile in profiles]
-    solver = resolve_solver(scene, call.solver)
-    return Plan(cases, solver, records, tuple(schedules), which, epoch=call.begin / call.window, stretched=True)
+@dataclass(frozen=True)
+class RunCall(AbstractCall):
+    """Arguments of `run` other than scene, grid and start."""
+
+    length: float
+    begin: float
+    window: float
+    probe: int
+    only: bool
+    """Whether there is only one run, without a grid."""
+    worn: np.ndarray | None
+    """Play that earlier wear has opened at each face [m]; None where slippers do not wear."""
+
+    def plan(self, cases: Cases, *outputs: RecordSet | tuple[AbstractStage, ...]) -> Plan:
+        scene = cases.scene
+        windows = _windows(scene, self.length, self.begin, self.window)
+        records = _records(scene, self.record)
+        profiles, which = _step_profiles(cases, self, windows)
+        # errors grow over a wavelength of the track
+        length = max(1, round(_probed_length(scene) / self.window))
+        stretches = len(stretch_ends(windows))
+        probed = np.linspace(0, stretches - 1, min(self.probe, stretches)).astype(int)
+        schedules = tuple(Schedule.of_profile(profile, STRETCH, probed, length) for profile in profiles)
+        solver = resolve_solver(scene, self.solver)
+        epoch = self.begin / self.window
+        return RunPlan(cases, solver, records, schedules, which, epoch=epoch, window=self.window, worn=self.worn)
+
+    def dataset(self, plan: Plan, results: PartRun) -> xr.Dataset:
+        cases = plan.cases
+        results = results.over(cases.shape)
+        dims = cases.dims
+        of_grid = lambda a: a.reshape(*cases.shape, *a.shape[1:])
+        travelled = lambda dim, values: column(dim, values, "m", "distance travelled")
+        ends = self.begin + self.window * np.arange(1, plan.periods + 1)
+        data, coords = plan.label(dims, results.record)
+        coords["distance"] = travelled("distance", ends)
+        coords["stretch"] = travelled("stretch", ends[stretch_ends(plan.periods)])
+        steps = np.array([one.profile for one in plan.schedules])[plan.which]
+        text = "integration steps per window"
+        data["steps_per_window"] = column((*dims, "distance"), of_grid(steps), "1", text)
+        probed = np.flatnonzero([stretch[0].probed for stretch in plan.schedules[0].stretches])
+        if len(probed):
+            text = "what half the step changes over a reference length, in scales"
+            over_length = f"{_probed_length(cases.scene):g} m"
+            data["probe_error"] = column((*dims, "probe"), results.probe, "1", text, over=over_length)
+            coords["probe"] = travelled("probe", self.begin + probed * STRETCH * self.window)
+        data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
+        speed, seconds, stands = cases.of_each(_times, jnp.asarray(np.append(self.begin, ends)), self.window)
+        # by names and not by values, so that each part of a store has the same dimensions
+        differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
+        over = (*dims, "distance") if differ else "distance"
+        joined = lambda a: of_grid(a) if differ else a[0]
+        name = "speed_along" if "speed" in cases.axes else "speed"  # `speed` may be an axis of the grid
+        coords[name] = column(over, joined(speed), "m/s", "travelling speed")
+        coords["seconds"] = column(over, joined(seconds), "s", "time")
+        if stands is not None:
+            codes = np.where(joined(stands), Status.TOO_SLOW, Status.FINITE)
+            data["window_status"] = column(over, codes, "", "status of each window", meaning=MEANINGS)
+        varied = () if self.only else cases.axes
+        ds = _with_rates(plan.dataset(data, coords, vars(self), {"window [m]": self.window}, varied))
+        return ds.isel({dims[0]: 0}, drop=True) if self.only else ds
 
 
-def _computed(
-    call: RunCall, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
-) -> xr.Dataset:
-    """Return the results of runs. **Arguments:** `how`: of `run_cases`."""
-    cases = Cases(scene, grid, start, product=call.product)
-    plan = _planned(call, cases)
-    plan.estimate(cases.count).check()
-    plan.check()
+@dataclass(frozen=True)
+class RunPlan(Plan):
+    """A plan whose forcing periods are windows of distance."""
 
-    def prepared(part: Part) -> Batched[Scene]:
-        scenes = _windowed(part.scenes, call.window)
-        if call.worn is None:
-            return scenes
-        return _opened(scenes, np.broadcast_to(call.worn, (len(part.index), *call.worn.shape)))
+    window: float = field(kw_only=True)
+    worn: np.ndarray | None = field(kw_only=True)
+    """As of `RunCall`."""
 
-    done = run_plan(plan, how, prepared)
-    return done.checked(lambda: _dataset(plan, done.results, call))
+    def begun(self, index):
+        scenes, starts = super().begun(index)
+        # the window is shared; `is_leaf` finds its place, where there was None
+        shared = eqx.tree_at(
+            lambda s: s.window, scenes.shared, as_argument(self.window), is_leaf=lambda leaf: leaf is None
+        )
+        scenes = Batched(scenes.varied, shared)
+        if self.worn is not None:
+            scenes = _opened(scenes, np.broadcast_to(self.worn, (len(index), *self.worn.shape)))
+        return scenes, starts
+
+    def axis(self, output):
+        return ("distance" if output.each_period else "stretch",)
+
+    def joined(self, made):
+        found = []
+        for record, *parts in zip(self.records.records, *made, strict=True):
+            join = np.concatenate if record.each_period else np.stack
+            found.append(jax.tree.map(lambda *of_each, join=join: join(of_each, axis=1), *parts))
+        return found
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
@@ -234,10 +267,12 @@ def _records(scene: Scene, record: object) -> RecordSet:
     chosen = [record] if isinstance(record, str) or not isinstance(record, Sequence) else record
     need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
     known = []
-    for one in (single for several in chosen for single in named_records(several)):
-        known.append(run_record(one))
-        ok = known[-1] is not None
-        require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
+    for name in chosen:
+        # a name may mean several records
+        for one in ALIASES.get(name, (name,)) if isinstance(name, str) else (name,):
+            known.append(run_record(one))
+            ok = known[-1] is not None
+            require(ok, "record", f"{need}, or a record of numbers", one, names=(*WINDOW_RECORDS, *RECORDS))
     records: list[AbstractRecord] = list(map(PerWindow, known))
     names = {one.name for one in records}
     # each variable once, for windows where the user asks for this
@@ -290,13 +325,6 @@ def _steps_along(scenes: Batched[Scene], starts: Motion | State, edges: jax.Arra
     return scenes.map(one, starts)
 
 
-def _windowed(scenes: Batched[Scene], window: float) -> Batched[Scene]:
-    """Return the same scenes with windows as their unit of travel."""
-    # the window is shared; `is_leaf` finds its place, where there was None
-    put = lambda scene, value: eqx.tree_at(lambda s: s.window, scene, value, is_leaf=lambda leaf: leaf is None)
-    return Batched(put(scenes.varied, None), put(scenes.shared, as_argument(window)))
-
-
 def _worn(scene: Scene, earlier: object, begin: float) -> np.ndarray | None:
     """Return the play that wear before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
@@ -325,43 +353,6 @@ def _probed_length(scene: Scene) -> float:
     without waves, because these may be one long wave that repeats."""
     wavelength = float(np.max(scene.wavelength))
     return wavelength if hasattr(scene.track, "wavelengths") else min(wavelength, DEFAULT_WAVELENGTH)
-
-
-def _dataset(plan: Plan, results: ChunkRun, call: RunCall) -> xr.Dataset:
-    """Label the results of runs."""
-    cases = plan.cases
-    results = results.over(cases.shape)
-    dims = cases.dims
-    of_grid = lambda a: a.reshape(*cases.shape, *a.shape[1:])
-    travelled = lambda dim, values: column(dim, values, "m", "distance travelled")
-    ends = call.begin + call.window * np.arange(1, plan.periods + 1)
-    data, coords = plan.label(dims, results.record)
-    coords["distance"] = travelled("distance", ends)
-    coords["stretch"] = travelled("stretch", ends[stretch_ends(plan.periods)])
-    steps = np.array([one.profile for one in plan.schedules])[plan.which]
-    text = "integration steps per window"
-    data["steps_per_window"] = column((*dims, "distance"), of_grid(steps), "1", text)
-    probed = np.flatnonzero([stretch[0].probed for stretch in plan.schedules[0].stretches])
-    if len(probed):
-        text = "what half the step changes over a reference length, in scales"
-        over_length = f"{_probed_length(cases.scene):g} m"
-        data["probe_error"] = column((*dims, "probe"), results.probe, "1", text, over=over_length)
-        coords["probe"] = travelled("probe", call.begin + probed * STRETCH * call.window)
-    data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
-    speed, seconds, stands = cases.of_each(_times, jnp.asarray(np.append(call.begin, ends)), call.window)
-    # by names and not by values, so that each part of a store has the same dimensions
-    differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
-    over = (*dims, "distance") if differ else "distance"
-    joined = lambda a: of_grid(a) if differ else a[0]
-    name = "speed_along" if "speed" in cases.axes else "speed"  # `speed` may be an axis of the grid
-    coords[name] = column(over, joined(speed), "m/s", "travelling speed")
-    coords["seconds"] = column(over, joined(seconds), "s", "time")
-    if stands is not None:
-        codes = np.where(joined(stands), Status.TOO_SLOW, Status.FINITE)
-        data["window_status"] = column(over, codes, "", "status of each window", meaning=MEANINGS)
-    varied = () if call.only else cases.axes
-    ds = _with_rates(plan.dataset(data, coords, vars(call), {"window [m]": call.window}, varied))
-    return ds.isel({dims[0]: 0}, drop=True) if call.only else ds
 
 
 @jit

@@ -1,7 +1,7 @@
 """Schedules: the spans of forcing periods with equal steps through which a batch of cases passes."""
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -101,14 +101,16 @@ class Schedule:
         """Mean integration steps of its forcing periods."""
         return self.work / max(self.periods, 1)
 
-    def following(self, first: int, periods: int) -> list[tuple[int, int]]:
-        """Return steps and number of the next forcing periods, from a span on; the last span continues at the end."""
-        parts = []
-        for span in self.spans[first:]:
-            parts.append((span.steps, min(span.periods, periods)))
-            periods -= parts[-1][1]
-        parts.append((self.spans[-1].steps, periods))
-        return [(steps, number) for steps, number in parts if number]
+
+def probed(spans: Sequence[Span]) -> list[tuple[int, int]]:
+    """Return steps and number of the periods that the first of some successive spans repeats with half the step; the
+    last span continues at the end."""
+    left = spans[0].probed
+    parts = []
+    for span in spans:
+        parts.append((span.steps, min(span.periods, left)))
+        left -= parts[-1][1]
+    return [*parts, (spans[-1].steps, left)]
 
 
 def shared_capacity(most: int, steps: int) -> int:

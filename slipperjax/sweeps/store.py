@@ -19,7 +19,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
-from contextvars import copy_context
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,20 +34,20 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
+from ..results.result import Result
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import keep_in, keep_programs, kept_folder
-from ..tools.checks import TOLD, require, warn, whole, yes_or_no
+from ..tools.checks import TOLD, require, told_once, warn, whole, yes_or_no
 from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
 from ..tools.progress import DELAY
 from .call import AbstractCall
-from .estimate import Estimate
+from .engine import gather, progress_shown
 from .grid import Grid, Tiling
 from .plan import LARGEST_CHUNK
-from .run import gather, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute that identifies a store of slipperjax: JSON of the fields of `Archive`."""
@@ -144,7 +143,11 @@ def _fingerprint(call: AbstractCall, grid: Grid, start: Motion | State) -> dict[
         "scene": json.loads(scene_to_json(grid.scene)),
         "start": describe(start),
         "grid": {name: _summary(values) for name, values in grid.axes.items()},
-        "call": {name: _described(value) for name, value in vars(call).items()},
+        # a function by its name and a digest of its code, an array by a summary
+        "call": {
+            name: _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
+            for name, value in vars(call).items()
+        },
         "code": code,
     }
     # in the form that a store returns: tuples become lists
@@ -155,11 +158,6 @@ def _summary(values: np.ndarray) -> dict[str, object]:
     """Return the few numbers of an axis that distinguish it from other axes."""
     digest = _digest(np.ascontiguousarray(values, float).tobytes())
     return {"values": len(values), "first": float(values[0]), "last": float(values[-1]), "digest": digest}
-
-
-def _described(value: object) -> object:
-    """Return a value as plain data; a function by its name and a digest of its code, an array by a summary."""
-    return _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
 
 
 def _digest(content: bytes) -> str:
@@ -359,9 +357,7 @@ def _make_archive(path: Path, *contents: object) -> Archive:
 
     **Arguments:** `contents`: as for `_create`.
 
-    **Raises:** `ValueError` where the path has anything else.
     """
-    _check_replaceable(path)
     # made in a folder next to it and renamed, so that a crash leaves no incomplete store
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
@@ -525,8 +521,6 @@ def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
 
 
 def run_or_store(
-    compute: Callable[..., xr.Dataset],
-    estimate: Callable[[Grid], Estimate],
     call: AbstractCall,
     scene: Scene,
     grid: Mapping[str, object],
@@ -535,23 +529,18 @@ def run_or_store(
     store: object = None,
     executor: object = None,
     **how: object,
-) -> xr.Dataset:
+) -> Result:
     """Compute a sweep, or open the store into which it is computed, tile by tile.
 
-    **Arguments:**
-
-    - `compute(call, scene, grid, start, **how)`: returns a dataset over a grid, in which no case depends on another.
-    - `estimate(grid)`: returns the estimate of all cases, before anything is compiled.
-    - `store`: a path or a `Store`; None: all cases are computed here.
-    - `executor`: computes the tiles; None for threads of this process.
-    - `how`: `chunk`, `workers` and `progress`.
+    **Arguments:** `store`: a path or a `Store`; None: all cases are computed here; `executor`: computes the tiles;
+    None for threads of this process; `how`: `chunk`, `workers` and `progress`.
 
     **Raises:** `ValueError` where the store belongs to another call, with the differences; `StoreInUse` where another
-    process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
+    process writes to it; `Interrupted` after Ctrl-C, with the store as its result.
     """
     if store is None:
         require(executor is None, "executor", "come with `store`, to which its workers write", executor)
-        return compute(call, scene, grid, start, **how)
+        return call.compute(scene, grid, start, **how)
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
     # the start method of a ProcessPoolExecutor: JAX's programs wait for threads that a fork does not copy
@@ -560,14 +549,12 @@ def run_or_store(
     need = f"start new processes, as slipperjax.sweeps.processes() or {spawn} does"
     require(start_method != "fork", "executor", need, shown="one that forks this one, in whose copies JAX hangs")
     cases = Grid(scene, grid, product=call.product)
-    context = copy_context()
-    context.run(TOLD.set, set())  # each kind of warning once
-    return context.run(_stored, compute, estimate, call, cases, start, Store.of(store), executor, **how)
+    with told_once():
+        path = _stored(call, cases, start, Store.of(store), executor, **how)
+    return Result(open_store(path))
 
 
 def _stored(
-    compute: Callable[..., xr.Dataset],
-    estimate: Callable[[Grid], Estimate],
     call: AbstractCall,
     grid: Grid,
     start: Motion | State,
@@ -577,8 +564,8 @@ def _stored(
     chunk: int | None,
     workers: int | None,
     progress: bool | None,
-) -> xr.Dataset:
-    """Compute the missing tiles of a store, and open it. Arguments as for `run_or_store`."""
+) -> Path:
+    """Compute the missing tiles of a store, and return its path. Arguments as for `run_or_store`."""
     steps = call.steps_per_period
     grid.check_steps(steps)
     workers = None if workers is None else whole("workers", workers, 1)
@@ -586,7 +573,7 @@ def _stored(
     # called twice: before and after the lock is taken
     is_made = lambda: store.path.exists() and not store.fresh
     if is_made() and _open_archive(store.path, asked).complete_tiles().all():
-        return open_store(store.path)  # without a lock, because the disk may be read-only
+        return store.path  # without a lock, because the disk may be read-only
     # threads of this process compute one tile each; other processes may have several cores
     alone = executor is None
     threads = workers or cores() if alone else 1
@@ -596,11 +583,11 @@ def _stored(
         progress=False,  # one bar shows the tiles
     )
 
-    def work_on(index: tuple[slice, ...]) -> Callable[[], xr.Dataset]:
+    def work_on(index: tuple[slice, ...]) -> Callable[[], Result]:
         """Return the function that computes a part of the grid."""
         # steps of each case are cut like the grid
         of_part = replace(call, steps_per_period=np.asarray(steps)[index]) if np.ndim(steps) else call
-        return functools.partial(compute, of_part, grid.scene, grid.part(index), start, **how)
+        return functools.partial(of_part.compute, grid.scene, grid.part(index), start, **how)
 
     with _writing(store):
         # a share waits until another share has made the store
@@ -612,12 +599,12 @@ def _stored(
                 tiles = Tiling.of(grid.shape, store.tile)
                 shared = not alone or store.share is not None
                 of_store = dict(tiles=tiles, workers=threads, shared=shared, free=store.free_bytes)
-                replace(estimate(grid), **of_store).check()
+                replace(call.estimate(grid, start), **of_store).check()
                 _check_replaceable(store.path)
                 # one case first, so that a wrong argument deletes nothing
                 try:
                     with progress_shown(1.0, 1, "first case", progress, delay=DELAY) as shown:
-                        like = work_on(tuple(slice(1) for _ in grid.shape))()
+                        like = work_on(tuple(slice(1) for _ in grid.shape))().ds
                         shown(1.0, 1)
                 except Interrupted:
                     raise Interrupted(None, 0, grid.count) from None
@@ -646,11 +633,12 @@ def _stored(
                 # wait for the end of the present calls of threads, because they write to the store
                 gather(list(map(task, own)), threads, _pool_of(executor), done, patience=10.0)
         except KeyboardInterrupt:
-            raise Interrupted(open_store(archive.path), archive.complete_cases(), grid.count) from None
+            result = Result(open_store(archive.path))
+            raise Interrupted(result, archive.complete_cases(), grid.count) from None
         except BrokenExecutor as error:
             stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
             raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
-    return open_store(store.path)
+    return store.path
 
 
 def _warn_of_versions(archive: Archive) -> None:
@@ -668,7 +656,7 @@ def _warn_of_versions(archive: Archive) -> None:
 # --- workers --------------------------------------------------------------------------------------------------------
 
 
-def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset], one_by_one: bool) -> None:
+def _compute_tile(archive: Archive, number: int, work: Callable[[], Result], one_by_one: bool) -> None:
     """Compute a tile of a store and write it. A repeated call is harmless: it writes the same bytes.
 
     **Arguments:** `one_by_one`: whether a process may compute only one tile at a time.
@@ -679,7 +667,7 @@ def _compute_tile(archive: Archive, number: int, work: Callable[[], xr.Dataset],
     if TOLD.get() is None:  # in another process
         TOLD.set(set())
     with _ALONE if one_by_one else nullcontext():
-        ds = work()
+        ds = work().ds
     try:
         archive.write(number, ds)
     except OSError as error:

@@ -1,31 +1,22 @@
 """Sweeps: every case of a grid from the same start, as one batch, to an xarray dataset."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import diffrax
 import numpy as np
-import xarray as xr
 
-from ..flow.record import AbstractOutput, RecordSet
-from ..flow.status import MEANINGS
+from ..flow.record import AbstractOutput
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
 from ..orbits.simulate import Trajectory, first_of
-from ..results.result import Result, answered
-from ..tools.checks import whole, yes_or_no
-from ..tools.columns import column
+from ..results.result import Result
 from .call import Call
 from .exponents import LyapunovExponents
-from .grid import Grid
 from .orbits import NearestOrbit
-from .plan import AbstractStage, Plan, make_plan, planned
-from .records import resolved_record
-from .run import ChunkRun, run_plan
 from .store import Store, run_or_store
 
 
@@ -109,52 +100,17 @@ def sweep(
         solver=solver,
         product=product,
     )
-    first = first_of(start)
-    return answered(
-        run_or_store,
-        _computed,
-        lambda cases: planned(cases.sample(first), *_asked(call)).estimate(cases.count),
+    return run_or_store(
         call,
         scene,
         grid,
-        first,
+        first_of(start),
         store=store,
         executor=executor,
         chunk=chunk,
         workers=workers,
         progress=progress,
     )
-
-
-def _computed(
-    call: Call, scene: Scene, grid: Mapping[str, object], start: Motion | State, **how: object
-) -> xr.Dataset:
-    """Return the results of a sweep. **Arguments:** `how`: of `run_cases`."""
-    plan = make_plan(Grid(scene, grid, product=call.product), start, *_asked(call))
-    run = run_plan(plan, how)
-    return run.checked(lambda: sweep_dataset(plan, run.results, call))
-
-
-def _asked(call: Call) -> tuple[Call, RecordSet, tuple[AbstractStage, ...]]:
-    """Return a call with the lengths of its transient and recorded span and whether errors are measured, its records
-    and its stages.
-
-    Where the call asks only for exponents and orbits, the transient becomes the recorded span, at whose end these
-    begin.
-    """
-    records, stages = resolved_record(call.record, call.loads)
-    lengths = call
-    # records without variables, such as the last strobes, only serve the stages
-    kept = any(one.variables for one in records.records)
-    if not kept and all(isinstance(one, LyapunovExponents | NearestOrbit) for one in stages):
-        settled = whole("transient", call.settled, max(one.least_settled for one in stages))
-        lengths = replace(call, settled=0, measured=settled)
-        stages = tuple(one.over(call.measured) for one in stages)
-    # a measured error takes as long as three periods without a record, and records inside double a period's time
-    lasts = lengths.settled + (2 if records.inside else 1) * lengths.measured
-    little = lengths.settled > 0 and lasts >= 30
-    probe = little if call.probe is None else yes_or_no("probe", call.probe)
-    return replace(lengths, probe=probe), records, stages
 
 
 def lyapunov_sweep(
@@ -254,38 +210,3 @@ def orbit_sweep(
     """
     record = NearestOrbit(period, tolerance, max_iterations)
     return sweep(scene, grid, record=record, transient=transient, periods=period, **options)
-
-
-def sweep_dataset(
-    plan: Plan,
-    results: ChunkRun,
-    call: Call,
-    first: Mapping[str, list] = {},
-    **more: object,
-) -> xr.Dataset:
-    """Return the results of a run as a dataset.
-
-    **Arguments:** `first`: coordinates of dimensions before those of the grid, by name; `more`: further arguments of
-    the call, for the attribute `call`.
-    """
-    cases = plan.cases
-    dims = (*first, *cases.dims)
-    # the flat list of cases becomes the grid again
-    shape = (*map(len, first.values()), *cases.shape)
-    results = results.over(shape)
-    data, coords = plan.label(dims, results.record)
-    data["status"] = column(dims, results.status, "", "status", meaning=MEANINGS)
-    if results.probe.size:
-        text = "what half the step changes in a forcing period, in scales"
-        data["probe_error"] = column(dims, results.probe[..., 0], "1", text)
-    steps = np.broadcast_to(plan.steps.reshape(cases.shape), shape)
-    data["steps_per_period"] = column(dims, steps, "1", "integration steps per forcing period")
-    if "time" in [dim for dim, *_ in coords.values()]:  # of histories
-        seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
-        coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")
-    facts = {"settled": call.settled, "measured": plan.recorded}
-    if plan.settled != call.settled:  # the recorded span was the transient, see `_asked`
-        facts["measured"] = max(one.measured for one in plan.stages)
-    # the steps of each case are a variable
-    asked = replace(call, steps_per_period=None, refine=1)
-    return plan.dataset(data, {**coords, **first}, vars(asked) | more, facts)

@@ -16,7 +16,6 @@ from jaxtyping import Array, Float, Int
 
 from ..flow.course import Course
 from ..flow.numbers import (
-    ALIASES,
     ONE_PERIOD,
     POINTS,
     RECORDS,
@@ -161,11 +160,6 @@ def default_records(scene: Scene) -> list[str]:
     names += ["spring_force"] * (scene.payload is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
     return names
-
-
-def named_records(name: object) -> tuple[object, ...]:
-    """Return the names that a name of several records means; any other value alone."""
-    return ALIASES.get(name, (name,)) if isinstance(name, str) else (name,)
 
 
 def run_record(name: Any) -> AbstractNumber | None:

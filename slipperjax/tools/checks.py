@@ -8,7 +8,8 @@ import dataclasses
 import re
 import sys
 import warnings
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from typing import Any, TypeVar
@@ -209,6 +210,16 @@ def real(name: str, value: Value) -> Value:
 
 TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
 """Texts of warnings that a run has given, without numbers: no text is given twice. None outside of runs."""
+
+
+@contextmanager
+def told_once() -> Iterator[None]:
+    """Give each kind of warning once within a block, also on threads that begin in it."""
+    told = TOLD.set(set() if TOLD.get() is None else TOLD.get())
+    try:
+        yield
+    finally:
+        TOLD.reset(told)
 
 
 class ImplausibleWarning(UserWarning):

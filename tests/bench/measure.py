@@ -19,13 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.record import RecordSet
 from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.quantities import COORDINATE_SCALES
 from slipperjax.solvers.adaptive import AdaptiveSteps
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 from slipperjax.tools.checks import one_of, whole
 
 from .methods import METHODS, Case, Method, all_cases
@@ -50,7 +50,7 @@ def run(
     grid = Grid(scene, {"speed": speeds}, product=False)
     # a sweep's plan, for its chunks and threads
     options = Call(0, case.periods, steps_per_period=1, solver=method.solver)
-    plan = make_plan(grid, case.start, options)
+    plan = make_plan(grid, case.start, options, RecordSet())
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:
         # The first step of a period is 1/200 of it. pyright takes the properties rtol, atol and norm for arguments.

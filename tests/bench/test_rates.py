@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import jax
 import pytest
 
+from slipperjax.flow.record import RecordSet
 from slipperjax.model.dang2024 import paper_scene, table_2_start
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
+from slipperjax.sweeps.plan import CHUNK_OF_DEVICE
 
 from . import rates
 from .__main__ import main
@@ -50,7 +51,7 @@ def test_wrong_arguments_are_named(batches, engines, name):
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
     scene = paper_scene()
     grid = Grid(scene, {"mass": [14.0] * 3000}, product=False)
-    plan = make_plan(grid, table_2_start(), Call(0, 1, steps_per_period=50))
+    plan = make_plan(grid, table_2_start(), Call(0, 1, steps_per_period=50), RecordSet())
     assert plan.chunks(None, 2)[1] == 2
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     chunks, threads = plan.chunks(None, 2)

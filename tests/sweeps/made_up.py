@@ -24,47 +24,46 @@ SHAPE = (12, 10)
 
 @dataclass(frozen=True)
 class MadeUp:
-    """What the sweep was asked."""
+    """What the sweep was asked, and what it computes.
 
-    periods: int
-    product: bool
-    steps_per_period: Any
+    Each part lasts for PAUSE seconds, and kills its process where the file DIES exists, which it deletes.
+    """
+
+    periods: int = 3
+    product: bool = True
+    steps_per_period: Any = None
     solver: Any = None
     function: str = "made_up"
 
+    def estimate(self, grid, start):
+        return Estimate.counted(grid.count, 0.0, 10 * self.periods, "")
 
-def made_up(scene, grid, *, periods=3, product=True, steps_per_period=None, store=None, executor=None, **how):
-    """Each call lasts for PAUSE seconds, and kills its process where the file DIES exists, which it deletes."""
-    how = dict(chunk=None, workers=None, progress=False) | how
-    call = MadeUp(periods, product, steps_per_period)
-    options = dict(store=store, executor=executor, **how)
-    estimate = lambda cases: Estimate.counted(cases.count, 0.0, 10 * periods, "")
-    return run_or_store(computed, estimate, call, scene, grid, sj.table_2_start(), **options)
+    def compute(self, scene, grid, start, **how):
+        time.sleep(float(os.environ.get("PAUSE", "0")))
+        with contextlib.suppress(FileNotFoundError):  # of two workers that see the file, the one that deletes it dies
+            Path(os.environ.get("DIES", "none")).unlink()
+            os.kill(os.getpid(), signal.SIGKILL)
+        known = Grid(scene, grid, product=self.product)
+        mesh = np.meshgrid(*known.axes.values(), indexing="ij") if self.product else known.axes.values()
+        first = sum(np.sin(len(name) * 1e3 * values) for name, values in zip(known.axes, mesh, strict=True))
+        crossings = np.arange(1, 2 * self.periods)
+        steps = 50 if self.steps_per_period is None else self.steps_per_period
+        data = {
+            "v_z": ((*known.dims, "crossing"), first[..., None] * crossings, {"units": "m/s"}),
+            "kind": (known.dims, np.where(first > 0, "up", "down and on")),
+            "good": (known.dims, first > 0),
+            "status": (known.dims, np.where(first > 1.5, 2, 0)),
+            "steps_per_period": (known.dims, np.broadcast_to(steps, known.shape)),
+        }
+        seconds = first[..., None] + np.arange(self.periods)
+        coords = {**known.coordinates(), "seconds": ((*known.dims, "period"), seconds), "point": ["A", "B"]}
+        attrs = run_attributes(scene, start, {"function": "made_up"}, known.dims) | {"periods": self.periods}
+        return sj.Result(xr.Dataset(data, coords, attrs))
 
 
-def computed(call, scene, grid, start, **how):
-    time.sleep(float(os.environ.get("PAUSE", "0")))
-    dies = Path(os.environ.get("DIES", "none"))
-    with contextlib.suppress(FileNotFoundError):  # of two workers that see the file, the one that deletes it dies
-        dies.unlink()
-        os.kill(os.getpid(), signal.SIGKILL)
-    known = Grid(scene, grid, product=call.product)
-    mesh = np.meshgrid(*known.axes.values(), indexing="ij") if call.product else list(known.axes.values())
-    first = sum(np.sin(len(name) * 1e3 * values) for name, values in zip(known.axes, mesh, strict=True))
-    periods, steps = call.periods, call.steps_per_period
-    crossing = np.repeat(first[..., None], 2 * periods - 1, axis=-1) * np.arange(1, 2 * periods)
-    steps = np.full(known.shape, 50) if steps is None else np.asarray(steps)
-    data = {
-        "v_z": ((*known.dims, "crossing"), crossing, {"units": "m/s"}),
-        "kind": (known.dims, np.where(first > 0, "up", "down and on")),
-        "good": (known.dims, first > 0),
-        "status": (known.dims, np.where(first > 1.5, 2, 0)),
-        "steps_per_period": (known.dims, np.broadcast_to(steps, known.shape)),
-    }
-    coords = {**known.coordinates(), "seconds": ((*known.dims, "period"), first[..., None] + np.arange(periods))}
-    coords["point"] = ["A", "B"]
-    attrs = run_attributes(scene, start, {"function": "made_up"}, known.dims) | {"periods": periods}
-    return xr.Dataset(data, coords, attrs)
+def made_up(scene, grid, *, store=None, executor=None, chunk=None, workers=None, progress=False, **asked):
+    how = dict(store=store, executor=executor, chunk=chunk, workers=workers, progress=progress)
+    return run_or_store(MadeUp(**asked), scene, grid, sj.table_2_start(), **how)
 
 
 def a_grid() -> dict:

@@ -93,16 +93,14 @@ def sliding(speeds, lift=0.0):
     return run(load, speeds, sj.Motion(z=-PLAY - depth), **LEVEL)
 
 
-def test_a_sliding_block_is_driven_by_the_force_of_friction():
+def test_a_sliding_block_is_driven_by_the_force_of_friction_or_slowed_by_it():
     ds = sliding([50.0] * 4, lift=40.0)
     friction = MU * (WEIGHT - 40.0)
     # all within 7e-14
     np.testing.assert_allclose(ds["drive_force"], friction, rtol=1e-11)
     np.testing.assert_allclose(in_windows(ds, "friction_work"), friction * 1.0, rtol=1e-11)
     np.testing.assert_allclose(ds["peak_force"].sel(point=["A", "J"]), (WEIGHT - 40.0) / 4, rtol=1e-11)
-
-
-def test_a_block_that_friction_slows_needs_no_drive():
+    # without a drive
     square = 10.0**2 - 2 * MU * GRAVITY * np.array(PLACES)
     ds = sliding(np.sqrt(square))
     np.testing.assert_allclose(ds["drive_force"], 0.0, atol=1e-10 * MU * WEIGHT)  # 4e-14

@@ -1,4 +1,4 @@
-"""Sweeps' attractors told, grouped and followed to where they jump."""
+"""Attractors of sweeps: grouped, numbered, and followed to where they jump."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.attractors import attractors, groups
+from slipperjax.sweeps.engine import PartRun
 from slipperjax.sweeps.follow import find_jump
-from slipperjax.sweeps.run import ChunkRun
 
 from ..common import SCALES, growth
 
@@ -26,9 +26,6 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert found["basin"].values.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
     derailed = dataset(states, ("a", "b")).assign(status=(("a", "b"), np.where(kind == 2, int(Status.DERAILED), 0)))
     assert groups(derailed)["basin"].values.tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
-    # it has several variables, one of which makes an array
-    with pytest.raises(TypeError, match="indexing on the Dataset"):
-        np.asarray(found)
     named = attractors(derailed)
     assert named.kind[1, 2] == "unresolved"
     assert "derailed" in str(named.evidence[1, 2])
@@ -80,12 +77,6 @@ def test_an_attractor_keeps_its_number_over_speeds_and_chaos_is_one():
         np.testing.assert_allclose(share[[0, 1, 8]], [[0.15, 0.6, 0.25], [0.4, 0.6, 0.0], [0.75, 0.0, 0.25]])
 
 
-def test_thousands_of_chaotic_cases_are_one_group():
-    states = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4000, 20, 10))
-    found = groups(dataset(states, ("a",)))
-    assert (found.sizes["attractor"], found["share"].item()) == (1, 1.0)
-
-
 def test_work_grows_as_the_number_of_attractors():
     """Each start is on an attractor of its own, at each of three speeds."""
 
@@ -106,12 +97,12 @@ def motion(monkeypatch):
     """Replaces what a follower computes by a made-up level of its motion and a status at each speed."""
 
     def made_up(level, status=lambda speed: 0):
-        def run_chunk(part, states, epoch):
+        def run_part(part, states, epoch):
             speed = float(part.scenes.varied.speed[0])
             strobe = np.broadcast_to(level(speed), (8, 3, 10)) * SCALES
-            return ChunkRun(states, np.full(8, int(status(speed))), (strobe,), np.empty((8, 0)))
+            return PartRun(states, np.full(8, int(status(speed))), (strobe,), np.empty((8, 0)))
 
-        monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
+        monkeypatch.setattr("slipperjax.sweeps.follow.run_part", run_part)
 
     return made_up
 

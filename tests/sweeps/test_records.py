@@ -14,21 +14,14 @@ from slipperjax.flow.record import History, PoincareSections, Strobe
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import Motions, attractors
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import AbstractStage, make_plan
+from slipperjax.sweeps.plan import AbstractStage
 from slipperjax.sweeps.records import MotionKind, resolved_record
 from slipperjax.tools.columns import column
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
-RECORD = [
-    "loads",
-    "rms",
-    "extremes",
-    "strobe",
-    "motion",
-    PoincareSections(4),
-]
+RECORD = ["loads", "rms", "extremes", "strobe", "motion", PoincareSections(4)]
 # the first begins on its orbit, the last is lost at its first contact
 CASES = {"speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1e-3])}
 SEVERAL = np.array([50, 50, 50, 100, 50])  # the programs have room for more steps than most of the cases take
@@ -61,12 +54,6 @@ def history():
     return swept("history", steps=SEVERAL, saves_per_period=STEPS)
 
 
-@pytest.fixture(scope="module")
-def good(reduced, history):
-    """Of the good cases of which the history has every step."""
-    return reduced.isel(case=slice(0, 3)), history.isel(case=slice(0, 3))
-
-
 @pytest.mark.full
 def test_loads_and_statuses_are_those_of_a_history(reduced, history):
     wide = dict(clearance=400.0, grid={"speed": [1250.0, 1000.0]}, steps=SEVERAL[2:4], start=None)
@@ -85,8 +72,8 @@ def test_loads_and_statuses_are_those_of_a_history(reduced, history):
 
 
 @pytest.mark.full
-def test_rms_and_extremes_are_those_of_all_samples(good):
-    found, exact = good
+def test_rms_and_extremes_are_those_of_all_samples(reduced, history):
+    found, exact = (ds.isel(case=slice(0, 3)) for ds in (reduced, history))
     for name, q in ACCELERATIONS.items():
         rms = np.sqrt((exact[name] ** 2).mean("time"))
         # equal weights of the ends of steps are of second order: see the test of finer steps
@@ -142,6 +129,7 @@ def test_motions_are_those_of_the_strobe_states(reduced):
     np.testing.assert_array_equal(reduced["kind"].values, exact.kind)
     np.testing.assert_array_equal(reduced["period"].values, exact.period)
     assert reduced["kind"].values.tolist() == ["period"] + ["unresolved"] * 4
+    assert load_call(reduced)["record"] == tuple(RECORD)
     with pytest.raises(ValueError, match=r"`periods` must be 16 or more to classify motions, 200 or .* but is 15"):
         swept(["rms", "motion"], periods=15)
 
@@ -163,24 +151,6 @@ def test_too_few_periods_to_tell_chaos_are_said_at_the_call(periods):
         plan("rms", periods)
 
 
-@pytest.mark.full
-def test_everything_is_labelled(reduced):
-    assert reduced.attrs["record"].startswith("peak_force, peak_period, impulse")
-    for name, variable in reduced.data_vars.items():
-        assert variable.attrs["long_name"], name
-        assert "units" in variable.attrs or name in ("kind", "status", "strobe"), name
-        assert variable.dims[0] == "case"
-    assert load_call(reduced)["record"] == tuple(RECORD)
-
-
-@pytest.mark.full
-def test_numbers_do_not_depend_on_neighbours(reduced):
-    """The same compiled program, with the cases in another order."""
-    turned = swept(RECORD, {"speed": CASES["speed"][::-1]}, steps=SEVERAL[::-1])
-    for name in reduced.data_vars:
-        np.testing.assert_array_equal(turned[name].values[::-1], reduced[name].values, err_msg=name)
-
-
 @pytest.mark.slow
 def test_batches_of_other_sizes_differ_by_rounding_only():
     """Alone in a batch of 8, one of 12 in a batch of 16, and in one of 128, as in a store."""
@@ -194,23 +164,7 @@ def test_batches_of_other_sizes_differ_by_rounding_only():
             np.testing.assert_allclose(one, same, rtol=0, atol=1e-9 * np.abs(same).max(), err_msg=name)
 
 
-def test_what_is_kept_is_named_once_and_counted_by_its_samples():
-    scene = sj.paper_scene()
-    grid, start = Grid(scene, {"speed": [1000.0, 1250.0]}), sj.table_2_start()
-
-    def kept(record, periods=100):
-        plan = make_plan(grid, start, Call(20, periods), *resolved_record(record))
-        return plan.estimate(1).bytes_per_case
-
-    assert kept(["peak_force", "rms"]) == kept(["peak_force", "rms"], 5000)
-    assert kept("strobe") == 8 * 1000
-    names = lambda *asked, **how: [record.name for record in resolved_record(*asked, **how)[0].records]
-    assert names(["sections", "impulse"]).count("impulse") == 1
-    assert names("sections", loads=False) == ["sections", "strobe"]
-    assert "peak_force" in names("strobe", loads=True)
-
-
-def test_the_quick_label_of_motions_is_told_as_quick():
+def test_the_quick_label_of_motions_is_marked_as_quick():
     data, _ = MotionKind().label(sj.paper_scene(), ("case",), Motions(np.zeros(3, int), np.zeros(3, int)))
     assert data["kind"][1].tolist() == ["unresolved"] * 3
     assert "quick label" in data["kind"][2]["long_name"]
@@ -219,7 +173,7 @@ def test_the_quick_label_of_motions_is_told_as_quick():
 
 @dataclass(frozen=True)
 class LastHeight(AbstractStage):
-    """The height after the recorded span, as someone may write it who measures something of their own there."""
+    """The height after the recorded span, as a user may write it."""
 
     name = "last_height"
 
@@ -240,13 +194,8 @@ def test_stages_of_ones_own_run_after_the_records():
     np.testing.assert_array_equal(ds["last_height"].values, ds["strobe"].values[:, -1, 1])
 
 
-def bad(record):
-    """Refused before anything is compiled."""
-    return lambda: swept(record, {"speed": [1250.0]}, start=None)
-
-
-def number(function, name="odd", **more):
-    return Record(Quantity(name, "1", "a number"), function, **more)
+def number(function, name="odd"):
+    return Record(Quantity(name, "1", "a number"), function)
 
 
 def drive(course):
@@ -255,22 +204,21 @@ def drive(course):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("record", "words"),
     [
-        (bad(["peak"]), "`record` must be one of sections, strobe, history, motion, exponent, exponents, orbits, "),
-        (bad([]), "`record` must name at least one of sections, "),
-        (bad([["rms"]]), "but is ['rms']"),
-        (bad(["rms", Strobe(from_start=True), "strobe"]), "must give each variable once, but gives `strobe` 2 times"),
-        (bad(number(drive, "speed")), "`record` must not give `speed`, a name which the dataset has"),
-        (bad(number(drive, "status")), "`record` must not give `status`"),
-        (bad(History(33)), "`saves` must divide the 50 steps per period, but is 33"),
-        (bad(number(lambda c: (1.0, 1.0))), "the shape of `dims`, (), but gives float64[2]"),
-        (bad(number(lambda c: 1j * c.drive_force.mean)), "`function` of `odd` must give real numbers"),
-        (bad(number(lambda c: c.force.mean)), "of the shape of `dims`, (), but gives float64[2,10]"),
-        (lambda: number(drive, "a b"), "`quantity` must have a name such as spring_force, but has 'a b'"),
+        (["peak"], "`record` must be one of sections, strobe, history, motion, exponent, exponents, orbits, "),
+        ([], "`record` must name at least one of sections, "),
+        ([["rms"]], "but is ['rms']"),
+        (["rms", Strobe(from_start=True), "strobe"], "must give each variable once, but gives `strobe` 2 times"),
+        (number(drive, "status"), "`record` must not give `status`, a name which the dataset has"),
+        (History(33), "`saves` must divide the 50 steps per period, but is 33"),
+        (number(lambda c: (1.0, 1.0)), "the shape of `dims`, (), but gives float64[2]"),
+        (number(lambda c: 1j * c.drive_force.mean), "`function` of `odd` must give real numbers"),
     ],
 )
-def test_bad_records_are_refused(make, words):
+def test_bad_records_are_refused_before_anything_is_compiled(record, words):
     with pytest.raises(ValueError, match=r"^Argument ") as caught:
-        make()
+        swept(record, {"speed": [1250.0]}, start=None)
     assert words in str(caught.value)
+    with pytest.raises(ValueError, match="`quantity` must have a name such as spring_force, but has 'a b'"):
+        number(drive, "a b")

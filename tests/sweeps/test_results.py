@@ -22,16 +22,6 @@ START = eqx.tree_at(
 )
 
 
-def saved(ds, path):
-    ds.to_netcdf(path, engine="h5netcdf")
-    return xr.load_dataset(path, engine="h5netcdf")
-
-
-@pytest.fixture(scope="module")
-def grid():
-    return swept([900.0, 1250.0], [0.5, 0.4], scene=SCENE)
-
-
 def test_scenes_and_starts_come_back_exactly():
     """Whatever they are made of."""
     ds = xr.Dataset(attrs=run_attributes(SEVERAL, START, {"function": "simulate"}))
@@ -41,21 +31,21 @@ def test_scenes_and_starts_come_back_exactly():
 
 
 @pytest.mark.full
-def test_selections_are_rebuilt_or_refused(grid, tmp_path):
-    ds = grid
+def test_selections_are_rebuilt_or_refused(tmp_path):
+    ds = swept([900.0, 1250.0], [0.5, 0.4], scene=SCENE)
     assert ds["strobe"].dims == ("speed", "start_v_y", "strobe_period", "coordinate")
-    one = ds.isel(speed=1, start_v_y=1)
-    back = saved(one, tmp_path / "one.nc")
-    assert eqx.tree_equal(sj.load(tmp_path / "one.nc").scene, SCENE.replace(speed=1250.0))
-    assert sj.load(back).start.v_y == 0.4
+    ds.isel(speed=1, start_v_y=1).write(tmp_path / "one.nc")
+    one = sj.load(tmp_path / "one.nc")
+    assert eqx.tree_equal(one.scene, SCENE.replace(speed=1250.0))
+    assert one.start.v_y == 0.4
     assert eqx.tree_equal(sj.load(ds).sel(speed=900.0).scene, SCENE.replace(speed=900.0))
     lost = ds.isel(speed=0).drop_vars("speed")
     for wrong, words in (
         (lambda: sj.load(ds).scene, "`speed` must have one value, but has 2: select a case, as by .isel(speed=0)"),
         (lambda: sj.load(ds["strobe"] * 2).scene, "no attribute `call`"),
         (lambda: sj.load(lost).scene, "must have the coordinate `speed`"),
-        (lambda: sj.load(3).scene, "must be a TOML or netCDF file"),
-        (lambda: sj.load(__file__).scene, "no TOML file or netCDF file"),
+        (lambda: sj.load(3), "must be a TOML or netCDF file"),
+        (lambda: sj.load(__file__), "no TOML file or netCDF file"),
     ):
         with pytest.raises(ValueError, match=r"must|no ") as caught:
             wrong()
@@ -82,9 +72,7 @@ def test_solvers_come_back_or_say_that_they_do_not():
     own = diffrax.PIDController(rtol=1e-4, atol=1e-6, norm=lambda x: sj.model.scaled_size(x.motion))
     ds = kept(stepsize_controller=own)
     assert eqx.tree_equal(sj.load(ds).scene, SCENE)
-    with pytest.raises(
-        ValueError, match=r"`stepsize_controller.norm` cannot be rebuilt: it was tests.sweeps.test_results"
-    ):
+    with pytest.raises(ValueError, match=r"`stepsize_controller.norm` cannot be rebuilt: it was tests.sweeps"):
         load_call(ds)
 
 
