@@ -98,12 +98,11 @@ def fit(
         start=first,
         seed=whole("seed", seed, 0),
     )
-    windows = Windows.of(runs, problem.scenes, problem.origin, None)
-    check_rail(scene, windows.periods, origin)
+    periods = Windows.of(problem).periods
+    check_rail(scene, periods, origin)
     # at each instant, channels of some runs along all directions; a wrong unit of times would make these too many
     steps = problem.steps or problem.needed(problem.own)
-    refuse_periods(windows.periods, steps, CHANNELS * steps * windows.periods * (len(problem.unknowns) + len(SIZES)))
-    method.check(problem)
+    refuse_periods(periods, steps, CHANNELS * steps * periods * (len(problem.unknowns) + len(SIZES)))
     told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point
     try:
         with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:

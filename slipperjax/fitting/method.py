@@ -67,6 +67,10 @@ class Problem:
         """Return the unknowns' values from their levels."""
         return np.stack([one.value(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
 
+    def slopes(self, levels: Float[np.ndarray, "*points parameters"]) -> Float[np.ndarray, "*points parameters"]:
+        """Return the derivatives of the unknowns' values by their levels."""
+        return np.stack([one.slope(levels[..., k]) for k, one in enumerate(self.unknowns)], axis=-1)
+
     def needed(self, levels: Float[np.ndarray, " parameters"]) -> int:
         """Return the number of steps per period that runs need."""
         own = dict(zip(self.names, self.values(levels), strict=False))
@@ -110,10 +114,9 @@ class AbstractFitMethod(abc.ABC):
         """Return the solver that runs have by default."""
         return resolve_solver(scene, None)
 
-    def check(self, problem: Problem) -> None:
-        """Raise `ValueError` for a problem that the method cannot solve."""
-        del problem  # by default there is no such problem
-
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
-        """Fit. **Arguments:** `shown`: called with short texts on the present work."""
+        """Fit. **Arguments:** `shown`: called with short texts on the present work.
+
+        **Raises:** `ValueError` for a problem that the method cannot solve.
+        """

@@ -60,8 +60,7 @@ class Fit(AbstractResult):
     @property
     def covariance(self) -> xr.DataArray:
         """Covariance of the parameters [products of their SI units]."""
-        pairs = zip(self.problem.unknowns, self.posterior.level, strict=True)
-        slope = np.array([one.slope(level) for one, level in pairs])
+        slope = self.problem.slopes(self.posterior.level)
         values = self.posterior.covariance * np.outer(slope, slope)
         return xr.DataArray(
             values, {"parameter": list(self.names), "other": list(self.names)}, ("parameter", "other")
@@ -116,8 +115,7 @@ class Fit(AbstractResult):
         return self.posterior.start
 
     def _by_name(self, levels: np.ndarray) -> dict[str, float]:
-        pairs = zip(self.problem.unknowns, levels, strict=True)
-        return {one.name: float(one.value(level)) for one, level in pairs}
+        return dict(zip(self.names, self.problem.values(levels).tolist(), strict=True))
 
     @property
     def _prior(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from ..flow.record import Labelled
 from ..model.sensors import Rig
 from ..tools.columns import column
 from .course import Windows
+from .measured import FEWEST
 from .method import Posterior
 
 MOST_NOISE_RATIO = 1.2
@@ -76,11 +77,10 @@ class SignalPosterior(Posterior):
             "fitted_high": signal(high, "", "95 % quantile of likely signals, in the sensor's unit"),
         }
         # of the window with the most samples, with noise
-        most = np.argmax(known.sum(axis=(1, 2)))
+        most = int(np.argmax(known.sum(axis=(1, 2))))
         draws = self.draws[:, most]
         likely = draws + self.noise[:, None] * np.random.default_rng(0).normal(size=draws.shape)
-        signals = np.array([windows.value[most], *likely])
-        rows, coords = densities(windows.time[most], known[most], signals)
+        rows, coords = densities(windows, most, likely)
         return data | rows, coords | {"run": ("window", windows.run)}
 
 
@@ -98,25 +98,22 @@ def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
     return float(chi2.sf(statistic, len(lags)))
 
 
-def densities(
-    time: Float[np.ndarray, "sensors samples"],
-    known: np.ndarray,
-    signals: Float[np.ndarray, "signals sensors samples"],
-) -> Labelled:
-    """Return power spectral densities of a measured signal and of likely signals, in third octaves.
-
-    **Arguments:** `known`: which samples exist; `signals`: the measured signal first, then likely signals.
+def densities(windows: Windows, number: int, likely: Float[np.ndarray, "signals sensors samples"]) -> Labelled:
+    """Return power spectral densities of the signals measured in a window, and of likely ones, in third octaves.
 
     **Returns:** no frequencies where no sensor has eight samples, the least number for a density.
     """
-    used = {k: time[k][known[k]] for k in range(len(time)) if known[k].sum() >= 8}
+    known = windows.known[number] > 0
+    signals = np.array([windows.value[number], *likely])
+    times = enumerate(windows.time[number])
+    used = {k: time[known[k]] for k, time in times if known[k].sum() >= FEWEST}
     rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
     longest = max(map(np.ptp, used.values()), default=0.0)
     edges = np.ones(1)
     if used:
         top = max(rates.values()) / 2
         edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
-    found = np.full((len(signals), len(time), len(edges) - 1), np.nan)
+    found = np.full((*signals.shape[:2], len(edges) - 1), np.nan)
     for k, at in used.items():
         # unequal samples become equal samples, in the same way for all signals
         grid = np.linspace(at[0], at[-1], len(at))

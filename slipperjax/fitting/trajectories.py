@@ -1,6 +1,5 @@
 """Fits of trajectories: least squares of the differences from the samples, by exact derivatives, from many starts."""
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -69,7 +68,7 @@ class Trajectories(AbstractFitMethod):
         return RK4()
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
-        windows = Windows.of(problem.runs, problem.scenes, problem.origin, self.window)
+        windows = Windows.of(problem, self.window)
         rows = windows.count * (windows.known[0].size + 2 * len(SIZES))
         columns = 2 * len(SIZES) + len(problem.unknowns) + 1
         slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
@@ -82,7 +81,7 @@ class Trajectories(AbstractFitMethod):
         # the scene's own values, and other values
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
-        model.compile_ahead(levels)
+        model.compile_ahead()
         guess, far = model.guesses(levels, self.transient, noise)
         kept = np.argsort(far, kind="stable")[: self.starts]
         points = np.hstack([levels, guess.reshape(len(guess), -1)])
@@ -98,10 +97,10 @@ class Trajectories(AbstractFitMethod):
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
             )
-        noise = or_given(fit.noise_left(fit.course(points[[found.lead]])))
+        noise = or_given(fit.noise_left(model.course(points[[found.lead]])))
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
-            levels, _ = fit.split(found.point)
+            levels, _ = model.split(found.point)
             model = model.with_steps(problem.needed(levels[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
@@ -129,19 +128,10 @@ class Fitting:
     jump: float = CONTINUITY[-1]
     """Standard deviation of the jumps of motions from window to window [scales]."""
 
-    def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
-        count = len(self.model.problem.unknowns)
-        return points[:, :count], points[:, count:].reshape(len(points), self.model.windows.count, len(SIZES))
-
-    def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
-        """Return the model's runs at some points. Arguments as for `Model.course`."""
-        return self.model.course(*self.split(points), stride)
-
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all residuals, in standard deviations [1], and their derivatives, at points of the starts at
         `index`: differences from samples, jumps between windows, and deviations of the unknowns from their priors."""
-        course = self.course(points)
+        course = self.model.course(points)
         return self._chain(points, index, course, course.reading - self.model.windows.value)
 
     def _chain(
@@ -152,10 +142,9 @@ class Fitting:
         **Arguments:** `others`: factor of all residuals except these differences [1].
         """
         windows, ten = self.model.windows, len(SIZES)
-        levels, numbers = self.split(points)
+        levels, numbers = self.model.split(points)
         # derivatives of the parameters by their levels
-        unknowns = self.model.problem.unknowns
-        per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(unknowns)], axis=1)
+        per_level = self.model.problem.slopes(levels)
         weight = windows.known / self.noise[:, None]
         samples = _banded(difference * weight, course.slope * weight[..., None], per_level)
         # a window that is followed by one of the same run must end where the next one begins
@@ -168,8 +157,8 @@ class Fitting:
         known = np.zeros((*numbers.shape, samples.shape[-1]))
         known[..., :ten] = np.eye(ten) / START_REACH
         known[..., -1] = others * (numbers - self.guess[index]) / START_REACH
-        of_levels = np.zeros((*levels.shape, len(unknowns) + 1))
-        of_levels[..., :-1] = np.eye(len(unknowns))
+        of_levels = np.zeros((*levels.shape, levels.shape[1] + 1))
+        of_levels[..., :-1] = np.eye(levels.shape[1])
         of_levels[..., -1] = others * levels
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
@@ -188,16 +177,16 @@ class Fitting:
         index = np.array([found.lead])
         point = found.point[index]
         errors = np.sqrt(np.diag(_covariance(found.of_lead)))
-        course = self.course(point)
+        course = self.model.course(point)
 
         def shift(other: Course) -> np.ndarray:
             # the change of the least squares' parameters if only the signals change
             chain = self._chain(point, index, course, other.reading - course.reading, others=0.0)
             return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
-        finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
+        finer = self.model.with_steps(2 * self.model.steps).course(point)
         # half the instants have 14 times the error, measured with 20, 40 and 80 instants: cubics are of fourth order
-        return shift(finer), shift(self.course(point, stride=2)) / 14, self.noise_left(course)
+        return shift(finer), shift(self.model.course(point, stride=2)) / 14, self.noise_left(course)
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what is known about the parameters after the searches.
@@ -211,7 +200,7 @@ class Fitting:
         local = found.of_lead
         (root,) = local.root
         draws = point + local.solve(np.random.default_rng(0).normal(size=(DRAWS, point.size)))
-        likely = self.course(np.vstack([point, draws])).reading
+        likely = model.course(np.vstack([point, draws])).reading
         return SignalPosterior(
             level=point[:own],
             covariance=_covariance(local),
@@ -224,7 +213,7 @@ class Fitting:
             windows=model.windows,
             reading=likely[0],
             draws=likely[1:],
-            start=Motion(*(self.split(point[None])[1][0, 0] * SIZES)),
+            start=Motion(*(model.split(point[None])[1][0, 0] * SIZES)),
         )
 
 
