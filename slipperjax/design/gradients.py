@@ -97,6 +97,7 @@ class OrbitObjectives:
         slopes = np.full((len(rows), len(self.names), rows.shape[1]), np.nan)
         value = np.full((len(rows), len(self.objectives)), np.nan)
         gradient = np.full((*value.shape, len(self.names)), np.nan)
+        is_number = np.array([isinstance(one, AbstractNumber) for one in self.objectives], bool)
         # all orbits of one period together
         for period in np.unique(maps.periods[maps.periods > 0]):
             index = np.flatnonzero(maps.periods == period)
@@ -105,17 +106,15 @@ class OrbitObjectives:
             # dx/dp = (I - P_x)^-1 P_p; the objectives are differentiated along it
             slopes[index] = np.einsum("cij,ckj->cki", inverse[index], end.slopes)
             periods = self._periods(maps, index, rows[index], slopes[index])
-            found: dict[Objective, tuple] = {one: self._exponents(maps, index, periods) for one in self.exponents}
+            for k in np.flatnonzero(~is_number):
+                value[index, k], gradient[index, k] = self._exponents(maps, index, periods)
             if self.numbers:
                 stacked = lambda axis, parts: jax.tree.map(lambda *of: np.stack(of, axis), *parts)
                 kept = stacked(1, [passed.samples for *_, passed in periods])
                 kept_slopes = stacked(2, [passed.sample_slopes for *_, passed in periods])
                 totals = lambda scenes, *both: _total_slopes(self.numbers, *both)
-                made = maps.of_blocks(totals, index, *kept, *kept_slopes)
-                by_number = (np.moveaxis(array, 1, 0) for array in made)
-                found |= dict(zip(self.numbers, zip(*by_number, strict=True), strict=True))
-            for k, one in enumerate(self.objectives):
-                value[index, k], gradient[index, k] = found[one]
+                at = np.ix_(index, is_number)
+                value[at], gradient[at] = maps.of_blocks(totals, index, *kept, *kept_slopes)
         return slopes, value, gradient
 
     def _periods(

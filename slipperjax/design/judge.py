@@ -17,7 +17,7 @@ import numpy as np
 from ..analysis.attractor import classify
 from ..analysis.kinds import Regime
 from ..flow.period_map import initial_states, states_and_penetrations
-from ..flow.record import RecordSet
+from ..flow.record import RecordSet, Strobe
 from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES, disturbances
 from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
@@ -96,11 +96,11 @@ def ensemble_averages(
     disturbed = disturbances(plan.scene, 0.1, len(rail), np.random.default_rng(settings.seed))
     motions = evaluation.state[:, None, None, : disturbed.shape[1]] + disturbed
     values, status = _run_members(plan, runs, np.broadcast_to(motions, (*shape, disturbed.shape[1])))
-    values = values.reshape(*shape, -1)
     status = status.reshape(shape)
     stayed = status == Status.FINITE
+    values = np.where(stayed[..., None], values.reshape(*shape, -1), np.nan)
     # one fit for each case
-    fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, stayed, strict=True)]
+    fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, strict=True)]
     planes, errors = map(np.array, zip(*fits, strict=True))
     # slopes are per reach
     per = 1 / np.array([plan.reach[name] for name in plan.names])
@@ -137,10 +137,9 @@ def _run_members(
     run = run_cases(runs, work, periods=runs.periods)
     made = run.checked(lambda: run.results)
     measured = dict(zip((*plan.numbers, *plan.exponents), made.record, strict=True))
-    for one in plan.exponents:
-        # without its standard error
-        measured[one], _ = measured[one]
-    return np.stack([measured[one] for one in plan.objectives], axis=1), made.status
+    # exponents without their standard errors
+    values = [measured[one][0] if one in plan.exponents else measured[one] for one in plan.objectives]
+    return np.stack(values, axis=1), made.status
 
 
 def judge_on_orbits(
@@ -154,10 +153,9 @@ def judge_on_orbits(
     similar parameters. Its orbits are followed where they are still stable; elsewhere the motion settles again from
     its states.
     """
-    options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
-    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
     # fewer periods would not show whether an orbit was reached
-    transient = settling.strobes(0, max(plan.transient, 20))
+    options = Call(0, max(plan.transient, 20), steps_per_period=plan.steps, solver=plan.solver)
+    transient = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet((Strobe(),)))
     cases = transient.cases
     groups = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
     # the last chunk is filled up with copies
@@ -169,8 +167,11 @@ def judge_on_orbits(
         maps = Maps.of(part, found.period)
         if warm_start is not None:
             _follow(found, maps, warm_start.take(chunk.index))
-        elif chunk is chunks[0]:
-            _compile_ahead(plan, maps, found.state.copy())
+        # programs that call LAPACK must run one at a time, see `calls_lapack`
+        elif chunk is chunks[0] and plan.names and not calls_lapack(plan.solver):
+            # the program of derivatives, the longest program, while others are compiled and run
+            start = found.state.copy()
+            ahead(lambda: plan.pushed(maps, np.arange(len(start)), start, plan.no_slopes(start)))
         if not np.all(found.period):
             _settle(found, maps, part)
         _differentiate(found, maps, plan)
@@ -189,13 +190,6 @@ def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluatio
 
 
 # Steps in the evaluation of a chunk, which write into `found`; period maps are over the periods in `found`.
-
-
-def _compile_ahead(plan: EvaluationPlan, maps: Maps, rows: np.ndarray) -> None:
-    """Compile the program of derivatives, the longest program, while others are compiled and run."""
-    # programs that call LAPACK must run one at a time, see `calls_lapack`
-    if plan.names and not calls_lapack(plan.solver):
-        ahead(lambda: plan.pushed(maps, np.arange(len(rows)), rows, plan.no_slopes(rows)))
 
 
 def _follow(found: Evaluation, maps: Maps, warm_start: Evaluation) -> None:

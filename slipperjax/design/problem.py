@@ -23,6 +23,8 @@ from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, objective_named
 
+SMOOTH = 0
+"""Place of the smooth form of the objective among the objectives of a problem."""
 Limits = float | tuple[float | None, float | None]
 """Highest value of a constraint, or lowest and highest value; None means no limit."""
 
@@ -61,20 +63,16 @@ class Problem(EvaluationPlan):
     @property
     def low(self) -> np.ndarray:
         """Lower bounds [SI units]."""
-        return np.array([low for low, _ in self.bounds.values()])
+        return np.min(list(self.bounds.values()), axis=1)
 
     @property
     def width(self) -> np.ndarray:
         """Widths of the box [SI units]."""
-        return np.array([high - low for low, high in self.bounds.values()])
+        return np.ptp(list(self.bounds.values()), axis=1)
 
     def index(self, objective: Objective) -> int:
         """Return the index of an objective in evaluations."""
         return self.objectives.index(objective)
-
-    def joined(self, values: Float[np.ndarray, " cases"]) -> float:
-        """Return the worst or the mean of the cases' values."""
-        return float(np.max(values) if self.robust == "worst" else np.mean(values))
 
     def in_units(self, at: Float[np.ndarray, "*designs parameters"]) -> Float[np.ndarray, "*designs parameters"]:
         """Return designs of the unit box in SI units."""
@@ -123,10 +121,9 @@ class Problem(EvaluationPlan):
                     excess.append(sign * (value[:, k] - limit) / scale)
                     excess_slope.append(sign * slope[:, k] / scale)
         # a power mean replaces a peak, because the derivative of a peak jumps
-        at = self.index(self.objective.smooth)
         return CaseValues(
-            value=value[:, at],
-            slope=slope[:, at],
+            value=value[:, SMOOTH],
+            slope=slope[:, SMOOTH],
             excess=np.concatenate(excess),
             excess_slope=np.concatenate(excess_slope),
             weight=None if self.robust == "worst" else np.full(self.count, 1 / self.count),

@@ -46,11 +46,11 @@ class Chain(NamedTuple):
         left = np.zeros((points, 0, columns - numbers))
         for k in range(count):
             before = np.insert(left, [numbers] * numbers, 0.0, axis=2)
-            few = _rotated(np.concatenate([before, windows[:, k]], axis=1))
+            few = np.linalg.qr(np.concatenate([before, windows[:, k]], axis=1), mode="r")
             found[:, k] = few[:, :numbers]
             left = few[:, numbers:, numbers:]
         rest = np.concatenate([left[..., numbers:], levels, np.zeros((points, own + 1, own + 1))], axis=1)
-        last = _rotated(rest)
+        last = np.linalg.qr(rest, mode="r")
         last[~good, -1, -1] = np.sqrt(LOST)
         return cls(found, last)
 
@@ -96,7 +96,8 @@ class Chain(NamedTuple):
     def along(self, way: Float[np.ndarray, "points unknowns"]) -> Float[np.ndarray, "points rows"]:
         """Return the changes of the residuals, to first order. Here and below, one chain serves many points."""
         levels, numbers = self._split(way)
-        after = np.concatenate([numbers[:, 1:], np.zeros_like(numbers[:, :1])], axis=1)
+        # the last window has no next one, and its slopes by it are zero
+        after = np.roll(numbers, -1, axis=1)
         each = np.broadcast_to(levels[:, None], (*numbers.shape[:2], levels.shape[1]))
         columns = np.concatenate([numbers, after, each], axis=2)
         of_windows = _times(self.windows[..., :-1], columns)
@@ -129,10 +130,6 @@ class Chain(NamedTuple):
         """Return the levels, and the numbers of windows (points, windows, numbers)."""
         own = self.levels.shape[-1] - 1
         return unknowns[:, :own], unknowns[:, own:].reshape(len(unknowns), self.windows.shape[1], self.numbers)
-
-
-def _rotated(rows: Float[np.ndarray, "points rows columns"]) -> Float[np.ndarray, "points few columns"]:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _flat(array: np.ndarray) -> np.ndarray:

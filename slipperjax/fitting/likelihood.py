@@ -90,10 +90,12 @@ class Features(AbstractFitMethod):
         ensemble = _Ensemble.of(self, problem)
         windows = ensemble.model.windows
         (target,) = ensemble.values(windows.value)
+        size = len(problem.unknowns)
         levels = spread(problem.unknowns, self.proposals, problem.seed)
         levels[0] = problem.own
         known = _Known(levels[:0], np.empty((0, self.members, len(target))))
-        likely = _Likely.before(levels.shape[1])
+        # so that the first emulator has the scale of the priors
+        likely = _Likely(np.zeros(size), np.eye(size) / WIDER**2, levels[:0])
         rng = np.random.default_rng(problem.seed)
         for number in range(self.rounds):
             shown(f"round {number + 1} of {self.rounds}")
@@ -116,8 +118,8 @@ class Features(AbstractFitMethod):
             covariance=likely.covariance,
             information=emulator.information(likely.mean),
             converged=converged,
-            minima=np.empty((0, len(problem.unknowns))),
-            step_change=np.full(len(problem.unknowns), np.nan),
+            minima=np.empty((0, size)),
+            step_change=np.full(size, np.nan),
             start=problem.motion,
             draws=likely.draws,
             names=ensemble.names,
@@ -258,11 +260,6 @@ class _Likely(NamedTuple):
     mean: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     draws: Float[np.ndarray, "draws parameters"]
-
-    @classmethod
-    def before(cls, parameters: int) -> "_Likely":
-        """Return levels from which the first emulator has the scale of the priors."""
-        return cls(np.zeros(parameters), np.eye(parameters) / WIDER**2, np.empty((0, parameters)))
 
     @property
     def stderr(self) -> Float[np.ndarray, " parameters"]:
