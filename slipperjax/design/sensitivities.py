@@ -22,9 +22,8 @@ from ..sweeps.orbits import NearestOrbit
 from ..tools.checks import known, number, one_of, positive, require, tuple_of, whole
 from ..tools.columns import column
 from .ensembles import AbstractEnsemble, RailEnsemble, ensemble_for
-from .gradients import OrbitObjectives
 from .judge import at_starts, ensemble_averages, judge_on_orbits
-from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, objective_named
+from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, OrbitObjectives, objective_named
 
 
 def sensitivities(

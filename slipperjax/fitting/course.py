@@ -14,8 +14,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
+from ..analysis.environment import band_edges, window_densities
 from ..flow.period_map import SlopePassage, advance, advance_slopes
-from ..flow.record import RecordSet, Unlabelled
+from ..flow.record import Labelled, RecordSet, Unlabelled
 from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
 from ..model.dynamics import Args, State
@@ -30,10 +31,11 @@ from ..solvers.latching import calls_lapack
 from ..sweeps.grid import VECTOR_LANES, Cases
 from ..sweeps.run import gather
 from ..tools.batching import Batched
+from ..tools.columns import column
 from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.types import Real
-from .measured import MeasuredRun
+from .measured import FEWEST, MeasuredRun
 from .method import Problem
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
@@ -85,6 +87,37 @@ class Windows(NamedTuple):
         filled = [[np.pad(array, (0, most - len(array))) for array in part] for part in parts]
         arrays = np.moveaxis(np.reshape(filled, (len(run), -1, 3, most)), 2, 0)
         return cls(run, number * periods, periods, *arrays)
+
+    def densities(self, number: int, likely: Float[np.ndarray, "signals sensors samples"]) -> Labelled:
+        """Return power spectral densities of the signals measured in a window, and of likely ones, in third octaves.
+
+        **Returns:** no frequencies where no sensor has eight samples, the least number for a density.
+        """
+        known = self.known[number] > 0
+        signals = np.array([self.value[number], *likely])
+        times = enumerate(self.time[number])
+        used = {k: time[known[k]] for k, time in times if known[k].sum() >= FEWEST}
+        rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
+        longest = max(map(np.ptp, used.values()), default=0.0)
+        edges = np.ones(1)
+        if used:
+            top = max(rates.values()) / 2
+            edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
+        found = np.full((*signals.shape[:2], len(edges) - 1), np.nan)
+        for k, at in used.items():
+            # unequal samples become equal samples, in the same way for all signals
+            grid = np.linspace(at[0], at[-1], len(at))
+            equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
+            found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
+        along = ("sensor", "frequency")
+        text = "power spectral density, the square of the sensor's unit per Hz"
+        data = {"measured_density": column(along, found[0], "", f"{text}, measured")}
+        for name, share in (("density_low", 0.05), ("density", 0.5), ("density_high", 0.95)):
+            data[name] = column(
+                along, np.quantile(found[1:], share, axis=0), "", f"{text}, {share:.0%} of likely ones"
+            )
+        middles = np.sqrt(edges[1:] * edges[:-1])
+        return data, {"frequency": column("frequency", middles, "Hz", "middle of a band")}
 
     @property
     def count(self) -> int:

@@ -30,9 +30,7 @@ from ..tools.compile import as_argument
 from .course import SIZES, Model, Windows, begin
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
-from .method import AbstractFitMethod, Posterior, Problem
-from .signals import densities
-from .unknowns import spread
+from .method import AbstractFitMethod, Posterior, Problem, spread
 
 RIDGE = 1e-2
 """Number added to the squares of the features from which parameters are guessed [1]."""
@@ -418,5 +416,5 @@ class FeaturePosterior(Posterior):
             "fitted_feature": column("feature", self.expected, "", "mean feature of the model"),
             "feature_stderr": column("feature", self.spread, "", "standard deviation of such records"),
         }
-        rows, coords = densities(self.windows, 0, np.nan_to_num(self.likely))
+        rows, coords = self.windows.densities(0, np.nan_to_num(self.likely))
         return data | rows, coords | {"feature": self.names}

@@ -5,17 +5,102 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
+from ..flow.record import Labelled
 from ..model.kinematics import Motion
+from ..model.sensors import Rig
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
+from ..tools.columns import column
 from ..tools.limits import refuse_impossible
-from .chain import LOST, Chain
 from .course import SIZES, Course, Model, Windows
-from .method import AbstractFitMethod, Problem
-from .search import Found, search
-from .signals import SignalPosterior
-from .unknowns import spread
+from .method import AbstractFitMethod, Posterior, Problem, spread
+from .search import LOST, Chain, Found, search
+
+MOST_NOISE_RATIO = 1.2
+"""Residual over the given noise above which a model does not explain a signal [1]."""
+SIGNIFICANCE = 1e-3
+"""Probability of residuals below which a model does not explain them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalPosterior(Posterior):
+    """What is known about the parameters, and the signals that follow from them."""
+
+    noise: Float[np.ndarray, " sensors"]
+    """Standard deviations that the fit assumed for noise [the sensors' units]."""
+    windows: Windows
+    reading: Float[np.ndarray, "windows sensors samples"]
+    """The signals of the model."""
+    draws: Float[np.ndarray, "draws windows sensors samples"]
+    """Signals of other parameters and starts that are as likely."""
+
+    @property
+    def left(self) -> list[Float[np.ndarray, " samples"]]:
+        """Residuals of each sensor's signals, one window after the other [its unit]."""
+        left = np.moveaxis(self.windows.value - self.reading, 1, 0)
+        known = np.moveaxis(self.windows.known > 0, 1, 0)
+        return [left[k][known[k]] for k in range(len(left))]
+
+    @property
+    def noise_left(self) -> Float[np.ndarray, " sensors"]:
+        """RMS of the residuals of each sensor's signals [its unit]."""
+        return np.array([np.sqrt(np.mean(left**2)) for left in self.left])
+
+    @property
+    def whiteness(self) -> Float[np.ndarray, " sensors"]:
+        """For each sensor the probability that white noise is as correlated as the residuals [1]."""
+        return np.array([whiteness(left) for left in self.left])
+
+    def misfit(self, rig: Rig) -> list[str]:
+        texts = []
+        for sensor, white, left in zip(rig.sensors, self.whiteness, self.noise_left, strict=True):
+            parts = []
+            if white < SIGNIFICANCE:
+                parts.append(f"what is left is no white noise (p = {white:.1g})")
+            if sensor.noise is not None and left > MOST_NOISE_RATIO * sensor.noise:
+                parts.append(f"it is {left / sensor.noise:.2g} times the noise")
+            if parts:
+                texts.append(f"the model does not explain {sensor.name}: {' and '.join(parts)}")
+        return texts
+
+    def label(self, rig: Rig) -> Labelled:
+        windows = self.windows
+        known = windows.known > 0
+        low, high = np.quantile(self.draws, [0.05, 0.95], axis=0)
+        over = ("window", "sensor", "sample")
+        signal = lambda values, unit, text: column(over, np.where(known, values, np.nan), unit, text)
+        data = {
+            "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
+            "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
+            "seconds": signal(windows.time, "s", "time since the run began"),
+            "measured": signal(windows.value, "", "measured signal, in the sensor's unit"),
+            "fitted": signal(self.reading, "", "signal of the model, in the sensor's unit"),
+            "fitted_low": signal(low, "", "5 % quantile of likely signals, in the sensor's unit"),
+            "fitted_high": signal(high, "", "95 % quantile of likely signals, in the sensor's unit"),
+        }
+        # of the window with the most samples, with noise
+        most = int(np.argmax(known.sum(axis=(1, 2))))
+        draws = self.draws[:, most]
+        likely = draws + self.noise[:, None] * np.random.default_rng(0).normal(size=draws.shape)
+        rows, coords = windows.densities(most, likely)
+        return data | rows, coords | {"run": ("window", windows.run)}
+
+
+def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
+    """Return the probability that white noise is at least as correlated as some residuals, by Ljung and Box's test.
+
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
+    """
+    count = len(residual)
+    lags = np.arange(1, min(20, count // 5) + 1)
+    x = residual - residual.mean()
+    power = x @ x
+    correlation = np.array([x[k:] @ x[:-k] for k in lags]) / power
+    statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
+    return float(chi2.sf(statistic, len(lags)))
+
 
 START_REACH = 3.0
 """Standard deviation of starts about the first guess [scales of the motion]."""

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.gradients import PeriodValues
-from slipperjax.design.objectives import OBJECTIVES, objective_named
+from slipperjax.design.objectives import OBJECTIVES, PeriodValues, objective_named
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS, OnePoint, PowerMean, Record

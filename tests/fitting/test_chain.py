@@ -6,8 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from slipperjax.fitting.chain import LOST, Chain
-from slipperjax.fitting.search import search
+from slipperjax.fitting.search import LOST, Chain, search
 
 TEN, OWN = 10, 3
 

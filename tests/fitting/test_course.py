@@ -8,8 +8,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.fitting.course import SIZES, Model, Windows
 from slipperjax.fitting.measured import measured_runs
-from slipperjax.fitting.method import Problem
-from slipperjax.fitting.unknowns import unknowns_of
+from slipperjax.fitting.method import Problem, unknowns_of
 from slipperjax.model.sensors import Rig
 
 from .records import record

@@ -3,8 +3,7 @@
 import numpy as np
 import scipy.optimize
 
-from slipperjax.fitting.chain import Chain
-from slipperjax.fitting.search import APART, search
+from slipperjax.fitting.search import APART, Chain, search
 
 TIME = np.linspace(0.0, 3.0, 40)
 

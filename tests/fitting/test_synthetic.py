@@ -5,8 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.fitting import Trajectories, synthetic_record, trajectories
-from slipperjax.fitting.chain import Chain
-from slipperjax.fitting.search import search
+from slipperjax.fitting.search import Chain, search
 
 SCENE = sj.paper_scene()
 SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("z", "displacement", noise=1e-5)]

@@ -9,8 +9,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.fitting import Trajectories
-from slipperjax.fitting.result import not_identified
-from slipperjax.fitting.signals import densities, whiteness
+from slipperjax.fitting.fit import not_identified
+from slipperjax.fitting.trajectories import densities, whiteness
 from slipperjax.tools import limits
 
 from .records import record

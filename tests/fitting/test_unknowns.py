@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 import slipperjax as sj
-from slipperjax.fitting.unknowns import spread, unknowns_of
+from slipperjax.fitting.method import spread, unknowns_of
 from slipperjax.model.sensors import Rig
 
 SCENE = sj.paper_scene()
