@@ -32,7 +32,7 @@ from ..sweeps.reached import reached_orbits
 from ..sweeps.run import run_cases, run_chunk, run_chunks
 from ..tools.compile import ahead
 from ..tools.limits import cores
-from .ensembles import RailEnsemble, box_corners
+from .ensembles import box_corners
 from .objectives import Evaluation, EvaluationPlan
 
 LANES_PER_CALL = VECTOR_LANES
@@ -50,8 +50,6 @@ def judge(
     warm_start: Evaluation | None = None,
 ) -> Evaluation:
     """Evaluate cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
-    if isinstance(plan.ensemble, RailEnsemble):
-        return ensemble_averages(plan, grid, at_starts(plan, grid))
     evaluation = judge_on_orbits(plan, grid, warm_start)
     # motions that are not periodic, but stay on the rail
     index = np.flatnonzero((evaluation.period == 0) & (evaluation.status == Status.FINITE))
@@ -149,10 +147,16 @@ def judge_on_orbits(
 ) -> Evaluation:
     """Evaluate cases on the stable periodic orbits to which they settle; values of other cases are NaN.
 
+    Where rails do not recur, cases stay at their starts.
+
     **Arguments:** `grid`: values by name, one for each case; `warm_start`: an evaluation of the same cases with
     similar parameters. Its orbits are followed where they are still stable; elsewhere the motion settles again from
     its states.
     """
+    if plan.on_rails:
+        cases = Cases(plan.scene, grid, plan.start, product=False)
+        epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
+        return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)), epoch)))
     # fewer periods would not show whether an orbit was reached
     options = Call(0, max(plan.transient, 20), steps_per_period=plan.steps, solver=plan.solver)
     transient = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet((Strobe(),)))
@@ -179,14 +183,6 @@ def judge_on_orbits(
 
     run = run_chunks(chunks, min(cores(), len(chunks)), work, periods=1, progress=False)
     return run.checked(lambda: run.results)
-
-
-def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluation:
-    """Return an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
-    cases = Cases(plan.scene, grid, plan.start, product=False)
-    scenes, starts = cases.take(np.arange(cases.count))
-    epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
-    return Evaluation.of_states(plan, rows_of(initial_states(scenes, starts, epoch)))
 
 
 # Steps in the evaluation of a chunk, which write into `found`; period maps are over the periods in `found`.

@@ -37,7 +37,7 @@ from ..tools.batching import Batched
 from ..tools.checks import require
 from ..tools.compile import jit
 from ..tools.types import Real
-from .ensembles import AbstractEnsemble
+from .ensembles import AbstractEnsemble, RailEnsemble
 
 Objective = AbstractNumber | LargestExponent
 """A number that judges a motion. Equal numbers share compiled programs."""
@@ -279,6 +279,11 @@ class EvaluationPlan(OrbitObjectives):
     ensemble: AbstractEnsemble
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest allowed values of parameters, by name [their SI units]."""
+
+    @property
+    def on_rails(self) -> bool:
+        """Whether cases are judged along rails that do not recur."""
+        return isinstance(self.ensemble, RailEnsemble)
 
 
 class Evaluation(NamedTuple):

@@ -22,7 +22,7 @@ from ..tools.checks import instance, warn, whole
 from ..tools.columns import column
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Numbers
-from .ensembles import AbstractEnsemble, RailEnsemble
+from .ensembles import AbstractEnsemble
 from .methods import AbstractMethod, CaseValues, TrustRegion
 from .objectives import Evaluation, ObjectiveLike
 from .problem import SMOOTH, Limits, Problem, checked_problem, first_designs, spread_designs
@@ -399,6 +399,12 @@ class _Search:
             status = "infeasible"
         else:
             status = "not converged" if best.start in self.moves else "converged"
+        judged = []
+        if problem.on_rails:
+            unseen = problem.ensemble.unseen(problem.scene.track)
+            judged.append(unseen if checked else "along the rails of the search")
+        if lost := evaluation.lost.sum():
+            judged.append(f"{lost} runs lost and left out")
         history = _history(problem, self.trials)
         # the last trial that each start accepted
         starts = history[["design", "smooth", "violation"]].isel(trial=list(last.values()))
@@ -414,20 +420,8 @@ class _Search:
             starts=starts,
             history=history,
             status=status,
-            judged=_judged(problem, evaluation, checked),
+            judged=", ".join(judged),
         )
-
-
-def _judged(problem: Problem, evaluation: Evaluation, checked: bool) -> str:
-    """Return a text that says along which rails a design was judged, and how many runs of its ensembles were lost."""
-    words = []
-    if isinstance(problem.ensemble, RailEnsemble):
-        unseen = problem.ensemble.unseen(problem.scene.track)
-        words.append(unseen if checked else "along the rails of the search")
-    lost = int(evaluation.lost.sum())
-    if lost:
-        words.append(f"{lost} runs lost and left out")
-    return ", ".join(words)
 
 
 def _cases(

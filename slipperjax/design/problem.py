@@ -18,7 +18,7 @@ from ..sweeps.grid import Cases
 from ..tools.checks import known, one_of, require, whole
 from ..tools.types import Numbers
 from ..tools.units import in_unit
-from .ensembles import RailEnsemble, ensemble_for
+from .ensembles import ensemble_for
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, objective_named
@@ -54,11 +54,6 @@ class Problem(EvaluationPlan):
     def count(self) -> int:
         """Number of cases of one design."""
         return math.prod(len(values) for values in self.over.values())
-
-    @property
-    def on_rails(self) -> bool:
-        """Whether designs are judged along rails that do not recur."""
-        return isinstance(self.ensemble, RailEnsemble)
 
     @property
     def low(self) -> np.ndarray:

@@ -149,27 +149,27 @@ class Fit(AbstractResult):
         """
         posterior = self.posterior
         names = list(self.names)
-        each = "in the unit of each parameter"
-        texts = {
-            "estimate": "estimate",
-            "stderr": "standard error",
-            "low": "lower end of the interval",
-            "high": "upper end of the interval",
-            "prior_low": "below which 1 % were expected",
-            "prior_high": "above which 1 % were expected",
-        }
-        ends = np.array(list(self.interval.values()))
-        rows = [list(self.estimate.values()), list(self.stderr.values()), *ends.T, *self._prior.T]
-        data = {}
-        for (name, text), values in zip(texts.items(), rows, strict=True):
-            data[name] = column("parameter", values, "", f"{text}, {each}")
-        data["step_change"] = column(
-            "parameter", posterior.step_change, "1", "change by half the step, standard errors"
-        )
-        data["at_bound"] = column("parameter", [self.at_bounds.get(name, "") for name in names], "", "bound")
-        data["covariance"] = column(("parameter", "other"), self.covariance.values, "", "covariance")
+        low, high = np.transpose(list(self.interval.values()))
+        prior_low, prior_high = self._prior.T
         minima = np.reshape([list(other.values()) for other in self.minima], (-1, len(names)))
-        data["minimum"] = column(("other_minimum", "parameter"), minima, "", f"other minima, {each}")
+        along = ("other_minimum", "parameter")
+        each = lambda values, text, dims="parameter": column(
+            dims, values, "", f"{text}, in the unit of each parameter"
+        )
+        data = {
+            "estimate": each(list(self.estimate.values()), "estimate"),
+            "stderr": each(list(self.stderr.values()), "standard error"),
+            "low": each(low, "lower end of the interval"),
+            "high": each(high, "upper end of the interval"),
+            "prior_low": each(prior_low, "below which 1 % were expected"),
+            "prior_high": each(prior_high, "above which 1 % were expected"),
+            "step_change": column(
+                "parameter", posterior.step_change, "1", "change by half the step, standard errors"
+            ),
+            "at_bound": column("parameter", [self.at_bounds.get(name, "") for name in names], "", "bound"),
+            "covariance": column(("parameter", "other"), self.covariance.values, "", "covariance"),
+            "minimum": each(minima, "other minima", along),
+        }
         coords = {
             "parameter": names,
             "unit": ("parameter", [one.parameter.unit for one in self.problem.unknowns]),
