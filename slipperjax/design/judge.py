@@ -175,7 +175,8 @@ def judge_on_orbits(
         elif chunk is chunks[0] and plan.names and not calls_lapack(plan.solver):
             # the program of derivatives, the longest program, while others are compiled and run
             start = found.state.copy()
-            ahead(lambda: plan.pushed(maps, np.arange(len(start)), start, plan.no_slopes(start)))
+            slopes = np.zeros((len(start), len(plan.names), start.shape[1]))
+            ahead(lambda: plan.pushed(maps, np.arange(len(start)), start, slopes))
         if not np.all(found.period):
             _settle(found, maps, part)
         _differentiate(found, maps, plan)

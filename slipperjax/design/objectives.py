@@ -36,6 +36,7 @@ from ..sweeps.records import LargestExponent
 from ..tools.batching import Batched
 from ..tools.checks import require
 from ..tools.compile import jit
+from ..tools.jacobian import slopes_along
 from ..tools.types import Real
 from .ensembles import AbstractEnsemble, RailEnsemble
 
@@ -76,10 +77,6 @@ class OrbitObjectives:
         """The other objectives."""
         return tuple(one for one in self.objectives if isinstance(one, LargestExponent))
 
-    def no_slopes(self, rows: np.ndarray) -> np.ndarray:
-        """Return derivatives of states, (cases, parameters, size), that are zero for all parameters."""
-        return np.zeros((len(rows), len(self.names), rows.shape[1]))
-
     def pushed(self, maps: Maps, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray) -> SlopePassage:
         """Run cases over a forcing period, with derivatives."""
         stepping = dynamic_steps(maps.steps, most=self.most_steps)
@@ -102,7 +99,7 @@ class OrbitObjectives:
 
         **Arguments:** `rows`: states at the start of the orbits; `inverse`: of I - P_x.
         """
-        slopes = np.full((len(rows), len(self.names), rows.shape[1]), np.nan)
+        slopes = np.zeros((len(rows), len(self.names), rows.shape[1]))
         value = np.full((len(rows), len(self.objectives)), np.nan)
         gradient = np.full((*value.shape, len(self.names)), np.nan)
         is_number = np.array([isinstance(one, AbstractNumber) for one in self.objectives], bool)
@@ -110,7 +107,7 @@ class OrbitObjectives:
         for period in np.unique(maps.periods[maps.periods > 0]):
             index = np.flatnonzero(maps.periods == period)
             # P_p at the end of the period, with a fixed start
-            end = self._periods(maps, index, rows[index], self.no_slopes(rows[index]))[-1][-1]
+            end = self._periods(maps, index, rows[index], slopes[index])[-1][-1]
             # dx/dp = (I - P_x)^-1 P_p; the objectives are differentiated along it
             slopes[index] = np.einsum("cij,ckj->cki", inverse[index], end.slopes)
             periods = self._periods(maps, index, rows[index], slopes[index])
@@ -123,6 +120,7 @@ class OrbitObjectives:
                 totals = lambda scenes, *both: _total_slopes(self.numbers, *both)
                 at = np.ix_(index, is_number)
                 value[at], gradient[at] = maps.of_blocks(totals, index, *kept, *kept_slopes)
+        slopes[maps.periods == 0] = np.nan
         return slopes, value, gradient
 
     def _periods(
@@ -158,11 +156,8 @@ def _total_slopes(numbers: tuple[AbstractNumber, ...], kept: PyTree, slopes: PyT
     """
     totals = lambda kept: jnp.stack([one.total(rows) for one, rows in zip(numbers, kept, strict=True)])
 
-    def one(kept: PyTree, slopes: PyTree) -> tuple[Array, Array]:
-        push = lambda along: jax.jvp(totals, (kept,), (along,))
-        return jax.vmap(push, out_axes=(None, 1))(slopes)
-
-    return jax.vmap(one)(kept, slopes)
+    of_case = lambda kept, slopes: slopes_along(totals, (kept,), slopes, axis=1)
+    return jax.vmap(of_case)(kept, slopes)
 
 
 @functools.partial(jit, static_argnames=("names", "solver"))
@@ -190,8 +185,7 @@ def _matrix_slopes(
 
         # along each parameter, with the change of the start
         p = values_of(scene, names)
-        push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))
-        return jax.vmap(push, out_axes=(None, 0))(slopes, jnp.eye(p.size))
+        return slopes_along(matrix, (flat, p), slopes, jnp.eye(p.size))
 
     return scenes.map(one, states, slopes)
 

@@ -33,6 +33,7 @@ from ..sweeps.run import gather
 from ..tools.batching import Batched
 from ..tools.columns import column
 from ..tools.compile import ahead, as_argument, jit
+from ..tools.jacobian import slopes_along
 from ..tools.limits import cores
 from ..tools.types import Real
 from .measured import FEWEST, MeasuredRun
@@ -181,8 +182,7 @@ def begin(
             seen = channels(Args(here, epoch), 0.0, state)
             return state, jax.tree.map(lambda a: a[None], seen)
 
-        push = lambda way: jax.jvp(at, (both,), (way,))
-        (state, seen), (slopes, seen_slopes) = jax.vmap(push, out_axes=((None, None), 0))(jnp.eye(both.size))
+        (state, seen), (slopes, seen_slopes) = slopes_along(at, (both,), jnp.eye(both.size))
         return SlopePassage(state, jax.vmap(lambda slope: ravel_pytree(slope)[0])(slopes), (seen,), (seen_slopes,))
 
     return scenes.map(one, starts, epoch)
@@ -442,8 +442,7 @@ def readings(
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
         every = jax.tree.map(none, slopes)
         directions = every.motion.shape[0]
-        push = lambda *along: jax.jvp(read, (p, q, seen), along)
         each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), every
-        return jax.vmap(push, out_axes=(None, 0))(*each)
+        return slopes_along(read, (p, q, seen), *each)
 
     return scenes.map(one, *of_runs)

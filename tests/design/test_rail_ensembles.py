@@ -143,9 +143,8 @@ def test_errors_of_slopes_over_rails_are_true():
 
     truth = of(16 * 100, 40)  # rails of 1600 * 40 on: none of the others
     found = xr.concat([of(100, seed) for seed in range(40)], "batch")
-    inside = lambda name: (abs(found[name] - truth[name]) <= 2 * found[error[name]]).mean("batch")
-    error = {"value": "stderr", "gradient": "gradient_stderr"}
-    value, slope = inside("value"), inside("gradient")
+    inside = lambda name, error: (abs(found[name] - truth[name]) <= 2 * found[error]).mean("batch")
+    value, slope = inside("value", "stderr"), inside("gradient", "gradient_stderr")
     print(f"\ntrue within two errors: value {value.values}, slopes {slope.values}")
     print("relative slopes", truth["relative"].values, truth["gradient_stderr"].values / truth["gradient"].values)
     assert min(value.min(), slope.min()) >= 0.85

@@ -22,7 +22,7 @@ STEPS_ASIDE = (1e-5, 1e-6, 1e-4, 1e-7)
 
 
 def test_numbers_that_a_scene_has_not_are_refused():
-    with pytest.raises(ValueError, match="^Argument `names` must be of numbers that the scene has"):
+    with pytest.raises(ValueError, match=r"^Argument `names` must be of numbers that the scene has"):
         sensitivities(sj.paper_scene(), "peak_force", ["gravity"])
 
 
