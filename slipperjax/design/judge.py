@@ -74,21 +74,19 @@ def ensemble_averages(
     attractors.
     """
     settings = plan.ensemble
-    cases = len(evaluation.status)
     signs = box_corners(len(plan.names))
     rail, chosen = settings.conditions(plan.scene.track, len(signs))
     # corner by corner for each case, and run by run for each corner
-    shape = (cases, len(signs), len(rail))
+    shape = (len(evaluation.status), len(signs), len(rail))
     each = lambda values: np.broadcast_to(values, shape).ravel()
     runs = {name: each(values[:, None, None]) for name, values in grid.items()}
-    offsets = np.tile(signs, (cases, 1, 1))  # in multiples of the reach
-    for k, name in enumerate(plan.names):
-        here = grid[name][:, None]
-        reach = plan.reach[name]
-        # corners beyond a bound are moved to the bound
-        corner = np.clip(here + signs[:, k] * reach, *plan.bounds.get(name, (-np.inf, np.inf)))
-        offsets[..., k] = (corner - here) / reach
-        runs[name] = each((here + offsets[..., k] * reach)[..., None])
+    here = np.stack([grid[name] for name in plan.names], axis=-1)[:, None]
+    reach = np.array([plan.reach[name] for name in plan.names])
+    bounds = np.array([plan.bounds.get(name, (-np.inf, np.inf)) for name in plan.names])
+    # corners beyond a bound are moved to the bound; in multiples of the reach
+    offsets = (np.clip(here + signs * reach, *bounds.T) - here) / reach
+    varied = here + offsets * reach
+    runs |= {name: each(varied[..., k, None]) for k, name in enumerate(plan.names)}
     # the same rails and disturbances at all corners
     runs |= {path: each(numbers) for path, numbers in chosen.items()}
     disturbed = disturbances(plan.scene, 0.1, len(rail), np.random.default_rng(settings.seed))
@@ -101,7 +99,7 @@ def ensemble_averages(
     fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, strict=True)]
     planes, errors = map(np.array, zip(*fits, strict=True))
     # slopes are per reach
-    per = 1 / np.array([plan.reach[name] for name in plan.names])
+    per = 1 / reach
     lost = np.sum(~stayed, axis=(1, 2))
     # too few runs stayed on the rail
     few = np.isnan(planes[..., 0]).all(axis=1) & (lost > 0)

@@ -14,7 +14,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..orbits.simulate import first_of
 from ..solvers.named import resolve_solver
-from ..sweeps.grid import Cases
+from ..sweeps.grid import Cases, Grid
 from ..tools.checks import known, one_of, require, whole
 from ..tools.types import Numbers
 from ..tools.units import in_unit
@@ -138,11 +138,9 @@ def checked_problem(
     bounds = _checked_bounds(scene, variables)
     over = {} if over is None else over
     require(isinstance(over, Mapping), "over", "name parameters with their values", over)
-    values = {}
-    for name, given in over.items():
+    for name in over:
         require(name not in bounds, "over", "name other parameters than `variables`", name)
-        checked = parameter(name, scene).check(given)
-        values[name] = np.atleast_1d(np.asarray(checked, float))
+    values = Grid(scene, over).axes if over else {}
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
@@ -197,13 +195,12 @@ def _checked_limits(constraints: Mapping | None) -> tuple[tuple[Objective, float
         # a single number is the highest value
         pair = given if isinstance(given, Sequence) else (None, given)
         try:
-            low, high = in_unit(pair, objective.quantity.unit)
-            low = -np.inf if low is None else float(low)
-            high = np.inf if high is None else float(high)
+            ends = zip(in_unit(pair, objective.quantity.unit), (-np.inf, np.inf), strict=True)
+            low, high = (none if end is None else float(end) for end, none in ends)
         except (TypeError, ValueError):
             low = high = np.nan
         need = f"have a highest value or (low, high) for {objective.name} [{objective.quantity.unit}]"
-        require(low < high and (math.isfinite(low) or math.isfinite(high)), "constraints", need, given)
+        require(low < high and np.isfinite([low, high]).any(), "constraints", need, given)
         limits.append((objective, low, high))
     return tuple(limits)
 
