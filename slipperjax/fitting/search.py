@@ -224,12 +224,6 @@ class Found:
         apart = np.linalg.norm(self.of_lead.along(self.point - self.point[self.lead]), axis=1)
         return on & (self.cost < GIVEN_UP_ABOVE * self.cost[self.lead]) & (apart > 1.0)
 
-    def nearest(self, most: int) -> Int[np.ndarray, " some"]:
-        """Return the indices of up to `most` points whose sum of squares is at most twice the least one, the best
-        first."""
-        order = np.argsort(self.cost)[:most]
-        return order[self.cost[order] <= 2 * self.cost[self.lead]]
-
     def distinct(self, more: float) -> Int[np.ndarray, " minima"]:
         """Return the indices of ends with different levels whose sum of squares is at most `more` above the least
         one, the best first."""

@@ -176,7 +176,8 @@ class Trajectories(AbstractFitMethod):
             fit = Fitting(model, guess, noise, jump)
             found = search(fit.rows, points[kept], shown, rough=ROUGH)
             points = found.point
-            kept = found.nearest(REFINED_STARTS)
+            best = np.argsort(found.cost)[:REFINED_STARTS]
+            kept = best[found.cost[best] <= 2 * found.cost[found.lead]]
         if found.cost[found.lead] >= LOST:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
