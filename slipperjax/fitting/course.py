@@ -114,9 +114,8 @@ class Windows(NamedTuple):
         text = "power spectral density, the square of the sensor's unit per Hz"
         data = {"measured_density": column(along, found[0], "", f"{text}, measured")}
         for name, share in (("density_low", 0.05), ("density", 0.5), ("density_high", 0.95)):
-            data[name] = column(
-                along, np.quantile(found[1:], share, axis=0), "", f"{text}, {share:.0%} of likely ones"
-            )
+            values = np.quantile(found[1:], share, axis=0)
+            data[name] = column(along, values, "", f"{text}, {share:.0%} of likely ones")
         middles = np.sqrt(edges[1:] * edges[:-1])
         return data, {"frequency": column("frequency", middles, "Hz", "middle of a band")}
 

@@ -225,8 +225,6 @@ class _Emulator:
         rng = np.random.default_rng(0)
         size = len(self.centre)
         mean, covariance = self.centre, np.diag(np.minimum(self.scale, 1.0) ** 2)
-        level = np.zeros((1, size))
-        share = np.ones(1)
         for _ in range(12):
             proposal = multivariate_t(mean, covariance, df=6)
             level = proposal.rvs(DRAWS, random_state=rng).reshape(DRAWS, size)
