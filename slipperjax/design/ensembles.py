@@ -147,8 +147,8 @@ class RailEnsemble(AbstractEnsemble):
         # a rail counts only with all its runs at all corners
         whole = np.isfinite(values).all(axis=(0, 2))
         counted = ~np.isin(rail, rail[~whole])
-        used, index = np.unique(rail[counted], return_inverse=True)
-        rails = len(used)
+        _, index = np.unique(rail[counted], return_inverse=True)
+        rails = len(np.unique(index))
         if rails < least_rails(self.quantile):
             return _unknown(corners, values.shape[2])
         system = _system(corners, len(index))

@@ -49,11 +49,11 @@ class Chain(NamedTuple):
         left = np.zeros((points, 0, columns - numbers))
         for k in range(count):
             before = np.insert(left, [numbers] * numbers, 0.0, axis=2)
-            few = np.linalg.qr(np.concatenate([before, windows[:, k]], axis=1), mode="r")
+            few = _rotated(np.concatenate([before, windows[:, k]], axis=1))
             found[:, k] = few[:, :numbers]
             left = few[:, numbers:, numbers:]
         rest = np.concatenate([left[..., numbers:], levels, np.zeros((points, own + 1, own + 1))], axis=1)
-        last = np.linalg.qr(rest, mode="r")
+        last = _rotated(rest)
         last[~good, -1, -1] = np.sqrt(LOST)
         return cls(found, last)
 
@@ -133,6 +133,10 @@ class Chain(NamedTuple):
         """Return the levels, and the numbers of windows (points, windows, numbers)."""
         own = self.levels.shape[-1] - 1
         return unknowns[:, :own], unknowns[:, own:].reshape(len(unknowns), self.windows.shape[1], self.numbers)
+
+
+def _rotated(rows: Float[np.ndarray, "points rows columns"]) -> Float[np.ndarray, "points few columns"]:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _flat(array: np.ndarray) -> np.ndarray:

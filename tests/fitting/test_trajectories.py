@@ -147,18 +147,18 @@ def test_windows_of_a_record_are_one_motion(noisy):
 
 
 def test_bad_input_is_refused_before_anything_is_compiled(monkeypatch):
-    period = float(TRUTH.period)
-    time = np.arange(0.0, 4000 * period, period / 8)
-    long = lambda time: xr.Dataset({"az": ("time", np.ones(32_000), {"units": "m/s^2"})}, {"time": time})
-    windows = long(("time", time, {"units": "s"}))
-    with pytest.raises(ValueError, match="must have signals of the sensors ax alone, but has az, too"):
-        fit(FAR, windows, sensors=[sj.model.Sensor("ax")])
+    time = np.arange(0.0, 4000.0, 1 / 8) * float(TRUTH.period)
+    ones = lambda time: ("time", np.ones(len(time)), {"units": "g"})
+    signal = lambda time, unit: xr.Dataset({"az": ones(time)}, {"time": ("time", time, {"units": unit})})
+    bad = lambda text: pytest.raises(ValueError, match=text)
+    with bad("must have signals of the sensors ax alone, but has az, too"):
+        fit(FAR, signal(time, "s"), sensors=[sj.model.Sensor("ax")])
     # milliseconds that are said to be hours
-    with pytest.raises(ValueError, match="forcing periods of 40 steps"):
-        fit(FAR, long(("time", 1e3 * time, {"units": "hours"})), sensors=SENSORS[:1])
+    with bad("forcing periods of 40 steps"):
+        fit(FAR, signal(1e3 * time[:32], "hours"), sensors=SENSORS[:1])
     monkeypatch.setattr(limits, "available_memory", lambda: 4_000_000_000)
-    with pytest.raises(ValueError, match=r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
-        fit(FAR, windows, sensors=SENSORS[:1], starts=64, window=1)
+    with bad(r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
+        fit(FAR, signal(time, "s"), sensors=SENSORS[:1], starts=64, window=1)
 
 
 def test_short_windows_have_no_densities():
