@@ -846,7 +846,7 @@ tests/fitting/test_trajectories.py -k put_in
 +    found[..., 2 * ten : -1] = slope[..., :own]
 
 searches forget that windows hang together
-tests/fitting/test_chain.py -k eliminated
+tests/fitting/test_search.py -k eliminated
 -            known = _times(rows[..., size:-1], np.concatenate([after, levels], axis=1))
 +            known = _times(rows[..., size:-1], np.concatenate([0 * after, levels], axis=1))
 

@@ -12,6 +12,7 @@ from ..model.parameters import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
 from ..sweeps.attractors import LAST
+from ..sweeps.grid import Grid
 from ..sweeps.records import LEAST_PERIODS, MotionKind
 from ..sweeps.sweep import sweep
 from ..tools.checks import instance, number, positive, require, whole
@@ -86,22 +87,18 @@ def surroundings(
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
     """Judge designs of a grid by ensembles on rails that no search uses: seeds a million batches further; for a set
     of rails, the rails of the last judgement."""
-    other = problem.unseen.with_seed(problem.unseen.ensemble.seed + 1_000_000)
+    other = problem.with_seed(problem.ensemble.seed + 1_000_001)
     # every combination of the variables, design by design
     designs = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
     evaluation = other.evaluate((designs - problem.low) / problem.width, None)
-    axes = grid | problem.over
-    dims = tuple(axes)
-    shape = [len(values) for values in axes.values()]
-    coords = {name: (name, values, parameter(name, problem.scene).attributes) for name, values in axes.items()}
-    ds = xr.Dataset({"status": (dims, evaluation.status.reshape(shape))}, coords)
+    cases = Grid(problem.scene, grid | problem.over)
+    ds = xr.Dataset({"status": (cases.dims, evaluation.status.reshape(cases.shape))}, cases.coordinates())
     # the smooth form may be equal to the objective
     for one in (problem.objective, problem.objective.smooth):
         k = problem.index(one)
-        value = evaluation.value[:, k].reshape(shape)
-        stderr = evaluation.stderr[:, k].reshape(shape)
-        ds[one.name] = (dims, value, one.quantity.attributes)
-        ds[f"{one.name}_stderr"] = column(dims, stderr, one.quantity.unit, f"standard error of {one.name}")
+        value, stderr = (a[:, k].reshape(cases.shape) for a in (evaluation.value, evaluation.stderr))
+        ds[one.name] = (cases.dims, value, one.quantity.attributes)
+        ds[f"{one.name}_stderr"] = column(cases.dims, stderr, one.quantity.unit, f"standard error of {one.name}")
     return ds
 
 
@@ -155,9 +152,8 @@ def event_margins(
                 rows.append((case, name, direction, label, end, change, change / size, unit))
     require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative", "unit")
-    ds = xr.Dataset()
-    for name, values in zip(fields, zip(*rows, strict=True), strict=True):
-        ds[name] = ("margin", list(values))
+    columns = zip(fields, zip(*rows, strict=True), strict=True)
+    ds = xr.Dataset({name: ("margin", list(values)) for name, values in columns})
     ds["value"].attrs["long_name"] = "parameter at the event, in the unit of each row"
     ds["change"].attrs["long_name"] = "distance to the event, in the unit of each row"
     ds["relative"].attrs["long_name"] = "distance to the event over the parameter's value"
@@ -179,8 +175,6 @@ def size_of(problem: Problem, name: str, value: float) -> float:
 def _telling_cases(design: Design) -> list[int]:
     """Return the worst case and the case nearest to instability, among cases on orbits."""
     period = design.cases["period"].values
-    if not period.any():
-        return []
     # multipliers per forcing period
     modulus = design.cases["multiplier"].values ** (1 / np.maximum(period, 1))
     found = []
@@ -198,7 +192,7 @@ def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, flo
     events = []
     # branches may turn: the first step from the beginning gives the direction
     for side, last in ((-1, 0), (1, len(along) - 1)):
-        neighbour = along[min(max(begin + side, 0), len(along) - 1)]
+        neighbour = along[np.clip(begin + side, 0, len(along) - 1)]
         direction = int(np.sign(neighbour - value)) or side
         met = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
         first = min(met, key=lambda event: abs(event.point - begin), default=None)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..analysis.quantiles import bootstrap, check_quantile, least_rails, mean_plane, quantile_plane, standard_error
 from ..model.rails import TrackSet
@@ -46,13 +46,12 @@ class AbstractEnsemble(abc.ABC):
         self,
         corners: Float[np.ndarray, "corners parameters"],
         values: Float[np.ndarray, "corners runs objectives"],
-        kept: Bool[np.ndarray, "corners runs"],
         rail: Int[np.ndarray, " runs"],
     ) -> Planes:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
-        **Arguments:** `corners`: differences from the design, in multiples of the reach; `kept`: whether each run
-        stayed on the rail; `rail`: of `conditions`.
+        **Arguments:** `corners`: differences from the design, in multiples of the reach; `values`: NaN for lost runs;
+        `rail`: of `conditions`.
         """
 
 
@@ -81,10 +80,10 @@ class EnsembleSettings(AbstractEnsemble):
         # each corner has as many runs as are needed for all members
         return np.arange(-(-self.members // corners)), {}
 
-    def fit(self, corners, values, kept, rail):
+    def fit(self, corners, values, rail):
         _, runs, objectives = values.shape
         rows = values.reshape(-1, objectives)
-        used = kept.ravel() & np.isfinite(rows).all(axis=1)
+        used = np.isfinite(rows).all(axis=1)
         system = _system(corners, runs)[used]
         # remaining degrees of freedom, for the errors
         freedom = len(system) - system.shape[1]
@@ -144,10 +143,10 @@ class RailEnsemble(AbstractEnsemble):
             return f"from {len(rail)} other starts along the one rail of the search"
         return f"along {len(np.unique(rail))} rails that the search has not seen"
 
-    def fit(self, corners, values, kept, rail):
+    def fit(self, corners, values, rail):
         # a rail counts only with all its runs at all corners
-        lost = ~(kept & np.isfinite(values).all(axis=2)).all(axis=0)
-        counted = ~np.isin(rail, rail[lost])
+        whole = np.isfinite(values).all(axis=(0, 2))
+        counted = ~np.isin(rail, rail[~whole])
         _, index = np.unique(rail[counted], return_inverse=True)
         rails = len(np.unique(index))
         if rails < least_rails(self.quantile):

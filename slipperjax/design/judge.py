@@ -17,7 +17,7 @@ import numpy as np
 from ..analysis.attractor import classify
 from ..analysis.kinds import Regime
 from ..flow.period_map import initial_states, states_and_penetrations
-from ..flow.record import RecordSet
+from ..flow.record import RecordSet, Strobe
 from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES, disturbances
 from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
@@ -32,7 +32,7 @@ from ..sweeps.plan import Part
 from ..sweeps.reached import reached_orbits
 from ..tools.compile import ahead
 from ..tools.limits import cores
-from .ensembles import RailEnsemble, box_corners
+from .ensembles import box_corners
 from .objectives import Evaluation, EvaluationPlan
 
 LANES_PER_CALL = VECTOR_LANES
@@ -50,8 +50,6 @@ def judge(
     warm_start: Evaluation | None = None,
 ) -> Evaluation:
     """Evaluate cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
-    if isinstance(plan.ensemble, RailEnsemble):
-        return ensemble_averages(plan, grid, at_starts(plan, grid))
     evaluation = judge_on_orbits(plan, grid, warm_start)
     # motions that are not periodic, but stay on the rail
     index = np.flatnonzero((evaluation.period == 0) & (evaluation.status == Status.FINITE))
@@ -76,34 +74,32 @@ def ensemble_averages(
     attractors.
     """
     settings = plan.ensemble
-    cases = len(evaluation.status)
     signs = box_corners(len(plan.names))
     rail, chosen = settings.conditions(plan.scene.track, len(signs))
     # corner by corner for each case, and run by run for each corner
-    shape = (cases, len(signs), len(rail))
+    shape = (len(evaluation.status), len(signs), len(rail))
     each = lambda values: np.broadcast_to(values, shape).ravel()
     runs = {name: each(values[:, None, None]) for name, values in grid.items()}
-    offsets = np.tile(signs, (cases, 1, 1))  # in multiples of the reach
-    for k, name in enumerate(plan.names):
-        here = grid[name][:, None]
-        reach = plan.reach[name]
-        # corners beyond a bound are moved to the bound
-        corner = np.clip(here + signs[:, k] * reach, *plan.bounds.get(name, (-np.inf, np.inf)))
-        offsets[..., k] = (corner - here) / reach
-        runs[name] = each((here + offsets[..., k] * reach)[..., None])
+    here = np.stack([grid[name] for name in plan.names], axis=-1)[:, None]
+    reach = np.array([plan.reach[name] for name in plan.names])
+    bounds = np.array([plan.bounds.get(name, (-np.inf, np.inf)) for name in plan.names])
+    # corners beyond a bound are moved to the bound; in multiples of the reach
+    offsets = (np.clip(here + signs * reach, *bounds.T) - here) / reach
+    varied = here + offsets * reach
+    runs |= {name: each(varied[..., k, None]) for k, name in enumerate(plan.names)}
     # the same rails and disturbances at all corners
     runs |= {path: each(numbers) for path, numbers in chosen.items()}
     disturbed = disturbances(plan.scene, 0.1, len(rail), np.random.default_rng(settings.seed))
     motions = evaluation.state[:, None, None, : disturbed.shape[1]] + disturbed
     values, status = _run_members(plan, runs, np.broadcast_to(motions, (*shape, disturbed.shape[1])))
-    values = values.reshape(*shape, -1)
     status = status.reshape(shape)
     stayed = status == Status.FINITE
+    values = np.where(stayed[..., None], values.reshape(*shape, -1), np.nan)
     # one fit for each case
-    fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, stayed, strict=True)]
+    fits = [settings.fit(*of_case, rail) for of_case in zip(offsets, values, strict=True)]
     planes, errors = map(np.array, zip(*fits, strict=True))
     # slopes are per reach
-    per = 1 / np.array([plan.reach[name] for name in plan.names])
+    per = 1 / reach
     lost = np.sum(~stayed, axis=(1, 2))
     # too few runs stayed on the rail
     few = np.isnan(planes[..., 0]).all(axis=1) & (lost > 0)
@@ -137,10 +133,9 @@ def _run_members(
     run = run_cases(runs, work, periods=runs.periods)
     made = run.checked(lambda: run.results)
     measured = dict(zip((*plan.numbers, *plan.exponents), made.record, strict=True))
-    for one in plan.exponents:
-        # without its standard error
-        measured[one], _ = measured[one]
-    return np.stack([measured[one] for one in plan.objectives], axis=1), made.status
+    # exponents without their standard errors
+    values = [measured[one][0] if one in plan.exponents else measured[one] for one in plan.objectives]
+    return np.stack(values, axis=1), made.status
 
 
 def judge_on_orbits(
@@ -150,14 +145,19 @@ def judge_on_orbits(
 ) -> Evaluation:
     """Evaluate cases on the stable periodic orbits to which they settle; values of other cases are NaN.
 
+    Where rails do not recur, cases stay at their starts.
+
     **Arguments:** `grid`: values by name, one for each case; `warm_start`: an evaluation of the same cases with
     similar parameters. Its orbits are followed where they are still stable; elsewhere the motion settles again from
     its states.
     """
-    options = Call(0, 1, steps_per_period=plan.steps, solver=plan.solver)
-    settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet())
+    if plan.on_rails:
+        cases = Cases(plan.scene, grid, plan.start, product=False)
+        epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
+        return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)), epoch)))
     # fewer periods would not show whether an orbit was reached
-    transient = settling.strobes(0, max(plan.transient, 20))
+    options = Call(0, max(plan.transient, 20), steps_per_period=plan.steps, solver=plan.solver)
+    transient = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet((Strobe(),)))
     cases = transient.cases
     groups = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
     # the last chunk is filled up with copies
@@ -171,8 +171,12 @@ def judge_on_orbits(
         maps = Maps.of(part, found.period)
         if warm_start is not None:
             _follow(found, maps, warm_start.take(part.index))
-        elif part.index[0] == 0:
-            _compile_ahead(plan, maps, found.state.copy())
+        # programs that call LAPACK must run one at a time, see `calls_lapack`
+        elif part.index[0] == 0 and plan.names and not calls_lapack(plan.solver):
+            # the program of derivatives, the longest program, while others are compiled and run
+            start = found.state.copy()
+            slopes = np.zeros((len(start), len(plan.names), start.shape[1]))
+            ahead(lambda: plan.pushed(maps, np.arange(len(start)), start, slopes))
         if not np.all(found.period):
             _settle(found, maps, part)
         _differentiate(found, maps, plan)
@@ -182,22 +186,7 @@ def judge_on_orbits(
     return run.checked(lambda: run.results)
 
 
-def at_starts(plan: EvaluationPlan, grid: Mapping[str, np.ndarray]) -> Evaluation:
-    """Return an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
-    cases = Cases(plan.scene, grid, plan.start, product=False)
-    scenes, starts = cases.take(np.arange(cases.count))
-    epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
-    return Evaluation.of_states(plan, rows_of(initial_states(scenes, starts, epoch)))
-
-
 # Steps in the evaluation of a chunk, which write into `found`; period maps are over the periods in `found`.
-
-
-def _compile_ahead(plan: EvaluationPlan, maps: Maps, rows: np.ndarray) -> None:
-    """Compile the program of derivatives, the longest program, while others are compiled and run."""
-    # programs that call LAPACK must run one at a time, see `calls_lapack`
-    if plan.names and not calls_lapack(plan.solver):
-        ahead(lambda: plan.pushed(maps, np.arange(len(rows)), rows, plan.no_slopes(rows)))
 
 
 def _follow(found: Evaluation, maps: Maps, warm_start: Evaluation) -> None:

@@ -93,19 +93,22 @@ class TrustRegion(AbstractMethod):
         size = values.size
         radius = self.radius
         while radius >= self.least:
-            trial, predicted = _linear_step(at, values, values, radius, size)
-            # the linear model predicts no further improvement
-            if not predicted > 1e-9 * size:
-                return
-            found = yield trial
-            share = _true_share(values, found, predicted, size)
+            curved = values
             # a second trial of the same size includes the curvature of the first
-            if share <= 0.1 and np.all(np.isfinite(found.value)) and np.all(np.isfinite(found.excess)):
+            for second in (False, True):
+                trial, predicted = _linear_step(at, values, curved, radius, size)
+                # the linear model predicts no further improvement
+                if not (second or predicted > 1e-9 * size):
+                    return
+                found = yield trial
+                # true share of the predicted fall of the merit
+                fall = values.merit(size) - found.merit(size)
+                share = fall / predicted if np.isfinite(fall) and predicted > 0 else -np.inf
+                known = np.all(np.isfinite(found.value)) and np.all(np.isfinite(found.excess))
+                if second or share > 0.1 or not known:
+                    break
                 yield False
                 curved = _with_curvature(values, found, trial - at)
-                trial, predicted = _linear_step(at, values, curved, radius, size)
-                found = yield trial
-                share = _true_share(values, found, predicted, size)
             yield share > 0.1
             # a trial with a worse result than this is ignored
             if share > 0.1:
@@ -114,17 +117,6 @@ class TrustRegion(AbstractMethod):
             # the region grows after good predictions, and shrinks after bad ones
             radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
             radius = min(radius, 0.3)
-
-
-def _true_share(
-    values: CaseValues,
-    found: CaseValues,
-    predicted: float,
-    size: float,
-) -> float:
-    """Return the true share of the predicted fall of the merit."""
-    fall = values.merit(size) - found.merit(size)
-    return fall / predicted if np.isfinite(fall) and predicted > 0 else -np.inf
 
 
 def _with_curvature(values: CaseValues, found: CaseValues, move: np.ndarray) -> CaseValues:

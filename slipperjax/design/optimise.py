@@ -22,10 +22,10 @@ from ..tools.checks import instance, warn, whole
 from ..tools.columns import column
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Numbers
-from .ensembles import AbstractEnsemble, RailEnsemble
+from .ensembles import AbstractEnsemble
 from .methods import AbstractMethod, CaseValues, TrustRegion
 from .objectives import Evaluation, ObjectiveLike
-from .problem import Limits, Problem, checked_problem, first_designs, spread_designs
+from .problem import SMOOTH, Limits, Problem, checked_problem, first_designs, spread_designs
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -266,7 +266,6 @@ class _Search:
         self.moves: dict[int, Generator] = {}  # generators of the starts that still move
         self.trials: list[Trial] = []
         self.simulated = 0.0
-        self.unseen = problem.unseen
 
     def run(
         self,
@@ -293,7 +292,7 @@ class _Search:
                 break
             # orbits are followed from the last accepted trials
             latest = self._latest()
-            evaluations = [latest[k].evaluation for k in proposed]
+            evaluations = [self.trials[latest[k]].evaluation for k in proposed]
             warm_start = Evaluation(*map(np.concatenate, zip(*evaluations, strict=True)))
             for trial in self._judge(self.problem, proposed, warm_start):
                 taken = self.moves[trial.start].send(trial.values)
@@ -327,9 +326,9 @@ class _Search:
         self.bar.set_postfix_str(text, refresh=False)
         self.bar.update()
 
-    def _latest(self) -> dict[int, Trial]:
-        """Return the last trial that each start accepted."""
-        return {trial.start: trial for trial in self.trials if trial.taken}
+    def _latest(self) -> dict[int, int]:
+        """Return the number of the last trial that each start accepted."""
+        return {trial.start: k for k, trial in enumerate(self.trials) if trial.taken}
 
     def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
         """Return the evaluation of a trial, with changes by half the step as the errors of cases on orbits, and the
@@ -342,16 +341,15 @@ class _Search:
         problem = self.problem
         evaluation = trial.evaluation
         on_orbit = evaluation.period > 0
-        finer = dataclasses.replace(self.unseen, steps=2 * problem.steps)
+        finer = dataclasses.replace(problem.unseen, steps=2 * problem.steps)
         half = finer.evaluate(trial.at[None], None if problem.on_rails else evaluation)
-        at = problem.index(problem.objective.smooth)
-        value = evaluation.value[:, at]
-        change = half.value[:, at] / value - 1
+        value = evaluation.value[:, SMOOTH]
+        change = half.value[:, SMOOTH] / value - 1
         # a change to another orbit is not an error of this orbit
         compared = (on_orbit | problem.on_rails) & (half.period == evaluation.period)
         known = compared & np.isfinite(change)
         change = np.where(known, change, np.nan)
-        chance = np.nan_to_num(np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value))
+        chance = np.nan_to_num(np.hypot(evaluation.stderr[:, SMOOTH], half.stderr[:, SMOOTH]) / np.abs(value))
         status = with_accuracy(evaluation.status[known], np.abs(change[known]), chance[known])
         if np.any(status == Status.INACCURATE):
             worst = float(change[np.nanargmax(np.abs(change))])
@@ -375,21 +373,25 @@ class _Search:
         rails along rails that the search has not used.
         """
         problem = self.problem
-        ends = list(self._latest().values())
+        last = self._latest()
+        ends = [self.trials[k] for k in last.values()]
         if checked and problem.on_rails:
-            ends = self._judge(self.unseen, {end.start: end.at for end in ends})
+            ends = self._judge(problem.unseen, {end.start: end.at for end in ends})
         best = min(ends, key=lambda trial: trial.order)
         values = best.values
         evaluation = best.evaluation._replace(simulated=np.zeros(problem.count))
         change = np.full(problem.count, np.nan)
         if checked and (problem.on_rails or evaluation.period.any()):
             evaluation, change = self._with_half_step(best)
-        errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
+        objective = evaluation.value[:, problem.index(problem.objective)]
+        errors = evaluation.stderr[:, SMOOTH]
         # the error of the worst case, or of the mean of independent cases
         if problem.robust == "worst":
+            total = objective.max()
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
             stderr = errors[np.argmax(known)]
         else:
+            total = objective.mean()
             stderr = np.linalg.norm(errors) / len(errors)
         if not np.isfinite(values.total):
             status = "no motion"
@@ -397,8 +399,13 @@ class _Search:
             status = "infeasible"
         else:
             status = "not converged" if best.start in self.moves else "converged"
+        judged = []
+        if problem.on_rails:
+            unseen = problem.ensemble.unseen(problem.scene.track)
+            judged.append(unseen if checked else "along the rails of the search")
+        if lost := evaluation.lost.sum():
+            judged.append(f"{lost} runs lost and left out")
         history = _history(problem, self.trials)
-        last = {trial.start: k for k, trial in enumerate(self.trials) if trial.taken}
         # the last trial that each start accepted
         starts = history[["design", "smooth", "violation"]].isel(trial=list(last.values()))
         starts = starts.rename(trial="start", design="end")
@@ -406,27 +413,15 @@ class _Search:
         return Design(
             problem=problem,
             design=dict(zip(problem.names, problem.in_units(best.at).tolist(), strict=True)),
-            objective=problem.joined(evaluation.value[:, problem.index(problem.objective)]),
+            objective=float(total),
             smooth=values.total,
             stderr=float(stderr),
             cases=_cases(problem, evaluation, change),
             starts=starts,
             history=history,
             status=status,
-            judged=_judged(problem, evaluation, checked),
+            judged=", ".join(judged),
         )
-
-
-def _judged(problem: Problem, evaluation: Evaluation, checked: bool) -> str:
-    """Return a text that says along which rails a design was judged, and how many runs of its ensembles were lost."""
-    words = []
-    if isinstance(problem.ensemble, RailEnsemble):
-        unseen = problem.ensemble.unseen(problem.scene.track)
-        words.append(unseen if checked else "along the rails of the search")
-    lost = int(evaluation.lost.sum())
-    if lost:
-        words.append(f"{lost} runs lost and left out")
-    return ", ".join(words)
 
 
 def _cases(
@@ -437,19 +432,18 @@ def _cases(
     """Return the dataset of the cases of a design."""
     q = problem.objective.quantity
     hard = problem.index(problem.objective)
-    smooth = problem.index(problem.objective.smooth)
     value = evaluation.value
     stderr = evaluation.stderr
     slope = ("case", "variable")
     per = f"{q.unit} per SI unit of the variable"
     data = {
         "objective": ("case", value[:, hard], _labels(q)),
-        "smooth": ("case", value[:, smooth], _labels(problem.objective.smooth.quantity)),
-        "stderr": column("case", stderr[:, smooth], q.unit, "standard error of smooth"),
+        "smooth": ("case", value[:, SMOOTH], _labels(problem.objective.smooth.quantity)),
+        "stderr": column("case", stderr[:, SMOOTH], q.unit, "standard error of smooth"),
         "step_change": column("case", change, "1", "relative change of smooth by half the step"),
         "objective_stderr": column("case", stderr[:, hard], q.unit, "standard error of objective"),
-        "gradient": column(slope, evaluation.gradient[:, smooth], per, "derivative of smooth"),
-        "gradient_stderr": column(slope, evaluation.gradient_stderr[:, smooth], per, "standard error of gradient"),
+        "gradient": column(slope, evaluation.gradient[:, SMOOTH], per, "derivative of smooth"),
+        "gradient_stderr": column(slope, evaluation.gradient_stderr[:, SMOOTH], per, "standard error of gradient"),
         "regime": column("case", evaluation.regime, "", "kind of motion"),
         "multiplier": column("case", evaluation.multiplier, "1", "largest multiplier's modulus"),
         "period": column("case", evaluation.period, "1", "forcing periods to recur, or 0"),

@@ -14,15 +14,17 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..orbits.simulate import first_of
 from ..solvers.named import resolve_solver
-from ..sweeps.grid import Cases
+from ..sweeps.grid import Cases, Grid
 from ..tools.checks import known, one_of, require, whole
 from ..tools.types import Numbers
 from ..tools.units import in_unit
-from .ensembles import RailEnsemble, ensemble_for
+from .ensembles import ensemble_for
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, objective_named
 
+SMOOTH = 0
+"""Place of the smooth form of the objective among the objectives of a problem."""
 Limits = float | tuple[float | None, float | None]
 """Highest value of a constraint, or lowest and highest value; None means no limit."""
 
@@ -54,27 +56,18 @@ class Problem(EvaluationPlan):
         return math.prod(len(values) for values in self.over.values())
 
     @property
-    def on_rails(self) -> bool:
-        """Whether designs are judged along rails that do not recur."""
-        return isinstance(self.ensemble, RailEnsemble)
-
-    @property
     def low(self) -> np.ndarray:
         """Lower bounds [SI units]."""
-        return np.array([low for low, _ in self.bounds.values()])
+        return np.min(list(self.bounds.values()), axis=1)
 
     @property
     def width(self) -> np.ndarray:
         """Widths of the box [SI units]."""
-        return np.array([high - low for low, high in self.bounds.values()])
+        return np.ptp(list(self.bounds.values()), axis=1)
 
     def index(self, objective: Objective) -> int:
         """Return the index of an objective in evaluations."""
         return self.objectives.index(objective)
-
-    def joined(self, values: Float[np.ndarray, " cases"]) -> float:
-        """Return the worst or the mean of the cases' values."""
-        return float(np.max(values) if self.robust == "worst" else np.mean(values))
 
     def in_units(self, at: Float[np.ndarray, "*designs parameters"]) -> Float[np.ndarray, "*designs parameters"]:
         """Return designs of the unit box in SI units."""
@@ -123,10 +116,9 @@ class Problem(EvaluationPlan):
                     excess.append(sign * (value[:, k] - limit) / scale)
                     excess_slope.append(sign * slope[:, k] / scale)
         # a power mean replaces a peak, because the derivative of a peak jumps
-        at = self.index(self.objective.smooth)
         return CaseValues(
-            value=value[:, at],
-            slope=slope[:, at],
+            value=value[:, SMOOTH],
+            slope=slope[:, SMOOTH],
             excess=np.concatenate(excess),
             excess_slope=np.concatenate(excess_slope),
             weight=None if self.robust == "worst" else np.full(self.count, 1 / self.count),
@@ -146,11 +138,9 @@ def checked_problem(
     bounds = _checked_bounds(scene, variables)
     over = {} if over is None else over
     require(isinstance(over, Mapping), "over", "name parameters with their values", over)
-    values = {}
-    for name, given in over.items():
+    for name in over:
         require(name not in bounds, "over", "name other parameters than `variables`", name)
-        checked = parameter(name, scene).check(given)
-        values[name] = np.atleast_1d(np.asarray(checked, float))
+    values = Grid(scene, over).axes if over else {}
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
@@ -205,13 +195,12 @@ def _checked_limits(constraints: Mapping | None) -> tuple[tuple[Objective, float
         # a single number is the highest value
         pair = given if isinstance(given, Sequence) else (None, given)
         try:
-            low, high = in_unit(pair, objective.quantity.unit)
-            low = -np.inf if low is None else float(low)
-            high = np.inf if high is None else float(high)
+            ends = zip(in_unit(pair, objective.quantity.unit), (-np.inf, np.inf), strict=True)
+            low, high = (none if end is None else float(end) for end, none in ends)
         except (TypeError, ValueError):
             low = high = np.nan
         need = f"have a highest value or (low, high) for {objective.name} [{objective.quantity.unit}]"
-        require(low < high and (math.isfinite(low) or math.isfinite(high)), "constraints", need, given)
+        require(low < high and np.isfinite([low, high]).any(), "constraints", need, given)
         limits.append((objective, low, high))
     return tuple(limits)
 

@@ -21,10 +21,9 @@ from ..solvers.named import resolve_solver
 from ..sweeps.orbits import NearestOrbit
 from ..tools.checks import known, number, one_of, positive, require, tuple_of, whole
 from ..tools.columns import column
-from .ensembles import AbstractEnsemble, RailEnsemble, ensemble_for
-from .gradients import OrbitObjectives
-from .judge import at_starts, ensemble_averages, judge_on_orbits
-from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, objective_named
+from .ensembles import AbstractEnsemble, ensemble_for
+from .judge import ensemble_averages, judge_on_orbits
+from .objectives import OBJECTIVES, Evaluation, EvaluationPlan, ObjectiveLike, OrbitObjectives, objective_named
 
 
 def sensitivities(
@@ -92,8 +91,7 @@ def sensitivities(
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
     # values and derivatives come from finer steps, or from ensembles
-    find_motion = at_starts if isinstance(ensemble, RailEnsemble) else judge_on_orbits
-    motion = find_motion(replace(on_orbit, names=()), grid)
+    motion = judge_on_orbits(replace(on_orbit, names=()), grid)
     regime = str(motion.regime[0])
     if motion.period[0] == 0 and method == "orbit":
         raise ValueError(

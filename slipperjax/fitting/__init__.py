@@ -9,9 +9,8 @@ from .features import (
     ImpactRate as ImpactRate,
     Peaks as Peaks,
 )
+from .fit import Fit as Fit
 from .likelihood import FeaturePosterior as FeaturePosterior, Features as Features
 from .method import AbstractFitMethod as AbstractFitMethod, Posterior as Posterior, Problem as Problem
-from .result import Fit as Fit
-from .signals import SignalPosterior as SignalPosterior
 from .synthetic import synthetic_record as synthetic_record
-from .trajectories import Trajectories as Trajectories
+from .trajectories import SignalPosterior as SignalPosterior, Trajectories as Trajectories

@@ -4,19 +4,19 @@ Channels are the quantities of a body's motion that sensors can read.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int, PyTree
 
+from ..analysis.environment import band_edges, window_densities
 from ..flow.period_map import SlopePassage, advance, advance_slopes
-from ..flow.record import RecordSet, Unlabelled
+from ..flow.record import Labelled, RecordSet, Unlabelled
 from ..flow.status import heed_interrupts
 from ..flow.stepping import SampledSteps
 from ..model.dynamics import Args, State
@@ -31,10 +31,12 @@ from ..solvers.latching import calls_lapack
 from ..sweeps.engine import gather
 from ..sweeps.grid import VECTOR_LANES, Cases
 from ..tools.batching import Batched
+from ..tools.columns import column
 from ..tools.compile import ahead, as_argument, jit
+from ..tools.jacobian import slopes_along
 from ..tools.limits import cores
 from ..tools.types import Real
-from .measured import MeasuredRun
+from .measured import FEWEST, MeasuredRun
 from .method import Problem
 
 SIZES = np.array([getattr(MOTION_SCALES, name) for name in MOTION_NUMBERS])
@@ -62,22 +64,23 @@ class Windows(NamedTuple):
     """One for samples, and zero for places that fill up."""
 
     @classmethod
-    def of(cls, runs: Sequence[MeasuredRun], scenes: Sequence[Scene], origin: float, window: int | None) -> "Windows":
-        """Cut runs of some scenes into windows.
+    def of(cls, problem: Problem, window: int | None = None) -> "Windows":
+        """Cut the runs of a problem into windows.
 
-        **Arguments:** `origin`: forcing periods from distance zero to the beginning of runs; `window`: forcing
-        periods of each window, or fewer where runs are shorter; None: one window with the length of the longest run.
+        **Arguments:** `window`: forcing periods of each window, or fewer where runs are shorter; None: one window
+        with the length of the longest run.
         """
-        passed = [_passed(scene, origin, run) for scene, run in zip(scenes, runs, strict=True)]
+        passed = [_passed(problem.origin, *both) for both in zip(problem.scenes, problem.runs, strict=True)]
         ends = np.array([np.concatenate(every).max() for every in passed])
         whole = np.maximum(np.ceil(ends - 2e-9), 1).astype(int)
-        periods = int(whole.max()) if window is None else min(window, int(whole.max()))
+        longest = int(whole.max())
+        periods = min(window or longest, longest)
         counts = -(-whole // periods)
-        run = np.repeat(np.arange(len(runs)), counts)
+        run = np.repeat(np.arange(len(counts)), counts)
         number = np.concatenate([np.arange(count) for count in counts])
         parts = []
         for of, own in zip(run.tolist(), number.tolist(), strict=True):
-            for signal, at in zip(runs[of].signals, passed[of], strict=True):
+            for signal, at in zip(problem.runs[of].signals, passed[of], strict=True):
                 # a sample belongs to the window in which the model passes it
                 inside = np.minimum(at // periods, counts[of] - 1) == own
                 parts.append((signal.time[inside], signal.value[inside], np.ones(inside.sum())))
@@ -86,16 +89,47 @@ class Windows(NamedTuple):
         arrays = np.moveaxis(np.reshape(filled, (len(run), -1, 3, most)), 2, 0)
         return cls(run, number * periods, periods, *arrays)
 
+    def densities(self, number: int, likely: Float[np.ndarray, "signals sensors samples"]) -> Labelled:
+        """Return power spectral densities of the signals measured in a window, and of likely ones, in third octaves.
+
+        **Returns:** no frequencies where no sensor has eight samples, the least number for a density.
+        """
+        known = self.known[number] > 0
+        signals = np.array([self.value[number], *likely])
+        times = enumerate(self.time[number])
+        used = {k: time[known[k]] for k, time in times if known[k].sum() >= FEWEST}
+        rates = {k: (len(at) - 1) / np.ptp(at) for k, at in used.items()}
+        longest = max(map(np.ptp, used.values()), default=0.0)
+        edges = np.ones(1)
+        if used:
+            top = max(rates.values()) / 2
+            edges = band_edges(min(4.0 / longest, top / 4), top, per_octave=3)
+        found = np.full((*signals.shape[:2], len(edges) - 1), np.nan)
+        for k, at in used.items():
+            # unequal samples become equal samples, in the same way for all signals
+            grid = np.linspace(at[0], at[-1], len(at))
+            equal = np.array([np.interp(grid, at, signal[k][known[k]]) for signal in signals])
+            found[:, k] = window_densities(equal, rates[k], edges, window=longest)[1].mean(axis=-2)
+        along = ("sensor", "frequency")
+        text = "power spectral density, the square of the sensor's unit per Hz"
+        data = {"measured_density": column(along, found[0], "", f"{text}, measured")}
+        for name, share in (("density_low", 0.05), ("density", 0.5), ("density_high", 0.95)):
+            values = np.quantile(found[1:], share, axis=0)
+            data[name] = column(along, values, "", f"{text}, {share:.0%} of likely ones")
+        middles = np.sqrt(edges[1:] * edges[:-1])
+        return data, {"frequency": column("frequency", middles, "Hz", "middle of a band")}
+
     @property
     def count(self) -> int:
         return len(self.run)
 
 
-def _passed(scene: Scene, origin: float, run: MeasuredRun) -> list[np.ndarray]:
+def _passed(origin: float, scene: Scene, run: MeasuredRun) -> list[np.ndarray]:
     """Return for each sensor the forcing periods from the beginning of the run to its samples."""
     since = lambda periods: np.asarray(scene.seconds(origin + periods) - scene.seconds(origin))
+    end = max(one.time.max(initial=0.0) for one in run.signals)
     most = 1.0
-    while since(most) <= run.end:
+    while since(most) <= end:
         most *= 2
     grid = np.linspace(0.0, most, 4097)
     times = since(grid)
@@ -147,8 +181,7 @@ def begin(
             seen = channels(Args(here, epoch), 0.0, state)
             return state, jax.tree.map(lambda a: a[None], seen)
 
-        push = lambda way: jax.jvp(at, (both,), (way,))
-        (state, seen), (slopes, seen_slopes) = jax.vmap(push, out_axes=((None, None), 0))(jnp.eye(both.size))
+        (state, seen), (slopes, seen_slopes) = slopes_along(at, (both,), jnp.eye(both.size))
         return SlopePassage(state, jax.vmap(lambda slope: ravel_pytree(slope)[0])(slopes), (seen,), (seen_slopes,))
 
     return scenes.map(one, starts, epoch)
@@ -189,9 +222,10 @@ class Model:
         return SampledSteps(self.samples, as_argument(self.steps // self.samples))
 
     @property
-    def kept(self) -> RecordSet:
-        """Records of runs for each forcing period."""
-        return RecordSet((ChannelRecord(self.samples),))
+    def _how(self) -> dict[str, object]:
+        """Options with which programs follow runs and keep their channels."""
+        records = RecordSet((ChannelRecord(self.samples),))
+        return dict(stepping=self.stepping, records=records, solver=self.problem.solver)
 
     def with_steps(self, steps: int) -> "Model":
         """Return the same model with at least this number of steps per period."""
@@ -207,10 +241,17 @@ class Model:
         """Forcing periods from distance zero to the beginning of the model's run of each window."""
         return self.problem.origin - self.problem.lead + self.windows.lag
 
-    def reader(self, samples: int, origin: float) -> "Reader":
-        """Return a reader of runs with `samples` instants in each period, whose times count from `origin`."""
+    def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
+        count = len(self.problem.unknowns)
+        return points[:, :count], points[:, count:].reshape(len(points), self.windows.count, len(SIZES))
+
+    def reader(self, samples: int, origin: float) -> Callable[..., tuple[Array, Array | None]]:
+        """Return `readings` of runs with `samples` instants in each period, whose times count from `origin` [forcing
+        periods from distance zero]."""
         problem = self.problem
-        return Reader(problem.rig, origin, problem.names, problem.sensor_names, samples)
+        how = dict(names=problem.names, sensor_names=problem.sensor_names, samples=samples)
+        return functools.partial(readings, problem.rig, origin, **how)
 
     def each(
         self,
@@ -239,8 +280,8 @@ class Model:
         grid |= {"start_y": np.full(total, float(problem.motion.y))}
         cases = Cases(problem.scene, grid, problem.start if numbers is None else problem.motion, product=False)
         if numbers is not None:
-            parts = {name: getattr(cases.starts, name) for name in ("payload", "modes")}
-            cases.starts = Motion(*(numbers.reshape(total, -1) * SIZES).T, **parts)
+            values_of_starts = (numbers.reshape(total, -1) * SIZES).T
+            cases.starts = replace(cases.starts, **dict(zip(MOTION_NUMBERS, values_of_starts, strict=True)))
         window = np.tile(np.arange(windows.count), count)
         of_sensors = np.repeat(values[:, len(problem.names) :], windows.count, axis=0)
         # the last group is filled up with copies of the last case
@@ -255,15 +296,10 @@ class Model:
         every = [np.concatenate(arrays)[:total] for arrays in zip(*made, strict=True)]
         return [a.reshape(count, windows.count, *a.shape[1:]) for a in every]
 
-    def course(
-        self,
-        levels: Float[np.ndarray, "starts parameters"],
-        numbers: Float[np.ndarray, "starts windows 10"],
-        stride: int = 1,
-    ) -> Course:
+    def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
         """Run the model from some starts, and differentiate it.
 
-        **Arguments:** `numbers`: of motions [scales]; `stride`: step between the instants from which signals are
+        **Arguments:** `points`: see `split`; `stride`: step between the instants from which signals are
         interpolated.
         """
         problem = self.problem
@@ -271,27 +307,26 @@ class Model:
 
         def work(scenes, starts, window, q):
             epoch = self.epoch[window]
-            how = dict(names=problem.names, records=self.kept, solver=problem.solver)
+            how = dict(names=problem.names, **self._how)
             passed = [begin(scenes, starts, epoch, names=problem.names)]
             for k in range(self.windows.periods + problem.lead):
                 heed_interrupts()
                 now = passed[-1]
-                passed.append(advance_slopes(scenes, now.state, now.slopes, epoch + k, self.stepping, **how))
+                passed.append(advance_slopes(scenes, now.state, now.slopes, epoch + k, **how))
             (seen,) = jax.tree.map(
                 lambda *parts: np.concatenate(parts, axis=1)[:, ::stride], *[one.samples for one in passed]
             )
             (slopes,) = jax.tree.map(
                 lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *[one.sample_slopes for one in passed]
             )
-            made = readings(reader, scenes, q, seen, slopes, epoch, self.windows.time[window])
-            reading, slope = map(np.asarray, made)
+            reading, slope = map(np.asarray, reader(scenes, q, seen, slopes, epoch, self.windows.time[window]))
             last = passed[self.windows.periods]
             # the first numbers of a state belong to its motion
             end = StateLayout.pack(last.state)[:, : len(SIZES)]
             end_slope = np.asarray(last.slopes)[..., : len(SIZES)]
             return [reading, np.moveaxis(slope, 1, -1), end, np.moveaxis(end_slope, 1, -1)]
 
-        reading, slope, end, end_slope = self.each(levels, numbers, LANES, work)
+        reading, slope, end, end_slope = self.each(*self.split(points), LANES, work)
         # the numbers of sensors do not move the body
         at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
@@ -299,13 +334,13 @@ class Model:
             array[..., -len(SIZES) :] *= SIZES
         return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
 
-    def compile_ahead(self, levels: Float[np.ndarray, "starts parameters"]) -> None:
+    def compile_ahead(self) -> None:
         """Compile the program of derivatives, the longest program, while others are compiled and run."""
         # LAPACK must not be called from two threads
         if not calls_lapack(self.problem.solver):
-            numbers = np.zeros((1, self.windows.count, len(SIZES)))
+            point = np.zeros((1, len(self.problem.unknowns) + self.windows.count * len(SIZES)))
             # zero steps
-            ahead(lambda: replace(self, steps=0).course(levels[:1], numbers))
+            ahead(lambda: replace(self, steps=0).course(point))
 
     def guesses(
         self, levels: Float[np.ndarray, "starts parameters"], transient: int, noise: Float[np.ndarray, " sensors"]
@@ -336,7 +371,7 @@ class Model:
                 place = (windows.lag[window] + shift) * self.samples
                 at = place[:, None] + np.arange(length * self.samples + 1)
                 part = jax.tree.map(lambda a, at=at: a[np.arange(len(a))[:, None], at], seen)
-                reading, _ = readings(reader, scenes, q, part, None, self.epoch[window], windows.time[window])
+                reading, _ = reader(scenes, q, part, None, self.epoch[window], windows.time[window])
                 off = (np.asarray(reading) - windows.value[window]) / noise[:, None] * windows.known[window]
                 far = np.sum(off**2, axis=(1, 2))
                 better = far < best
@@ -354,12 +389,12 @@ class Model:
         """
         states = now.state
         kept = [now.samples[0]]
-        how = dict(solver=self.problem.solver, periods=CALL, records=self.kept)
+        how = dict(periods=CALL, **self._how)
         passed = 0
         while passed < total:
             heed_interrupts()
             used = min(CALL, (settle if passed < settle else total) - passed)
-            ran = advance(scenes, states, epoch + passed, self.stepping, used=as_argument(used), **how)
+            ran = advance(scenes, states, epoch + passed, used=as_argument(used), **how)
             states = ran.state
             # periods and samples in one row, without unused periods
             row = lambda a, used=used: np.asarray(a)[:, :used].reshape(len(a), used * self.samples, *a.shape[3:])
@@ -371,49 +406,42 @@ class Model:
         return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
 
 
-class Reader(eqx.Module):
-    """Readings of sensors in runs, with other values of the scene's parameters and of the sensors' numbers."""
-
-    rig: Rig
-    origin: Real
-    """Forcing periods from distance zero to the zero of times."""
-    names: tuple[str, ...] = eqx.field(static=True)
-    sensor_names: tuple[str, ...] = eqx.field(static=True)
-    samples: int = eqx.field(static=True)
-    """Instants in each forcing period."""
-
-    def __call__(self, scene: Scene, p: Array, q: Array, seen: Channels, epoch: Real, at: Array) -> Array:
-        """Return the readings of all sensors in a run, which begins at `epoch`, at some times, (sensors, samples)."""
-        scene, rig = at_values(scene, self.names, p), at_values(self.rig, self.sensor_names, q)
-        instants = epoch + jnp.arange(seen.motion.shape[0]) / self.samples
-        time = scene.seconds(instants) - scene.seconds(self.origin)
-        modes = scene.slipper.modes
-        return jnp.stack([sensor.read(seen, time, at[k], modes) for k, sensor in enumerate(rig.sensors)])
-
-
-@jit
+@functools.partial(jit, static_argnames=("names", "sensor_names", "samples"))
 def readings(
-    reader: Reader, scenes: Batched[Scene], *of_runs: PyTree
+    rig: Rig,
+    origin: Real,
+    scenes: Batched[Scene],
+    *of_runs: PyTree,
+    names: tuple[str, ...],
+    sensor_names: tuple[str, ...],
+    samples: int,
 ) -> tuple[Float[Array, "runs sensors samples"], Float[Array, "runs directions sensors samples"] | None]:
     """Return the readings of sensors in some runs, and derivatives by parameters, numbers of sensors, and starts.
 
-    **Arguments:** `of_runs`: numbers of the sensors; channels, and their derivatives, or None for no derivatives;
-    epochs, and times of each run.
+    **Arguments:** `origin`: forcing periods from distance zero to the zero of times; `of_runs`: numbers of the
+    sensors; channels, and their derivatives, or None for no derivatives; epochs of the beginning, and times of each
+    run; `names`, `sensor_names`: of the parameters and of the sensors' numbers; `samples`: instants in each period.
     """
 
     def one(
         scene: Scene, q: Array, seen: Channels, slopes: Channels | None, epoch: Real, at: Array
     ) -> tuple[Array, Array | None]:
-        p = values_of(scene, reader.names)
-        read = lambda p, q, seen: reader(scene, p, q, seen, epoch, at)
+        instants = epoch + jnp.arange(seen.motion.shape[0]) / samples
+
+        def read(p: Array, q: Array, seen: Channels) -> Array:
+            here = at_values(scene, names, p)
+            time = here.seconds(instants) - here.seconds(origin)
+            sensors = at_values(rig, sensor_names, q).sensors
+            return jnp.stack([one.read(seen, time, at[k], here.slipper.modes) for k, one in enumerate(sensors)])
+
+        p = values_of(scene, names)
         if slopes is None:
             return read(p, q, seen), None
         # numbers of sensors do not change channels
         none = lambda a: jnp.concatenate([a[: p.size], jnp.zeros((q.size, *a.shape[1:])), a[p.size :]])
         every = jax.tree.map(none, slopes)
         directions = every.motion.shape[0]
-        push = lambda *along: jax.jvp(read, (p, q, seen), along)
         each = jnp.eye(directions, p.size), jnp.eye(directions, q.size, -p.size), every
-        return jax.vmap(push, out_axes=(None, 0))(*each)
+        return slopes_along(read, (p, q, seen), *each)
 
     return scenes.map(one, *of_runs)

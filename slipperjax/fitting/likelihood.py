@@ -8,7 +8,7 @@ ensemble has little effect.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,12 +27,10 @@ from ..orbits.motions import recurs
 from ..tools.checks import require, tuple_of, warn, whole
 from ..tools.columns import column
 from ..tools.compile import as_argument
-from .course import SIZES, Model, Windows, begin, readings
+from .course import SIZES, Model, Windows, begin
 from .features import DEFAULT, AbstractFeature
 from .measured import Signal
-from .method import AbstractFitMethod, Posterior, Problem
-from .signals import densities
-from .unknowns import spread
+from .method import AbstractFitMethod, Posterior, Problem, spread
 
 RIDGE = 1e-2
 """Number added to the squares of the features from which parameters are guessed [1]."""
@@ -82,37 +80,35 @@ class Features(AbstractFitMethod):
         for name, least in (("members", 4), ("proposals", 16), ("rounds", 1), ("transient", 0)):
             whole(name, getattr(self, name), least)
 
-    def check(self, problem: Problem) -> None:
+    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
         for sensor in problem.rig.sensors:
             require(sensor.noise is not None, "noise", f"be given of the sensor {sensor.name} for features", None)
-        steady = problem.scene.travel(0.0).acceleration is None
-        require(steady, "method", "be Trajectories() at a speed that changes", self)
-        _Ensemble.of(self, problem)
-
-    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
+        constant = problem.scene.travel(0.0).acceleration is None
+        require(constant, "method", "be Trajectories() at a speed that changes", self)
         ensemble = _Ensemble.of(self, problem)
-        (target,) = ensemble.values(ensemble.record[None])
-        likely = None
+        windows = ensemble.model.windows
+        (target,) = ensemble.values(windows.value)
+        size = len(problem.unknowns)
         levels = spread(problem.unknowns, self.proposals, problem.seed)
         levels[0] = problem.own
         known = _Known(levels[:0], np.empty((0, self.members, len(target))))
-        converged = False
+        # so that the first emulator has the scale of the priors
+        likely = _Likely(np.zeros(size), np.eye(size) / WIDER**2, levels[:0])
         rng = np.random.default_rng(problem.seed)
         for number in range(self.rounds):
             shown(f"round {number + 1} of {self.rounds}")
             known = known.with_more(levels, ensemble.features(levels, problem.seed))
             emulator = _Emulator.of(known, target, likely)
             before, likely = likely, emulator.likely()
-            if before is not None:
-                moved = np.abs(likely.mean - before.mean) / before.stderr
-                narrowed = likely.stderr / before.stderr
-                converged = bool(moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25)
-                if converged:
-                    break
+            moved = np.abs(likely.mean - before.mean) / before.stderr
+            narrowed = likely.stderr / before.stderr
+            steady = moved.max() < 0.25 and narrowed.min() > 0.8 and narrowed.max() < 1.25
+            converged = bool(number and steady)
+            if converged:
+                break
             levels = rng.multivariate_normal(likely.mean, WIDER**2 * likely.covariance, self.proposals)
             # beyond these bounds all values are similar
             levels = np.clip(levels, -3.0, 3.0)
-        assert likely is not None  # there is at least one round
         signals = ensemble.signals(rng.choice(likely.draws, SHOWN), 1, problem.seed + 1)
         expected, spread_of_records, excess = _records_near(known, target, likely)
         return FeaturePosterior(
@@ -120,8 +116,8 @@ class Features(AbstractFitMethod):
             covariance=likely.covariance,
             information=emulator.information(likely.mean),
             converged=converged,
-            minima=np.empty((0, len(problem.unknowns))),
-            step_change=np.full(len(problem.unknowns), np.nan),
+            minima=np.empty((0, size)),
+            step_change=np.full(size, np.nan),
             start=problem.motion,
             draws=likely.draws,
             names=ensemble.names,
@@ -129,9 +125,8 @@ class Features(AbstractFitMethod):
             expected=expected,
             spread=spread_of_records,
             excess=excess,
-            record=ensemble.record,
+            windows=windows,
             likely=signals[:, 0],
-            rate=ensemble.rate,
         )
 
 
@@ -172,13 +167,12 @@ class _Emulator:
     """Summaries of the record."""
 
     @classmethod
-    def of(cls, known: _Known, record: np.ndarray, before: "_Likely | None") -> "_Emulator":
+    def of(cls, known: _Known, record: np.ndarray, before: "_Likely") -> "_Emulator":
         """Return the emulator for a record's features, near the likely levels of an earlier emulator."""
-        size = known.level.shape[1]
-        members = known.values.shape[1]
-        centre = np.zeros(size) if before is None else before.mean
-        scale = np.ones(size) if before is None else before.stderr * WIDER
-        z = (known.level - centre) / scale
+        _, members, features = known.values.shape
+        size = len(before.mean)
+        scale = before.stderr * WIDER
+        z = (known.level - before.mean) / scale
         # near ensembles count most; ensembles of regular motions, with hardly any spread, do not count
         weight = np.exp(-0.5 * np.sum(z**2, axis=1) / (size + 1))
         own = known.values.std(axis=1)
@@ -186,7 +180,7 @@ class _Emulator:
         weights = np.where((own > 0) | ~np.any(own > 0, axis=0), weight[:, None], 0.0)
         usual = np.quantile(own, 0.5, axis=0, weights=weights, method="inverted_cdf")
         weight = np.where(np.median(own / np.maximum(usual, 1e-6), axis=1) < REGULAR, 0.0, weight)
-        runs = known.values.reshape(-1, known.values.shape[2])
+        runs = known.values.reshape(-1, features)
         of_run = np.repeat(weight, members)
         middle = of_run @ runs / of_run.sum()
         total = np.sqrt(of_run @ (runs - middle) ** 2 / of_run.sum()) + 1e-12
@@ -215,7 +209,7 @@ class _Emulator:
         misfit = left.T @ left / max(weight.sum() - terms.shape[1], 1.0)
         values, vectors = np.linalg.eigh(misfit - common / members)
         correlation = common * (1 + 1 / members) + (vectors * np.maximum(values, 0.0)) @ vectors.T
-        return cls(centre, scale, means, spreads, correlation, clipped(record) @ to_level)
+        return cls(before.mean, scale, means, spreads, correlation, clipped(record) @ to_level)
 
     def _logarithm(self, level: np.ndarray) -> np.ndarray:
         """Return the logarithm of the posterior density, up to a constant."""
@@ -231,8 +225,6 @@ class _Emulator:
         rng = np.random.default_rng(0)
         size = len(self.centre)
         mean, covariance = self.centre, np.diag(np.minimum(self.scale, 1.0) ** 2)
-        level = np.zeros((1, size))
-        share = np.ones(1)
         for _ in range(12):
             proposal = multivariate_t(mean, covariance, df=6)
             level = proposal.rvs(DRAWS, random_state=rng).reshape(DRAWS, size)
@@ -298,38 +290,29 @@ class _Ensemble:
 
     method: Features
     model: Model
-    rate: Float[np.ndarray, " sensors"]
-    """Samples per second [Hz]."""
-    record: Float[np.ndarray, "sensors samples"]
-    """The measured signal of each sensor, at equal times; shorter signals are filled up with NaN."""
-    kinds: tuple[tuple[Callable, ...], ...]
-    names: tuple[str, ...]
+    """With one window, the whole record at equal times."""
+    functions: list[tuple[int, Callable]]
+    """Functions that compute features of a signal, with the sensor's number."""
+    names: list[str]
 
     @classmethod
     def of(cls, method: Features, problem: Problem) -> "_Ensemble":
         require(len(problem.runs) == 1, "measured", "be one run for features", shown=f"{len(problem.runs)} runs")
         (run,) = problem.runs
-        rates, records, kinds, names = [], [], [], []
-        for sensor, signal in zip(problem.rig.sensors, run.signals, strict=True):
-            rate, record = _at_equal_times(sensor.name, signal)
-            made = [feature.of(record) for feature in method.features]
-            rates.append(rate)
-            records.append(record)
-            kinds.append(tuple(values for _, values in made))
-            names += [f"{sensor.name} {name}" for of_kind, _ in made for name in of_kind]
-        most = max(map(len, records))
-        record = np.stack([np.pad(one, (0, most - len(one)), constant_values=np.nan) for one in records])
-        rate = np.array(rates)
-        time = np.where(np.isfinite(record), np.arange(most) / rate[:, None], 0.0)[None]
-        periods = int(np.ceil(time.max() / float(problem.scenes[0].period)))
-        zero = np.zeros(1, int)
-        windows = Windows(zero, zero, periods, time, np.zeros_like(time), np.ones_like(time))
-        return cls(method, Model.of(problem, windows), rate, record, tuple(kinds), tuple(names))
+        equal, functions, names = [], [], []
+        for k, (sensor, signal) in enumerate(zip(problem.rig.sensors, run.signals, strict=True)):
+            equal.append(_at_equal_times(sensor.name, signal))
+            for feature in method.features:
+                of_kind, function = feature.of(equal[k].value)
+                functions.append((k, function))
+                names += [f"{sensor.name} {name}" for name in of_kind]
+        problem = replace(problem, runs=(run._replace(signals=tuple(equal)),))
+        return cls(method, Model.of(problem, Windows.of(problem)), functions, names)
 
     def values(self, signals: Float[np.ndarray, "runs sensors samples"]) -> Float[np.ndarray, "runs features"]:
         """Return features of signals; each sensor has as many samples as in its record."""
-        by_sensor = zip(np.moveaxis(signals, 1, 0), np.isfinite(self.record), self.kinds, strict=True)
-        return np.concatenate([values(of[:, known]) for of, known, kinds in by_sensor for values in kinds], axis=1)
+        known = self.model.windows.known[0] > 0
+        return np.concatenate([values(signals[:, k][:, known[k]]) for k, values in self.functions], axis=1)
 
     def features(self, levels: np.ndarray, seed: int) -> Float[np.ndarray, "ensembles members features"]:
         """Return features of ensembles at some levels, NaN for lost runs."""
@@ -368,7 +351,7 @@ class _Ensemble:
                 at += used
             now = begin(scenes, states, epoch + settle, names=problem.names)
             seen = model.followed(scenes, now, origin, 0, model.windows.periods)
-            read, _ = readings(reader, scenes, q, seen, None, epoch + settle, model.windows.time[window])
+            read, _ = reader(scenes, q, seen, None, epoch + settle, model.windows.time[window])
             return [np.asarray(read)]
 
         rails = {}
@@ -381,8 +364,8 @@ class _Ensemble:
         return read.reshape(len(levels), members, *read.shape[2:]) + noise * deviates
 
 
-def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarray, " samples"]]:
-    """Return a signal's rate [Hz], and its values at equal times.
+def _at_equal_times(sensor: str, signal: Signal) -> Signal:
+    """Return a signal at equal times, which begin at zero.
 
     **Raises:** `ValueError` where more than 5 % of the samples are missing, or there are fewer than 100.
     """
@@ -392,7 +375,8 @@ def _at_equal_times(sensor: str, signal: Signal) -> tuple[float, Float[np.ndarra
     need = f"have 100 or more equal times of {sensor}, of which at most 5 % are missing, for features"
     good = missing <= 0.05 and count >= 100
     require(good, "measured", need, shown=f"{count} times, {100 * missing:.2g} % missing")
-    return rate, np.interp(signal.time[0] + np.arange(count) / rate, signal.time, signal.value)
+    time = np.arange(count) / rate
+    return Signal(time, np.interp(signal.time[0] + time, signal.time, signal.value))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -401,7 +385,7 @@ class FeaturePosterior(Posterior):
 
     draws: Float[np.ndarray, "draws parameters"]
     """Likely levels."""
-    names: tuple[str, ...]
+    names: list[str]
     """Names of the features."""
     measured: Float[np.ndarray, " features"]
     expected: Float[np.ndarray, " features"]
@@ -409,10 +393,10 @@ class FeaturePosterior(Posterior):
     """Standard deviations of features of records like the measured record."""
     excess: float
     """Share of such records whose distance from the others is at least that of the measured record [1]."""
-    record: Float[np.ndarray, "sensors samples"]
+    windows: Windows
+    """The record at equal times, as one window."""
     likely: Float[np.ndarray, "shown sensors samples"]
-    """Signals of the record, and of likely parameters."""
-    rate: Float[np.ndarray, " sensors"]
+    """Signals of likely parameters, with noise."""
 
     def ends(self, confidence: float) -> np.ndarray:
         return np.quantile(self.draws, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
@@ -430,8 +414,5 @@ class FeaturePosterior(Posterior):
             "fitted_feature": column("feature", self.expected, "", "mean feature of the model"),
             "feature_stderr": column("feature", self.spread, "", "standard deviation of such records"),
         }
-        time = np.arange(self.record.shape[1]) / self.rate[:, None]
-        known = np.isfinite(self.record)
-        signals = np.nan_to_num(np.concatenate([self.record[None], self.likely]))
-        rows, coords = densities(time, known, signals)
-        return data | rows, coords | {"feature": list(self.names)}
+        rows, coords = self.windows.densities(0, np.nan_to_num(self.likely))
+        return data | rows, coords | {"feature": self.names}

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..model.parameters import PARAMETERS
 from ..model.sensors import Rig, Sensor
-from ..tools.checks import check_no_clock, finite, number, numbers, require, warn
+from ..tools.checks import check_no_clock, finite, number, numbers, require, tuple_of, warn
 from ..tools.files import content_of, user_path
 from ..tools.tables import Table, without_marks
 
@@ -37,11 +37,6 @@ class MeasuredRun(NamedTuple):
     settings: dict[str, float]
     """Known parameters of this run, such as its speed, by name [SI units]."""
 
-    @property
-    def end(self) -> float:
-        """Time of the last sample [s]."""
-        return float(np.concatenate([one.time for one in self.signals]).max())
-
 
 def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
     """Return measured runs from a dataset or a file, or several.
@@ -49,14 +44,12 @@ def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
     **Raises:** `ValueError` for signals without a sensor, without units or times, and for sensors without any signal;
     `OSError` for files that cannot be read.
     """
-    single = isinstance(measured, xr.Dataset | str | os.PathLike)
-    need = "be a dataset or a file, or a list of them"
-    require(single or isinstance(measured, Sequence), "measured", need, measured)
-    every = [measured] if single else list(measured)
+    kinds = (xr.Dataset, str, os.PathLike)
+    every = [measured] if isinstance(measured, kinds) else measured
+    every = tuple_of("measured", every, kinds, "a dataset or a file, or a list of them")
     require(every, "measured", "have one run or more", shown="none")
     runs = []
     for one in every:
-        require(isinstance(one, xr.Dataset | str | os.PathLike), "measured", need, one)
         signals, known = (_of_dataset if isinstance(one, xr.Dataset) else _of_file)(one, rig)
         found = [_signal(s, *signals[s.name]) if s.name in signals else NO_SIGNAL for s in rig.sensors]
         require(signals, "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
@@ -82,7 +75,13 @@ def _of_file(file: str | os.PathLike[str], rig: Rig) -> Found:
     else:
         table.fault("must have a column `time`")
     columns = table.si()
-    known = {name: _constant(name, values) for name, values in columns.items() if name in settings}
+    known = {}
+    for name, values in columns.items():
+        if name in settings:
+            found = np.unique(values[np.isfinite(values)])
+            need = f"have one value of {name}, which a run keeps"
+            require(len(found) == 1, "measured", need, shown=f"{len(found)} values")
+            known[name] = float(found[0])
     return {name: (columns["time"], columns[name]) for name in rig.names if name in columns}, known
 
 
@@ -105,10 +104,9 @@ def _of_dataset(ds: xr.Dataset, rig: Rig) -> Found:
             )
             signals[sensor.name] = values
     known = {}
-    for name, value in ds.coords.items():
-        if name in PARAMETERS and value.ndim == 0:
-            unit = PARAMETERS[str(name)].unit
-            known[str(name)] = number(finite, str(name), value, unit)
+    for name, q in PARAMETERS.items():
+        if name in ds.coords and ds[name].ndim == 0:
+            known[name] = number(finite, name, ds[name], q.unit)
     return signals, known
 
 
@@ -119,13 +117,6 @@ def _in_si(array: xr.DataArray, unit: str) -> np.ndarray:
     require(given, "measured", f"have an attribute `units` of {array.name}, such as {unit}", shown="without it")
     values = numbers(str(array.name), array, unit=unit).astype(float)
     return without_marks(values, f"Argument `measured`: {array.name}")
-
-
-def _constant(name: str, values: np.ndarray) -> float:
-    """Return the value of a column that must have only one value."""
-    found = np.unique(values[np.isfinite(values)])
-    require(len(found) == 1, "measured", f"have one value of {name}, which a run keeps", shown=f"{len(found)} values")
-    return float(found[0])
 
 
 def _signal(sensor: Sensor, time: np.ndarray, value: np.ndarray) -> Signal:

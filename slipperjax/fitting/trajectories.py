@@ -1,22 +1,106 @@
 """Fits of trajectories: least squares of the differences from the samples, by exact derivatives, from many starts."""
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
+from ..flow.record import Labelled
 from ..model.kinematics import Motion
+from ..model.sensors import Rig
 from ..solvers.explicit import RK4
 from ..tools.checks import whole
+from ..tools.columns import column
 from ..tools.limits import refuse_impossible
-from .chain import LOST, Chain
 from .course import SIZES, Course, Model, Windows
-from .method import AbstractFitMethod, Problem
-from .search import Found, search
-from .signals import SignalPosterior
-from .unknowns import spread
+from .method import AbstractFitMethod, Posterior, Problem, spread
+from .search import LOST, Chain, Found, search
+
+MOST_NOISE_RATIO = 1.2
+"""Residual over the given noise above which a model does not explain a signal [1]."""
+SIGNIFICANCE = 1e-3
+"""Probability of residuals below which a model does not explain them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalPosterior(Posterior):
+    """What is known about the parameters, and the signals that follow from them."""
+
+    noise: Float[np.ndarray, " sensors"]
+    """Standard deviations that the fit assumed for noise [the sensors' units]."""
+    windows: Windows
+    reading: Float[np.ndarray, "windows sensors samples"]
+    """The signals of the model."""
+    draws: Float[np.ndarray, "draws windows sensors samples"]
+    """Signals of other parameters and starts that are as likely."""
+
+    @property
+    def left(self) -> list[Float[np.ndarray, " samples"]]:
+        """Residuals of each sensor's signals, one window after the other [its unit]."""
+        left = np.moveaxis(self.windows.value - self.reading, 1, 0)
+        known = np.moveaxis(self.windows.known > 0, 1, 0)
+        return [left[k][known[k]] for k in range(len(left))]
+
+    @property
+    def noise_left(self) -> Float[np.ndarray, " sensors"]:
+        """RMS of the residuals of each sensor's signals [its unit]."""
+        return np.array([np.sqrt(np.mean(left**2)) for left in self.left])
+
+    @property
+    def whiteness(self) -> Float[np.ndarray, " sensors"]:
+        """For each sensor the probability that white noise is as correlated as the residuals [1]."""
+        return np.array([whiteness(left) for left in self.left])
+
+    def misfit(self, rig: Rig) -> list[str]:
+        texts = []
+        for sensor, white, left in zip(rig.sensors, self.whiteness, self.noise_left, strict=True):
+            parts = []
+            if white < SIGNIFICANCE:
+                parts.append(f"what is left is no white noise (p = {white:.1g})")
+            if sensor.noise is not None and left > MOST_NOISE_RATIO * sensor.noise:
+                parts.append(f"it is {left / sensor.noise:.2g} times the noise")
+            if parts:
+                texts.append(f"the model does not explain {sensor.name}: {' and '.join(parts)}")
+        return texts
+
+    def label(self, rig: Rig) -> Labelled:
+        windows = self.windows
+        known = windows.known > 0
+        low, high = np.quantile(self.draws, [0.05, 0.95], axis=0)
+        over = ("window", "sensor", "sample")
+        signal = lambda values, unit, text: column(over, np.where(known, values, np.nan), unit, text)
+        data = {
+            "noise": column("sensor", self.noise_left, "", "RMS of what the model leaves, in the sensor's unit"),
+            "whiteness": column("sensor", self.whiteness, "1", "probability that white noise is as correlated"),
+            "seconds": signal(windows.time, "s", "time since the run began"),
+            "measured": signal(windows.value, "", "measured signal, in the sensor's unit"),
+            "fitted": signal(self.reading, "", "signal of the model, in the sensor's unit"),
+            "fitted_low": signal(low, "", "5 % quantile of likely signals, in the sensor's unit"),
+            "fitted_high": signal(high, "", "95 % quantile of likely signals, in the sensor's unit"),
+        }
+        # of the window with the most samples, with noise
+        most = int(np.argmax(known.sum(axis=(1, 2))))
+        draws = self.draws[:, most]
+        likely = draws + self.noise[:, None] * np.random.default_rng(0).normal(size=draws.shape)
+        rows, coords = windows.densities(most, likely)
+        return data | rows, coords | {"run": ("window", windows.run)}
+
+
+def whiteness(residual: Float[np.ndarray, " samples"]) -> float:
+    """Return the probability that white noise is at least as correlated as some residuals, by Ljung and Box's test.
+
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297, doi:10.1093/biomet/65.2.297.
+    """
+    count = len(residual)
+    lags = np.arange(1, min(20, count // 5) + 1)
+    x = residual - residual.mean()
+    power = x @ x
+    correlation = np.array([x[k:] @ x[:-k] for k in lags]) / power
+    statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
+    return float(chi2.sf(statistic, len(lags)))
+
 
 START_REACH = 3.0
 """Standard deviation of starts about the first guess [scales of the motion]."""
@@ -69,7 +153,7 @@ class Trajectories(AbstractFitMethod):
         return RK4()
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
-        windows = Windows.of(problem.runs, problem.scenes, problem.origin, self.window)
+        windows = Windows.of(problem, self.window)
         rows = windows.count * (windows.known[0].size + 2 * len(SIZES))
         columns = 2 * len(SIZES) + len(problem.unknowns) + 1
         slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
@@ -82,7 +166,7 @@ class Trajectories(AbstractFitMethod):
         # the scene's own values, and other values
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
-        model.compile_ahead(levels)
+        model.compile_ahead()
         guess, far = model.guesses(levels, self.transient, noise)
         kept = np.argsort(far, kind="stable")[: self.starts]
         points = np.hstack([levels, guess.reshape(len(guess), -1)])
@@ -92,16 +176,17 @@ class Trajectories(AbstractFitMethod):
             fit = Fitting(model, guess, noise, jump)
             found = search(fit.rows, points[kept], shown, rough=ROUGH)
             points = found.point
-            kept = found.nearest(REFINED_STARTS)
+            best = np.argsort(found.cost)[:REFINED_STARTS]
+            kept = best[found.cost[best] <= 2 * found.cost[found.lead]]
         if found.cost[found.lead] >= LOST:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
             )
-        noise = or_given(fit.noise_left(fit.course(points[[found.lead]])))
+        noise = or_given(fit.noise_left(model.course(points[[found.lead]])))
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
-            levels, _ = fit.split(found.point)
+            levels, _ = model.split(found.point)
             model = model.with_steps(problem.needed(levels[found.lead]))
             fit = Fitting(model, fit.guess[kept], noise)
             found = search(fit.rows, found.point[kept], shown)
@@ -129,19 +214,10 @@ class Fitting:
     jump: float = CONTINUITY[-1]
     """Standard deviation of the jumps of motions from window to window [scales]."""
 
-    def split(self, points: Float[np.ndarray, "starts unknowns"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return levels (starts, parameters) and numbers of the starts (starts, windows, 10) [scales] of points."""
-        count = len(self.model.problem.unknowns)
-        return points[:, :count], points[:, count:].reshape(len(points), self.model.windows.count, len(SIZES))
-
-    def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
-        """Return the model's runs at some points. Arguments as for `Model.course`."""
-        return self.model.course(*self.split(points), stride)
-
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all residuals, in standard deviations [1], and their derivatives, at points of the starts at
         `index`: differences from samples, jumps between windows, and deviations of the unknowns from their priors."""
-        course = self.course(points)
+        course = self.model.course(points)
         return self._chain(points, index, course, course.reading - self.model.windows.value)
 
     def _chain(
@@ -152,10 +228,9 @@ class Fitting:
         **Arguments:** `others`: factor of all residuals except these differences [1].
         """
         windows, ten = self.model.windows, len(SIZES)
-        levels, numbers = self.split(points)
+        levels, numbers = self.model.split(points)
         # derivatives of the parameters by their levels
-        unknowns = self.model.problem.unknowns
-        per_level = np.stack([one.slope(levels[:, k]) for k, one in enumerate(unknowns)], axis=1)
+        per_level = self.model.problem.slopes(levels)
         weight = windows.known / self.noise[:, None]
         samples = _banded(difference * weight, course.slope * weight[..., None], per_level)
         # a window that is followed by one of the same run must end where the next one begins
@@ -168,8 +243,8 @@ class Fitting:
         known = np.zeros((*numbers.shape, samples.shape[-1]))
         known[..., :ten] = np.eye(ten) / START_REACH
         known[..., -1] = others * (numbers - self.guess[index]) / START_REACH
-        of_levels = np.zeros((*levels.shape, len(unknowns) + 1))
-        of_levels[..., :-1] = np.eye(len(unknowns))
+        of_levels = np.zeros((*levels.shape, levels.shape[1] + 1))
+        of_levels[..., :-1] = np.eye(levels.shape[1])
         of_levels[..., -1] = others * levels
         return Chain.of(np.concatenate([samples, jumps, known], axis=2), of_levels)
 
@@ -188,16 +263,16 @@ class Fitting:
         index = np.array([found.lead])
         point = found.point[index]
         errors = np.sqrt(np.diag(_covariance(found.of_lead)))
-        course = self.course(point)
+        course = self.model.course(point)
 
         def shift(other: Course) -> np.ndarray:
             # the change of the least squares' parameters if only the signals change
             chain = self._chain(point, index, course, other.reading - course.reading, others=0.0)
             return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
-        finer = dataclasses.replace(self, model=self.model.with_steps(2 * self.model.steps)).course(point)
+        finer = self.model.with_steps(2 * self.model.steps).course(point)
         # half the instants have 14 times the error, measured with 20, 40 and 80 instants: cubics are of fourth order
-        return shift(finer), shift(self.course(point, stride=2)) / 14, self.noise_left(course)
+        return shift(finer), shift(self.model.course(point, stride=2)) / 14, self.noise_left(course)
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what is known about the parameters after the searches.
@@ -211,7 +286,7 @@ class Fitting:
         local = found.of_lead
         (root,) = local.root
         draws = point + local.solve(np.random.default_rng(0).normal(size=(DRAWS, point.size)))
-        likely = self.course(np.vstack([point, draws])).reading
+        likely = model.course(np.vstack([point, draws])).reading
         return SignalPosterior(
             level=point[:own],
             covariance=_covariance(local),
@@ -224,7 +299,7 @@ class Fitting:
             windows=model.windows,
             reading=likely[0],
             draws=likely[1:],
-            start=Motion(*(self.split(point[None])[1][0, 0] * SIZES)),
+            start=Motion(*(model.split(point[None])[1][0, 0] * SIZES)),
         )
 
 

@@ -29,7 +29,7 @@ from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import jit, with_standard_promotion
 from ..tools.forms import in_one_kernel
-from ..tools.jacobian import by_jacobian
+from ..tools.jacobian import by_jacobian, slopes_along
 from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet
@@ -298,10 +298,8 @@ def advance_slopes(
             return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.samples)
 
         p = values_of(scene, names)
-        push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
-        # values have no axis of directions, because they are the same along all
-        every = jax.vmap(push, out_axes=((None, None), 0))
-        (end, samples), (end_slopes, sample_slopes) = every(slopes, jnp.eye(len(slopes), p.size))
+        each = jnp.eye(len(slopes), p.size)
+        (end, samples), (end_slopes, sample_slopes) = slopes_along(run, (flat, p), slopes, each)
         return SlopePassage(unravel(end), end_slopes, samples, sample_slopes)
 
     return scenes.map(one, states, slopes, None if jnp.ndim(epoch) == 0 else epoch)

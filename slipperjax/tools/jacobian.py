@@ -77,3 +77,14 @@ class _Linearised(eqx.Module):
 
     def _split(self, primals: PyTree) -> tuple[PyTree, PyTree]:
         return eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moves))
+
+
+def slopes_along(fun: Callable, at: tuple, *ways: PyTree, axis: int = 0) -> tuple[PyTree, PyTree]:
+    """Return `fun(*at)`, and its derivatives along each of some directions, in forward mode.
+
+    **Arguments:** `ways`: for each argument its changes, with a leading axis of directions; `axis`: of the directions
+    in the derivatives.
+    """
+    push = lambda *way: jax.jvp(fun, at, way)
+    # values have no axis of directions, because they are the same along all
+    return jax.vmap(push, out_axes=(None, axis))(*ways)

@@ -1,4 +1,4 @@
-"""Objectives on curves in closed form, and on motions."""
+"""Objectives on curves in closed form."""
 
 import math
 
@@ -7,16 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import slipperjax as sj
-from slipperjax.design.gradients import PeriodValues
 from slipperjax.design.objectives import OBJECTIVES, objective_named
 from slipperjax.flow.numbers import RECORDS, OnePoint, PowerMean, Record
-from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet
-from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.quantities import Quantity
 
-from ..common import PERIODS, STEPS as FINE, fine
 from ..flow.made_up import made_up_course, wave
 
 PEAK, ROLL = OBJECTIVES["peak_force"], OBJECTIVES["excursion_roll"]
@@ -32,15 +26,10 @@ def spread(curve, shape=()):
 
 
 def some_course(**curves):
-    parts = dict(
-        coordinates=spread(wave(2e-3), (10,)),
-        acceleration=spread(wave(100.0), (5,)),
-        force=spread(wave(50.0, 1.0), (2, 10)),
-        gap=spread(wave(1e-4, 1.5, 2), (2, 10)),
-        power=spread(wave(0.0), (2, 10)),
-        drive_force=wave(3.0, 2.0),
-        slipper_load=tuple(np.stack(each, axis=-1) for each in zip(*NET, strict=True)),
-    )
+    parts = dict(coordinates=spread(wave(2e-3), (10,)), acceleration=spread(wave(100.0), (5,)))
+    parts |= dict(force=spread(wave(50.0, 1.0), (2, 10)), gap=spread(wave(1e-4, 1.5, 2), (2, 10)))
+    parts |= dict(power=spread(wave(0.0), (2, 10)), drive_force=wave(3.0, 2.0))
+    parts |= dict(slipper_load=tuple(np.stack(each, axis=-1) for each in zip(*NET, strict=True)))
     return made_up_course(**(parts | curves))
 
 
@@ -96,23 +85,21 @@ def test_an_excursion_counts_both_sides(shift):
 
 def test_the_greatest_of_several_periods_counts_and_means_are_taken():
     weak = dict(force=spread(wave(10.0, 1.0), (2, 10)))
-    soft = [PowerMean(PEAK, order) for order in (32, 128)]
-    peak, load, *softer = values([PEAK, OBJECTIVES["contact_load"], *soft], weak, {})
+    peak, load, softer = values([PEAK, OBJECTIVES["contact_load"], PowerMean(PEAK, 128)], weak, {})
     assert peak == pytest.approx(100.0, rel=1e-6)
     assert load == pytest.approx(20 * 30.0, rel=1e-9)
-    assert values(soft[:1])[0] > softer[0]  # half of the time it is weaker
     # 20 points at once: the sum over them raises it, by 20^(1/p)
-    np.testing.assert_allclose(softer[1] / 20 ** (1 / 128), 98, rtol=0.03)
+    np.testing.assert_allclose(softer / 20 ** (1 / 128), 98, rtol=0.03)
 
 
 @pytest.mark.full
 def test_without_contact_forces_are_zero_and_have_a_derivative():
     force, acceleration = spread(wave(50.0, 1.0), (2, 10)), spread(wave(100.0), (5,))
+    objectives = PEAK.smooth, OBJECTIVES["rms_a_z"], OBJECTIVES["impact_impulse"].smooth
 
     def scaled(scale):
         less = lambda curve: tuple(a * scale for a in curve)
         course = some_course(force=less(force), acceleration=less(acceleration))
-        objectives = PEAK.smooth, OBJECTIVES["rms_a_z"], OBJECTIVES["impact_impulse"].smooth
         result = jnp.stack([one.total(one.of(course)[None]) for one in objectives])
         return result, result
 
@@ -127,39 +114,22 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
         assert objective.name == name
     point = objective_named("peak_force_A1")
     assert point == OnePoint(RECORDS["peak_force"], "A1") != objective_named("peak_force_A2")
-    assert hash(PowerMean(PEAK, 16)) == hash(PowerMean(PEAK, 16))
     assert point.name == "peak_force_A1"
-    assert objective_named("peak_slipper_force_z") == OnePoint(RECORDS["peak_slipper_force"], "z")
+    assert hash(PowerMean(PEAK, 16)) == hash(PowerMean(PEAK, 16))
     assert objective_named(RECORDS["peak_force"]) == PEAK
-    result = objective_named(lambda course: course.steps * 1.0)
-    assert isinstance(result, Record)
-    assert result.quantity.unit == "1"
+    assert objective_named(lambda course: course.steps * 1.0).quantity.unit == "1"
 
 
-def test_wrong_choices_are_refused():
-    for make, words in [
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
         (lambda: objective_named("rms_a_x"), "Argument `objective` must be one of peak_slipper_force, "),
         (lambda: objective_named(RECORDS["impulse"]), "Argument `objective` must be one of peak_slipper_force"),
-        (lambda: PowerMean(PEAK, 0), "Argument `order` must be positive"),
         (lambda: PowerMean(RECORDS["rms_a_y"]), "Argument `record` must have samples"),
         (lambda: OnePoint(RECORDS["impulse"]), "Argument `record` must be a greatest or least of points"),
         (lambda: values([objective_named("peak_force_Q7")]), "Argument `point` must be one of A1, "),
-    ]:
-        with pytest.raises(ValueError, match=f"^{words}"):
-            make()
-
-
-@pytest.mark.full
-def test_on_a_motion_they_agree_with_its_loads():
-    """Peaks, impulses and impulses' sums of `simulate`, over the same steps and cubics."""
-    scene = sj.paper_scene()
-    run = fine(scene)
-    objectives = PEAK, OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
-    step = PeriodMap(scene, ConstantSteps(FINE))
-    records = RecordSet((PeriodValues(objectives),))
-    start = jax.tree.map(lambda a: a[0], run.state)
-    (kept,) = sj.jit(lambda: step.run(start, periods=PERIODS, records=records).samples)()
-    peak, impulse, load = (float(one.total(rows)) for one, rows in zip(objectives, kept, strict=True))
-    assert peak == pytest.approx(float(run.peak.force), rel=1e-9)
-    assert impulse == pytest.approx(float(jnp.max(run.loads.impulse)), rel=1e-9)
-    assert load == pytest.approx(float(jnp.sum(run.loads.impulse) / (PERIODS * scene.period)), rel=1e-9)
+    ],
+)
+def test_wrong_choices_are_refused(make, words):
+    with pytest.raises(ValueError, match=f"^{words}"):
+        make()

@@ -1,4 +1,6 @@
-"""Bad questions are refused in one line, before anything is compiled."""
+"""Problems of searches: cases, first designs, and bad questions, refused before anything is compiled."""
+
+import re
 
 import numpy as np
 import pytest
@@ -7,9 +9,9 @@ import slipperjax as sj
 from slipperjax.design.checks import size_of
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import checked_problem, first_designs, spread_designs
-from slipperjax.design.sensitivities import sensitivities
 
 BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
+OVER = {"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}
 
 
 @pytest.mark.parametrize(
@@ -26,45 +28,31 @@ BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
     ],
 )
 def test_a_bad_question_names_what_is_wrong(change, words):
-    arguments = dict(objective="peak_force", variables=BOX) | change
-    with pytest.raises(ValueError, match="^" + words.replace("(", r"\(")):
-        optimise_design(sj.paper_scene(), **arguments)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (dict(names=["gravity"]), "Argument `names` must be of numbers that the scene has"),
-    ],
-)
-def test_bad_sensitivities_name_what_is_wrong(change, words):
-    with pytest.raises(ValueError, match="^" + words):
-        sensitivities(sj.paper_scene(), **(dict(objectives="peak_force") | change))
+    with pytest.raises(ValueError, match="^" + re.escape(words)):
+        optimise_design(sj.paper_scene(), **dict(objective="peak_force", variables=BOX) | change)
 
 
 def problem(**change):
-    arguments = dict(
-        over={"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}, robust="worst", constraints=None
-    )
-    arguments |= dict(transient=200, ensemble=sj.design.EnsembleSettings())
-    arguments |= dict(steps=None, solver=None, start=None)
-    return checked_problem(sj.paper_scene(), "peak_force", BOX, **(arguments | change))
+    options = dict(over=OVER, robust="worst", constraints=None, transient=200, steps=None, solver=None, start=None)
+    ensemble = sj.design.EnsembleSettings()
+    return checked_problem(sj.paper_scene(), "peak_force", BOX, ensemble=ensemble, **options | change)
 
 
-def test_the_cases_are_every_combination():
+def test_the_cases_are_every_combination_with_the_steps_of_the_worst_corner():
     search = problem()
     assert search.count == 6
     np.testing.assert_array_equal(search.cases["speed"], [1000.0] * 3 + [1600.0] * 3)
-    np.testing.assert_array_equal(search.cases["restitution"], [0.8, 0.9, 1.0] * 2)
+    np.testing.assert_array_equal(search.cases["restitution"], OVER["restitution"] * 2)
+    assert problem(over={"speed": [100.0, 1600.0]}).steps > search.steps
+    assert problem(steps=123).steps == 123
 
 
 def test_changes_count_over_the_magnitude_of_a_parameter():
     box = problem()
-    name, (low, high) = next(iter(box.bounds.items()))
-    assert size_of(box, name, -0.2) == 0.2
+    assert size_of(box, "clearance", -0.2) == 0.2
     assert size_of(box, "speed", 3.0) == 3.0
     # zero has no magnitude
-    assert size_of(box, name, 0.0) == high - low
+    assert size_of(box, "clearance", 0.0) == np.ptp(BOX["clearance"])
     with pytest.raises(ValueError, match="Argument `names` must be of variables, or of parameters that are not zero"):
         size_of(box, "speed", 0.0)
 
@@ -77,22 +65,17 @@ def test_searches_begin_with_the_scene_s_own_design_and_spread():
     assert set(map(tuple, designs[1:5])) == {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
     for k in (0, 1):  # a Latin hypercube: one in each eighth
         assert len(set(np.floor(8 * designs[5:, k]))) == len(designs) - 5 == 8
-    given, count, fixed = first_designs(search, [{"clearance": 1e-3, "length": 0.31}], 0)
+    given, *counts = first_designs(search, [{"clearance": 1e-3, "length": 0.31}], 0)
     np.testing.assert_allclose(search.in_units(given), [[1e-3, 0.31]])
-    assert (count, fixed) == (1, 1)
+    assert counts == [1, 1]
 
 
-def test_starts_are_the_best_that_lie_apart():
+@pytest.mark.parametrize(
+    ("count", "fixed", "chosen"),
+    # where fewer lie far apart, nearer ones are taken
+    [(3, 1, [0, 2, 4]), (3, 0, [2, 4, 0]), (5, 1, [0, 2, 4, 5, 3]), (6, 1, [0, 2, 4, 5, 3, 1])],
+)
+def test_starts_are_the_best_that_lie_apart(count, fixed, chosen):
     designs = np.array([[0.5, 0.5], [0.0, 0.0], [0.05, 0.0], [0.0, 0.2], [1.0, 0.0], [0.9, 0.9]])
-    order = [2, 1, 3, 4, 0, 5]  # the best one first
-    assert spread_designs(designs, order, 3, fixed=1) == [0, 2, 4]
-    assert spread_designs(designs, order, 3, fixed=0) == [2, 4, 0]
-    # where fewer lie far apart, nearer ones do
-    assert spread_designs(designs, order, 5, fixed=1) == [0, 2, 4, 5, 3]
-    assert sorted(spread_designs(designs, order, 6, fixed=1)) == list(range(6))
-
-
-def test_steps_are_those_that_the_worst_corner_needs():
-    slow = problem(over={"speed": [100.0, 1600.0]}).steps
-    assert slow > problem().steps
-    assert problem(steps=123).steps == 123
+    # the best one first
+    assert spread_designs(designs, [2, 1, 3, 4, 0, 5], count, fixed) == chosen

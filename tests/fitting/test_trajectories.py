@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.fitting import Trajectories
-from slipperjax.fitting.result import not_identified
-from slipperjax.fitting.signals import densities, whiteness
+from slipperjax.fitting import Trajectories, Windows
+from slipperjax.fitting.fit import not_identified
+from slipperjax.fitting.trajectories import whiteness
 from slipperjax.tools import limits
 
 from .records import record
@@ -19,8 +19,11 @@ TRUTH = sj.paper_scene(1250.0)
 SENSORS = [sj.model.Sensor("az"), sj.model.Sensor("ay", direction="y", place=(0.05, 0.0, 0.0))]
 BOUNDS = {"stiffness": (3e7, 3e8), "restitution": (0.5, 0.99), "clearance": (5e-4, 2e-3)}
 FAR = TRUTH.replace(stiffness=6e7, restitution=0.7, clearance=1.5e-3)
-METHOD = Trajectories(starts=4)
 PERIODS = 4
+
+
+def fit(scene, measured, unknowns=BOUNDS, sensors=SENSORS, **how):
+    return sj.fit(scene, measured, unknowns, sensors, method=Trajectories(**dict(starts=4) | how))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +33,7 @@ def noisy():
 
 @pytest.fixture(scope="module")
 def found(noisy):
-    return sj.fit(FAR, noisy, BOUNDS, SENSORS, method=METHOD)
+    return fit(FAR, noisy)
 
 
 @pytest.mark.full
@@ -41,16 +44,13 @@ def test_what_was_put_in_comes_out(found, noisy):
     for name, error in found.stderr.items():
         truth = float(TRUTH.value(name))
         # 0.2 to 1.3 standard errors, which are 0.9, 0.1 and 2.6 % of the values
-        assert abs(found.estimate[name] - truth) < 3 * error
-        assert error < 0.05 * truth
+        assert abs(found.estimate[name] - truth) < 3 * error < 0.15 * truth
         low, high = found.interval[name]
         assert low < found.estimate[name] < high
     for k, sensor in enumerate(SENSORS):
         clean = record(TRUTH, [sensor], PERIODS)[sensor.name].values
         np.testing.assert_allclose(found.posterior.noise[k], 0.05 * clean.std(), rtol=0.2)
     assert np.abs(found.posterior.step_change).max() < 0.2
-    # the scene of the estimates is that of a user
-    assert float(found.scene.contact.restitution) == found.estimate["restitution"]
     assert "restitution 0.9" in repr(found)
 
 
@@ -58,54 +58,46 @@ def test_what_was_put_in_comes_out(found, noisy):
 def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     path = tmp_path / "fit.nc"
     found.write(path)
-    scene = sj.load(path).scene
-    assert float(scene.contact.stiffness) == found.estimate["stiffness"]
-    assert float(sj.load(path).start.v_z) == float(found.start.v_z)
-    call = sj.load(path).call
-    assert (call["function"], [sensor.name for sensor in call["sensors"]]) == ("fit", ["az", "ay"])
+    result = sj.load(path)
+    assert float(result.scene.contact.stiffness) == found.estimate["stiffness"]
+    assert float(result.start.v_z) == float(found.start.v_z)
+    assert result.call["function"] == "fit"
+    assert [sensor.name for sensor in result.call["sensors"]] == ["az", "ay"]
     with xr.open_dataset(path) as ds:
         assert ds.attrs["status"] == "converged"
         np.testing.assert_array_equal(ds["estimate"], list(found.estimate.values()))
         left = (ds["measured"] - ds["fitted"]).std(["window", "sample"])
         np.testing.assert_allclose(left, found.posterior.noise, rtol=0.1)
-        axes = sj.load(path).plot()
+    axes = result.plot()
     assert axes.shape == (2, 2)
     assert "fit: converged" in axes[0, 0].figure.get_suptitle()
-    assert axes[0, 0].get_ylabel() == "az [m/s$^{2}$]"
     plt.close("all")
 
 
 @pytest.mark.slow
-def test_laws_of_one_form_differ_by_their_restitution_alone():
+def test_a_law_is_told_from_laws_of_another_form_only():
     # both are K d^1.5 (1 + c d'/d'_0), with c of Flores 8 (1 - e) / 5 e, and of Hunt and Crossley 3 (1 - e) / 2
     other = dataclasses.replace(FAR, contact=sj.model.HuntCrossley(stiffness=6e7, restitution=0.7))
-    found = sj.fit(other, record(TRUTH, SENSORS, PERIODS, noise=0.05), BOUNDS, SENSORS, method=METHOD)
+    found = fit(other, record(TRUTH, SENSORS, PERIODS, noise=0.05))
     assert not found.misfit
     expected = 1 - 8 * (1 - 0.9) / (5 * 0.9) * 2 / 3
     # 0.8815; 0.8 standard errors
     assert abs(found.estimate["restitution"] - expected) < 3 * found.stderr["restitution"]
-
-
-@pytest.mark.slow
-def test_a_law_of_another_form_is_said_not_to_explain_the_record():
     scene = TRUTH.replace(restitution=0.6)
     measured = record(scene, SENSORS, 6, noise=0.02, steps=320)
-    other = dataclasses.replace(scene, contact=sj.model.HertzSpring(stiffness=1e8))
-    few = {"stiffness": (3e7, 3e8), "clearance": (5e-4, 2e-3)}
-    same = sj.fit(scene, measured, BOUNDS, SENSORS, method=METHOD)
-    wrong = sj.fit(other, measured, few, SENSORS, method=METHOD)
+    spring = dataclasses.replace(scene, contact=sj.model.HertzSpring(stiffness=1e8))
+    same, wrong = fit(scene, measured), fit(spring, measured, {k: BOUNDS[k] for k in ("stiffness", "clearance")})
     assert not same.misfit, same
     assert "what is left is no white noise" in " ".join(wrong.misfit)
     assert wrong.posterior.noise.max() > 3 * same.posterior.noise.max()
 
 
 @pytest.mark.slow
-def test_mass_and_stiffness_are_not_told_apart():
+def test_mass_and_stiffness_are_not_told_apart(noisy):
     # accelerations are forces over masses, and nothing else here has a scale of force
     unknowns = {"stiffness": (6e7, 1.7e8), "mass": (8.0, 24.0)}
     unknowns |= {f"slipper.inertia.{k}": (0.6 * j, 1.7 * j) for k, j in enumerate((0.051, 0.060, 0.086))}
-    found = sj.fit(TRUTH, record(TRUTH, SENSORS, PERIODS, noise=0.05), unknowns, SENSORS, method=METHOD)
-    (text,) = found.not_identified
+    (text,) = fit(TRUTH, noisy, unknowns).not_identified
     assert text.startswith("the record does not tell")
     assert "mass" in text
     assert "stiffness" in text
@@ -115,11 +107,8 @@ def test_directions_are_said_in_words():
     names = ["a", "b", "c"]
     assert not_identified(names, np.diag([1e4, 1e4, 0.1])) == ["the record tells little of c"]
     way = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
-    blind = 1e4 * (np.eye(3) - np.outer(way, way))
-    assert not_identified(names, blind) in (
-        ["the record does not tell a from b"],
-        ["the record does not tell b from a"],
-    )
+    (text,) = not_identified(names, 1e4 * (np.eye(3) - np.outer(way, way)))
+    assert text in ("the record does not tell a from b", "the record does not tell b from a")
     assert not_identified(names, 1e4 * np.eye(3)) == []
 
 
@@ -141,11 +130,9 @@ def test_runs_at_several_speeds_and_numbers_of_sensors():
     # one has gaps, and is sampled less often
     runs[1] = runs[1].isel(time=slice(None, None, 2))
     runs[1]["ay"][10:20] = np.nan
-    unknowns = BOUNDS | {"sensors.az.gain": (0.8, 1.25)}
-    found = sj.fit(FAR, runs, unknowns, SENSORS, method=METHOD)
+    found = fit(FAR, runs, BOUNDS | {"sensors.az.gain": (0.8, 1.25)})
     assert found.status == "converged", found
-    truth = {"stiffness": 1e8, "restitution": 0.9, "clearance": 1e-3, "sensors.az.gain": 1.1}
-    for name, value in truth.items():
+    for name, value in {"stiffness": 1e8, "restitution": 0.9, "clearance": 1e-3, "sensors.az.gain": 1.1}.items():
         # 0.1 to 1.2 standard errors
         assert abs(found.estimate[name] - value) < 3 * found.stderr[name], name
     assert found.sensors[0].gain == found.estimate["sensors.az.gain"]
@@ -153,42 +140,32 @@ def test_runs_at_several_speeds_and_numbers_of_sensors():
 
 @pytest.mark.slow
 def test_windows_of_a_record_are_one_motion(noisy):
-    found = sj.fit(FAR, noisy, BOUNDS, SENSORS, method=Trajectories(starts=4, window=2))
+    found = fit(FAR, noisy, window=2)
     assert found.posterior.windows.count == 2
     for name, error in found.stderr.items():
         assert abs(found.estimate[name] - float(TRUTH.value(name))) < 3 * error
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (dict(sensors=[sj.model.Sensor("ax")]), "must have signals of the sensors ax alone, but has az, ay, too"),
-        (dict(unknowns={"stiffness": (1e7, 2e7)}), "`stiffness` must have bounds on both sides of the scene's own"),
-        (dict(measured="later"), "forcing periods of 40 steps"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(noisy, arguments, text):
-    if "measured" in arguments:
-        # in milliseconds that are said to be hours
-        late = noisy.assign_coords(time=("time", 1e3 * noisy["time"].values, {"units": "hours"}))
-        arguments = dict(measured=late)
-    with pytest.raises(ValueError, match=text) as error:
-        sj.fit(**dict(scene=FAR, measured=noisy, unknowns=BOUNDS, sensors=SENSORS) | arguments)
-    assert "\n" not in str(error.value)
-
-
-def test_windows_that_memory_has_no_room_for_are_refused(monkeypatch):
-    """Before anything is compiled; no samples need to be there."""
+def test_bad_input_is_refused_before_anything_is_compiled(monkeypatch):
+    time = np.arange(0.0, 4000.0, 1 / 8) * float(TRUTH.period)
+    ones = lambda time: ("time", np.ones(len(time)), {"units": "g"})
+    signal = lambda time, unit: xr.Dataset({"az": ones(time)}, {"time": ("time", time, {"units": unit})})
+    bad = lambda text: pytest.raises(ValueError, match=text)
+    with bad("must have signals of the sensors ax alone, but has az, too"):
+        fit(FAR, signal(time, "s"), sensors=[sj.model.Sensor("ax")])
+    # milliseconds that are said to be hours
+    with bad("forcing periods of 40 steps"):
+        fit(FAR, signal(1e3 * time[:32], "hours"), sensors=SENSORS[:1])
     monkeypatch.setattr(limits, "available_memory", lambda: 4_000_000_000)
-    period = float(TRUTH.period)
-    time = ("time", np.arange(0.0, 4000 * period, period / 8), {"units": "s"})
-    long = xr.Dataset({SENSORS[0].name: ("time", np.ones(32_000), {"units": "m/s^2"})}, {"time": time})
-    with pytest.raises(ValueError, match=r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
-        sj.fit(FAR, long, BOUNDS, SENSORS[:1], method=Trajectories(starts=64, window=1))
+    with bad(r"starts of \d+ windows \(a larger `window` makes fewer\) need about"):
+        fit(FAR, signal(time, "s"), sensors=SENSORS[:1], starts=64, window=1)
 
 
 def test_short_windows_have_no_densities():
-    data, coords = densities(np.arange(12.0)[None] * 1e-3, np.arange(12)[None] < 7, np.ones((4, 1, 12)))
+    part = np.ones((1, 1, 12))
+    short = Windows(
+        np.zeros(1, int), np.zeros(1, int), 1, np.arange(12.0) * 1e-3 * part, part, 1.0 * (np.arange(12) < 7) * part
+    )
+    data, coords = short.densities(0, np.ones((3, 1, 12)))
     assert len(coords["frequency"][1]) == 0
     assert data["density"][1].shape == (1, 0)

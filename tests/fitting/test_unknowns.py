@@ -5,18 +5,14 @@ import pytest
 import scipy.stats
 
 import slipperjax as sj
-from slipperjax.fitting.unknowns import spread, unknowns_of
+from slipperjax.fitting.method import spread, unknowns_of
 from slipperjax.model.sensors import Rig
 
 SCENE = sj.paper_scene()
 RIG = Rig.of([sj.model.Sensor("az"), sj.model.Sensor("fz", "force")])
-PRIORS = {
-    "stiffness": (1e7, 1e9),
-    "restitution": (0.5, 0.95),
-    "mass": scipy.stats.norm(14.0, 1.0),
-    "sensors.az.gain": (0.9, 1.1),
-    "sensors.fz.bias": (-10.0, 10.0),
-}
+FAR = {"stiffness": (1e7, 1e9)}
+SOME = {"restitution": (0.5, 0.95), "mass": scipy.stats.norm(14.0, 1.0)}
+PRIORS = FAR | SOME | {"sensors.az.gain": (0.9, 1.1), "sensors.fz.bias": (-10.0, 10.0)}
 
 
 def test_levels_are_standard_normal_deviates():
@@ -34,12 +30,8 @@ def test_levels_are_standard_normal_deviates():
     # far bounds by their logarithms, near ones evenly, distributions as they are
     np.testing.assert_allclose([one.value(np.zeros(())) for one in found], [1e8, 0.725, 14.0, 1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(found[2].value(np.ones(())), 15.0)
-
-
-def test_a_spread_covers_the_priors():
-    levels = spread(unknowns_of(SCENE, RIG, PRIORS), 256, 1)
-    assert levels.shape == (256, 5)
-    np.testing.assert_allclose(levels.mean(axis=0), 0.0, atol=0.02)
+    levels = spread(found, 256, 1)
+    np.testing.assert_allclose(levels.mean(axis=0), np.zeros(5), atol=0.02)
     # without the farthest tails
     assert np.abs(levels).max() < 2.06
 
@@ -58,16 +50,14 @@ BAD = [
     ({"stiffness": scipy.stats.norm}, (), f"{BOUNDS}, or a frozen distribution"),
     ({"stiffness": (2e8, 1e9)}, (), "`stiffness` must have bounds on both sides of the scene's own value, 1e.08"),
     ({"sensors.front.gain": (0.5, 1.5)}, (), "must have a number of 0 to 1 or one of az, fz in place of 'front'"),
-    ({"sensors.az.gian": (0.5, 1.5)}, (), "`sensors.az.gian` leads to no number"),
     ({"sensors.az.cutoff": (10.0, 500.0)}, (), "`sensors.az.cutoff` must be a number that the sensor has"),
-    ({"stiffness": (1e7, 1e9)}, ("stiffness",), "`unknowns` must leave something to find"),
-    ({"stiffness": (1e7, 1e9)}, ("mass",), "`frozen` must be some of stiffness"),
+    (FAR, ("stiffness",), "`unknowns` must leave something to find"),
+    (FAR, ("mass",), "`frozen` must be some of stiffness"),
     ({"section.play.0": (1e-4, 1e-3), "clearance": (5e-4, 2e-3)}, (), "`section.play.0` must not be given with"),
 ]
 
 
 @pytest.mark.parametrize(("priors", "frozen", "text"), BAD)
-def test_bad_unknowns_are_refused_in_one_line(priors, frozen, text):
-    with pytest.raises(ValueError, match=text) as error:
+def test_bad_unknowns_are_refused(priors, frozen, text):
+    with pytest.raises(ValueError, match=text):
         unknowns_of(SCENE, RIG, priors, frozen)
-    assert "\n" not in str(error.value)

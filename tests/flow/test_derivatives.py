@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.gradients import PeriodValues
+from slipperjax.design.objectives import PeriodValues
 from slipperjax.flow.numbers import AbstractNumber
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
