@@ -10,13 +10,13 @@ from .options import CASE, FILE, FROM_ZERO, Case, app, flag, given, option, take
 from .sweep import Axis, axis, make_grid
 
 
-@app.command()
+@app.command(of="explorer.launch.explore")
 @axis(
     "--over",
     "Horizontal axis of a map to compute: parameter, first value, last value, number of values.",
 )
 @axis("--by", "Vertical axis, likewise; without it a bifurcation diagram is computed.")
-@option("--port", FROM_ZERO, "Port at which this machine serves the page; 0: any free port.", default=0)
+@option("--port", FROM_ZERO, "Port at which this machine serves the page; 0: any free port.")
 @flag("--no-browser", "Print the address without opening a browser.")
 @takes_case
 @click.argument("source", metavar="[STORE|FILE|SCENE]", type=FILE, required=False)

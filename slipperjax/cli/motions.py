@@ -21,7 +21,6 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
-    Default,
     app,
     begin,
     bounds,
@@ -38,10 +37,7 @@ if TYPE_CHECKING:
 
 Bounds = tuple[str, float | str, float | str]
 """Parameter, lower and upper bound in its display unit or as texts with a unit."""
-CONTINUE = "orbits.branches.continue_orbit"
-period = option(
-    "--period", COUNT, "Forcing periods after which the motion repeats.", default=Default(CONTINUE, "period")
-)
+period = option("--period", COUNT, "Forcing periods after which the motion repeats.")
 SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches begin: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
@@ -52,8 +48,8 @@ BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the present point."""
 
 
-@app.command()
-@option("--periods", COUNT, "Forcing periods to simulate.", default=Default("orbits.simulate.simulate", "periods"))
+@app.command(of="orbits.simulate.simulate")
+@option("--periods", COUNT, "Forcing periods to simulate.")
 @option("--saves-per-period", COUNT, "Saved states per forcing period.")
 @option("--probe", FROM_ZERO, "Periods rerun at half the step to estimate the error; 0: none.", default=4)
 @begin
@@ -97,7 +93,7 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
     trajectory.summary()
 
 
-@app.command()
+@app.command(of="orbits.periodic.periodic_orbit")
 @period
 @option(
     "--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default: 60, then 240 if it fails."
@@ -127,7 +123,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
     return status != Status.FINITE
 
 
-@app.command("continue")
+@app.command("continue", of="orbits.branches.continue_orbit")
 @bounds("--over", "Parameter, lower and upper bound of the branch; the scene's value must lie within.")
 @click.option(
     "--from",
@@ -138,7 +134,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @period
 @option("--transient", FROM_ZERO, "Forcing periods simulated before the first motion.", default=60)
-@option("--points", COUNT, "Maximum number of points in each direction.", default=Default(CONTINUE, "points"))
+@option("--points", COUNT, "Maximum number of points in each direction.")
 @option(
     "--switch",
     click.Choice(SWITCHED),

@@ -11,7 +11,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import diffrax
@@ -45,37 +45,14 @@ Adds = Callable[[Command], Command]
 Type = click.ParamType | type | None
 
 
-def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) -> Adds:
-    """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
-    return click.option(name, type=type, help=text, **more)
-
-
-def flag(name: str, text: str) -> Adds:
-    """Return an option without a value."""
-    return click.option(name, is_flag=True, help=text)
-
-
-class Default:
-    """The default of an argument of a function of the package; commands do not state it a second time.
-
-    The default is read from the source, because importing the function would take long.
-    """
-
-    def __init__(self, function: str, argument: str):
-        """**Arguments:** `function`: its module and name, such as sweeps.sweep.sweep."""
-        self.function = function
-        self.argument = argument
-
-    def __call__(self) -> object:
-        return _defaults(self.function)[self.argument]
-
-    def __str__(self) -> str:
-        return str(self())
-
-
 @functools.cache
-def _defaults(function: str) -> dict[str, object]:
-    """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these."""
+def defaults(function: str) -> dict[str, object]:
+    """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these.
+
+    They are read from the source, because importing the function would take long.
+
+    **Arguments:** `function`: its module and name, such as sweeps.sweep.sweep.
+    """
     module, _, name = function.rpartition(".")
     source = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py").read_text()
     named = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
@@ -88,8 +65,43 @@ def _defaults(function: str) -> dict[str, object]:
     return {one.arg: ast.literal_eval(value) for one, value in pairs if isinstance(value, ast.Constant | ast.Tuple)}
 
 
+class CommandOf(click.Command):
+    """A command of a function of the package, whose defaults it does not state a second time.
+
+    An option without a default has that of the function's argument of the same name.
+    """
+
+    def __init__(self, *given: Any, of: str = "", **more: Any):
+        """**Arguments:** `of`: as for `defaults`; empty for a command that states all defaults."""
+        super().__init__(*given, **more)
+        self.of = of
+
+
+class _OptionOf(click.Option):
+    """An option without a default of its own."""
+
+    def get_default(self, ctx: click.Context, call: bool = True) -> Any:
+        value = super().get_default(ctx, call)
+        if of := getattr(ctx.command, "of", ""):
+            value = defaults(of).get(self.name, value)
+        return (value,) if self.multiple and isinstance(value, str) else value
+
+
+def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) -> Adds:
+    """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
+    kind = click.Option if "default" in more else _OptionOf
+    return click.option(name, cls=kind, type=type, help=text, **more)
+
+
+def flag(name: str, text: str) -> Adds:
+    """Return an option without a value."""
+    return click.option(name, is_flag=True, help=text)
+
+
 class Group(click.Group):
     """A group of commands that ends silently at an interrupt; click would print a line."""
+
+    command_class = CommandOf
 
     def invoke(self, ctx: click.Context) -> object:
         # click would print a line, and exit with 1
@@ -444,3 +456,14 @@ def make_bounds(
     shown = f"{low:g} to {high:g} {quantity.display_unit}"
     require(low < high, option, "have two bounds, the smaller first", shown=shown)
     return quantity, (float(bounds[0]), float(bounds[1]))
+
+
+def bounds_of_each(
+    option: str, scene: Scene, rows: Iterable[tuple[str, float | str, float | str]]
+) -> dict[str, tuple[float, float]]:
+    """Return the bounds of parameters [SI unit] by name, see `make_bounds`; each name must be given once."""
+    found: dict[str, tuple[float, float]] = {}
+    for name, low, high in rows:
+        require(name not in found, option, "name each parameter once", name)
+        found[name] = make_bounds(option, scene, name, low, high)[1]
+    return found

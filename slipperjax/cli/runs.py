@@ -22,7 +22,7 @@ from .options import (
     LOST,
     VALUE,
     Case,
-    Default,
+    CommandOf,
     app,
     begin,
     given,
@@ -38,12 +38,11 @@ if TYPE_CHECKING:
 
 FURTHER = "-environment"
 """Text added to the names of files with the vibration environment of a run."""
-COMPARE = "sweeps.compare.compare"
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
 
 
-class _Comparing(click.Command):
+class _Comparing(CommandOf):
     """A command whose option --over takes a name and any number of values."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -57,7 +56,7 @@ class _Comparing(click.Command):
         return super().parse_args(ctx, args)
 
 
-@app.command(cls=_Comparing)
+@app.command(cls=_Comparing, of="sweeps.compare.compare")
 @begin
 @option(
     "--over",
@@ -69,15 +68,13 @@ class _Comparing(click.Command):
     "--rails",
     COUNT,
     "With --over: number of rails, first the survey, or seeds of a random rail; the median needs 8, 0.95 needs 80.",
-    default=Default(COMPARE, "rails"),
 )
-@option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
+@option("--starts", COUNT, "With --over: number of starts on each rail.")
 @option(
     "--quantiles",
     float,
     "With --over: share of the runs with lower values; the last share decides; repeat for several.",
     multiple=True,
-    default=Default(COMPARE, "quantiles"),
 )
 @option("--store", FILE, "With --over: keep runs in this store, from which the same command continues.")
 @result("run")

@@ -25,9 +25,9 @@ from .options import (
     VALUE,
     Adds,
     Case,
-    Default,
     app,
     begin,
+    defaults,
     flag,
     option,
     parameters_of,
@@ -44,10 +44,9 @@ Axis = tuple[str, float | str, float | str, int]
 """Parameter, first and last value in its display unit or as texts with a unit, number of values."""
 SWEEP = "sweeps.sweep.sweep"
 LYAPUNOV_SWEEP = "sweeps.sweep.lyapunov_sweep"
-ORBIT_SWEEP = "sweeps.sweep.orbit_sweep"
 PERIODS = {
-    "exponents": Default(LYAPUNOV_SWEEP, "periods"),
-    "orbits": Default(ORBIT_SWEEP, "period"),
+    "exponents": lambda: defaults(LYAPUNOV_SWEEP)["periods"],
+    "orbits": lambda: defaults("sweeps.sweep.orbit_sweep")["period"],
     "motion": lambda: MIN_TEST,
 }
 """Default of --periods by the record; for other records the default of `sweep`."""
@@ -68,20 +67,15 @@ log = option(
 )
 
 
-def transient(function: str) -> Adds:
-    """Return the option for the periods before the recorded periods; its default is that of a function."""
-    default = Default(function, "transient")
-    return option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=default)
-
-
+transient = option("--transient", FROM_ZERO, "Forcing periods simulated before recording.")
 show = option("--show", str, "Variable to draw; default: what suits the record.")
 
 
-@app.command()
+@app.command(of=SWEEP)
 @over
 @log
-@transient(SWEEP)
-@option("--periods", COUNT, "Forcing periods to record.", default=Default(SWEEP, "periods"))
+@transient
+@option("--periods", COUNT, "Forcing periods to record.")
 @begin
 @result("bifurcation")
 @takes_case
@@ -93,23 +87,16 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path
     return _swept(run, case, grid, Outputs(out), **options)
 
 
-@app.command()
+@app.command(of=LYAPUNOV_SWEEP)
 @over
 @axis("--by", "Second parameter, like --over: draws a regime map.")
 @log
-@option(
-    "--count", COUNT, "Number of exponents to compute, the largest first.", default=Default(LYAPUNOV_SWEEP, "count")
-)
-@transient(LYAPUNOV_SWEEP)
-@option(
-    "--periods",
-    COUNT,
-    "Forcing periods over which exponents are averaged.",
-    default=Default(LYAPUNOV_SWEEP, "periods"),
-)
+@option("--count", COUNT, "Number of exponents to compute, the largest first.")
+@transient
+@option("--periods", COUNT, "Forcing periods over which exponents are averaged.")
 @begin
-@option("--certify/--no-certify", None, "Check every exponent by independent estimates.", default=True)
-@option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
+@option("--certify/--no-certify", None, "Check every exponent by independent estimates.")
+@option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.")
 @result("lyapunov")
 @takes_case
 def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
@@ -120,7 +107,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     return _swept(lyapunov_sweep, case, grid, Outputs(out), **options)
 
 
-@app.command()
+@app.command(of=SWEEP)
 @over
 @axis("--by", "Further parameter, like --over; every combination is a case; repeat for more.", multiple=True)
 @log
@@ -133,14 +120,15 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     "--record",
     str,
     "Record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
-    "peak_force, rms; repeat for several. Default: sections.",
+    "peak_force, rms; repeat for several.",
     multiple=True,
 )
-@transient(SWEEP)
+@transient
 @option(
     "--periods",
     COUNT,
     "Forcing periods to record; for orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
+    default=None,
 )
 @begin
 @option(
@@ -177,11 +165,10 @@ def sweep(
     from ..sweeps.sweep import sweep as run
 
     # the first record with its own default decides about the periods
-    names = record or ("sections",)
-    usual = next((PERIODS[name] for name in names if name in PERIODS), Default(SWEEP, "periods"))
+    usual = next((PERIODS[name] for name in record if name in PERIODS), lambda: defaults(SWEEP)["periods"])
     periods = periods or usual()
     # a single record is passed alone, as in scripts
-    records = names[0] if len(names) == 1 else list(names)
+    records = record[0] if len(record) == 1 else list(record)
     if records == "orbits":
         records = NearestOrbit(periods)
     options = dict(transient=transient, periods=periods, record=records, begin=begin, product=sample is None)
