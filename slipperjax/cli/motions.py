@@ -1,7 +1,7 @@
 """The commands for one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,9 +55,7 @@ BRANCH_PATIENCE = 10.0
 @begin
 @result("trajectory")
 @takes_case
-def simulate(
-    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Sequence[Path]
-) -> int:
+def simulate(case: Case, periods, saves_per_period, probe, begin, out) -> int:
     """Simulate one case and write its trajectory."""
     from ..orbits.simulate import simulate as run
     from ..results.result import Result
@@ -100,7 +98,7 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
 )
 @result("orbit")
 @takes_case
-def orbit(case: Case, period: int, transient: int | None, out: Sequence[Path]) -> int:
+def orbit(case: Case, period, transient, out) -> int:
     """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
     from ..results.result import Result
@@ -151,9 +149,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @result("branch")
 @takes_case
-def follow_branch(
-    case: Case, over, source, period, transient, points, switch, brute, quantity, out: Sequence[Path]
-) -> int:
+def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..plots.branches import check_brute, check_quantity
     from ..sweeps.loading import load
@@ -170,7 +166,7 @@ def follow_branch(
     beneath = None if brute is None else load(brute).ds
     if beneath is not None:
         check_brute(beneath, parameter.name, quantity)
-    drawn: list[OrbitBranch] = []
+    drawn = []
 
     def followed(call: Callable[[], Kept], files: Outputs) -> Kept:
         """Return the branch of a call; where that is interrupted, write the points so far."""

@@ -127,24 +127,24 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
 @flag("--force", "Replace an existing file.")
 def new(
-    file: Path,
-    section: Path | None,
+    file,
+    section,
     corner,
     centre,
     inertia,
-    friction: float | None,
-    speed: str,
-    end_speed: float | None,
-    rail: str,
-    right_rail: str | None,
-    sled: bool,
+    friction,
+    sled,
     mount,
-    down: float | None,
-    drag_area: float | None,
-    load: Path | None,
-    travel: float | None,
-    force: bool,
-    **numbers: float,
+    down,
+    drag_area,
+    load,
+    force,
+    speed,
+    end_speed,
+    rail,
+    right_rail,
+    travel,
+    **numbers,
 ) -> None:
     """Write a first scene: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
 

@@ -4,8 +4,6 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -80,7 +78,7 @@ class _Comparing(CommandOf):
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
-def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, **ensemble: object) -> int:
+def run(case: Case, begin, out, over, **ensemble) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or compare
     designs by many runs over the same rails from the same starts.
 

@@ -79,7 +79,7 @@ show = option("--show", str, "Variable to draw; default: what suits the record."
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
+def bifurcation(case: Case, over, log, out, **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
@@ -99,7 +99,7 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path
 @option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.")
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
+def lyapunov(case: Case, over, by, log, out, **options) -> int:
     """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
@@ -144,21 +144,8 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case
 def sweep(
-    case: Case,
-    over: Axis,
-    by,
-    log,
-    sample,
-    record,
-    periods,
-    begin,
-    store,
-    explain,
-    show,
-    out: Sequence[Path],
-    transient,
-    **storing,
-):
+    case: Case, over, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
+) -> int:
     """Simulate every combination of parameters, or a sample, into a file, or into a store that can be resumed."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.orbits import NearestOrbit
@@ -348,7 +335,7 @@ path = click.argument("path", type=FILE)
 
 @store.command()
 @path
-def status(path: Path) -> None:
+def status(path) -> None:
     """Print how much of the store PATH is finished; it may still be growing."""
     from ..sweeps.store import store_status
 
@@ -357,7 +344,7 @@ def status(path: Path) -> None:
 
 @store.command()
 @path
-def check(path: Path) -> int:
+def check(path) -> int:
     """Read the whole store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
 
     The exit code is 1 where tiles were damaged.
@@ -373,7 +360,7 @@ def check(path: Path) -> int:
 @path
 @show
 @result(None, " Default: a picture with the name of the store.")
-def draw(path: Path, show: str | None, out: Sequence[Path]) -> None:
+def draw(path, show, out) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.loading import load
     from ..sweeps.store import store_status
