@@ -27,7 +27,7 @@ from ..tools.description import TYPE
 from ..tools.files import content_of, user_path, write_whole
 from ..tools.tables import Table as Columns
 from ..tools.units import STANDARD_GRAVITY
-from .options import FILE, INPUT, Adds, Measure, app, flag, option
+from .options import FILE, INPUT, Measure, app, flag, option
 
 SLED = ((1.2, 0.9, -0.2), (-1.2, 0.9, -0.2), (1.2, -0.9, -0.2), (-1.2, -0.9, -0.2))
 """Places of the slippers of --sled [m]."""
@@ -46,15 +46,15 @@ TEXTS = {
 """Remarks on values of the file that are no fields of the scene, or estimated."""
 
 
-def _number(name: str, default: float | None, text: str) -> Adds:
+def _number(name: str, default: float | None, text: str):
     """Return an option for a number of the scene, by the name of its parameter."""
     q = PARAMETERS[name]
     return option(f"--{name}", Measure(q), f"{text} [{q.display_unit}].", default=default)
 
 
-def _measure(name: str, unit: str, text: str, **more: object) -> Adds:
+def _measure(name: str, unit: str, text: str):
     """Return an option for another number with a unit."""
-    return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].", **more)
+    return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].")
 
 
 _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_unit="mm"))

@@ -38,13 +38,6 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
-Command = Callable[..., object]
-"""The function of a command."""
-Adds = Callable[[Command], Command]
-"""A decorator that adds an option to a command."""
-Type = click.ParamType | type | None
-
-
 @functools.cache
 def defaults(function: str) -> dict[str, object]:
     """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these.
@@ -87,13 +80,13 @@ class _OptionOf(click.Option):
         return (value,) if self.multiple and isinstance(value, str) else value
 
 
-def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) -> Adds:
+def option(name: str, type: Any, text: str, **more: Any):
     """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
     kind = click.Option if "default" in more else _OptionOf
     return click.option(name, cls=kind, type=type, help=text, **more)
 
 
-def flag(name: str, text: str) -> Adds:
+def flag(name: str, text: str):
     """Return an option without a value."""
     return click.option(name, is_flag=True, help=text)
 
@@ -231,12 +224,12 @@ def parameters_of(quantities: Mapping[str, Quantity]) -> str:
     return f"Parameters: {units}; or a path such as section.play.2 [SI unit]. Other units: '1/16 in'."
 
 
-def bounds(name: str, text: str, **more: object) -> Adds:
+def bounds(name: str, text: str, **more: Any):
     """Return an option that takes a parameter and its bounds."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
-def result(default: str | None, text: str = "") -> Adds:
+def result(default: str | None, text: str = ""):
     """Return the option --out of commands that write a result, whose value is a list of paths."""
     endings = (
         ".nc (all numbers), .png or .svg (a picture), .pdf (a picture or a report), .csv (tables), .xlsx (tables and "
@@ -250,7 +243,7 @@ def result(default: str | None, text: str = "") -> Adds:
 _PAPER = inspect.signature(paper_scene).parameters  # help states their defaults
 
 
-def _of_case(name: str) -> Adds:
+def _of_case(name: str):
     """Return the option that overrides a parameter of the scene."""
     q = PARAMETERS[name]
     # the default scene is the paper's
@@ -272,7 +265,7 @@ begin = option(
 """The option of commands whose motion travels along the rail."""
 MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
 """Contact memories by the words for --memory."""
-CASE: dict[str, Adds] = {
+CASE = {
     "scene": option(
         "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
@@ -354,7 +347,7 @@ class Case(NamedTuple):
         return ", ".join([*words, start])
 
 
-def takes_case(command: Command) -> Command:
+def takes_case(command: Callable) -> Callable:
     """Return a command that also has the options of `CASE`, and whose function gets a `Case` as its argument `case`.
 
     A command that has its own option or argument `scene` keeps it.
@@ -368,7 +361,7 @@ def takes_case(command: Command) -> Command:
         return command(case=case, **given)
 
     # decorators apply from the last, so that help lists the first option first
-    made: Command = call
+    made: Callable = call
     for name, add in reversed(CASE.items()):
         made = made if name in own else add(made)
     return made
@@ -404,7 +397,6 @@ def make_case(
     from ..model.tracks import HarmonicTrack
     from ..solvers.named import resolve_solver
     from ..sweeps.loading import load
-    from ..tools.units import parsed
 
     found = None if scene is None else load(scene)
     made = paper_scene() if found is None else found.scene
@@ -423,7 +415,9 @@ def make_case(
         parts["track"] = dataclasses.replace(track, wavelengths=tuple(wavelength))
     if parts:
         made = dataclasses.replace(made, **parts)
-    numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
+    numbers: dict[str, Any] = {
+        name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None
+    }
     # each text is a name and a value, with or without a unit
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -433,7 +427,7 @@ def make_case(
         try:
             numbers[name] = float(value)
         except ValueError:
-            numbers[name] = parsed(name, value, parameter(name, made).unit)
+            numbers[name] = value
     made = made.replace(**numbers)
     file = found if isinstance(found, SceneFile) else None
     return Case(made, start, resolve_solver(made, solver), steps_per_period, file)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -23,7 +23,6 @@ from .options import (
     FROM_ZERO,
     LOST,
     VALUE,
-    Adds,
     Case,
     app,
     begin,
@@ -52,7 +51,7 @@ PERIODS = {
 """Default of --periods by the record; for other records the default of `sweep`."""
 
 
-def axis(name: str, text: str, **more: object) -> Adds:
+def axis(name: str, text: str, **more: Any):
     """Return an option that takes a parameter and the values over which it is varied."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
