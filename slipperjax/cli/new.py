@@ -163,18 +163,18 @@ def new(
     # of a box around all slippers and the centre of mass
     spans = np.ptp(np.append(places, [[0.0, 0.0, 0.0]], axis=0), axis=0)
     box = (spans + np.append(values["length"], np.ptp(own_section.points, axis=0))) ** 2
-    estimated = [float(f"{moment:.6g}") for moment in values["mass"] / 12 * (np.sum(box) - box)]
-    body = Slipper(values["mass"], inertia or estimated, values["length"])
+    moments = inertia or [float(f"{moment:.6g}") for moment in values["mass"] / 12 * (np.sum(box) - box)]
+    body = dict(mass=values["mass"], inertia=moments, length=values["length"])
     if is_sled:
         # on a monorail all are in the middle
         sides = np.where(places[:, 1] > 0, "left", "right") if places[:, 1].any() else [""] * len(places)
-        mounts = [Mount(*place, rail=str(side)) for place, side in zip(places, sides, strict=True)]
-        body = Sled(body.mass, body.inertia, mounts, body.length)
+        body["mounts"] = [Mount(*place, rail=str(side)) for place, side in zip(places, sides, strict=True)]
+    slipper = Sled(**body) if is_sled else Slipper(**body)
     way = _way(places, speed, end_speed, rail, right_rail, travel)
-    scene = dataclasses.replace(paper_scene(), slipper=body, section=own_section, track=way["track"])
+    scene = dataclasses.replace(paper_scene(), slipper=slipper, section=own_section, track=way["track"])
     tables = {**table_of(scene.replace(**values)).values, **way}
     if inertia is None:
-        tables["slipper"] = table_of(body, inertia=TEXTS["inertia"])
+        tables["slipper"] = table_of(slipper, inertia=TEXTS["inertia"])
     if friction is not None:
         tables["friction"] = Coulomb(friction)
     loads = []

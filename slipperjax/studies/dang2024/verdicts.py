@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy import ndimage
 
 from ...analysis.attractor import Attractors
 from ...analysis.lyapunov import is_chaotic
@@ -63,11 +64,8 @@ def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     """Return the first and last of the `values` in each unbroken range of True in `mask`."""
-    # False at both ends, so that each range has two edges, where the mask changes
-    padded = np.concatenate([[False], mask, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    # edges alternate: the first case of a range, and the first case after it
-    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    numbered, _ = ndimage.label(mask)
+    return [(float(values[part][0]), float(values[part][-1])) for (part,) in ndimage.find_objects(numbered)]
 
 
 # --- diagrams over a parameter --------------------------------------------------------------------------------------
