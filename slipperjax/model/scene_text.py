@@ -98,7 +98,11 @@ def _written(value: object, unit: str) -> str:
         if np.array_equal(shown * 1e-3, value):
             value, unit = shown.tolist(), "mm"
     if isinstance(value, list):
-        return f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"
+        listed = json.dumps(value)
+        # a matrix has a line for each row
+        if isinstance(value[0], list):
+            listed = "[\n    " + ",\n    ".join(map(json.dumps, value)) + ",\n]"
+        return f"{{ unit = {json.dumps(unit)}, values = {listed} }}"
     short = f"{value:.9g}"
     return json.dumps(f"{short if float(short) == value else repr(value)} {unit}")
 
