@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -88,7 +89,7 @@ def toml_lines(table: Table, path: str = "", *, remarks: bool = False, folder: P
     return lines + inner
 
 
-def _written(value: object, unit: str) -> str:
+def _written(value: Any, unit: str) -> str:
     """Return a value in TOML: with a unit a number as a text, and an array as an inline table."""
     if unit in ("", "1"):
         return json.dumps(value)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy import ndimage
 
 from ...analysis.attractor import Attractors
 from ...analysis.lyapunov import is_chaotic
@@ -64,8 +63,9 @@ def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     """Return the first and last of the `values` in each unbroken range of True in `mask`."""
-    numbered, _ = ndimage.label(mask)
-    return [(float(values[part][0]), float(values[part][-1])) for (part,) in ndimage.find_objects(numbered)]
+    # edges alternate: the first case of a range, and the first case after it
+    edges = np.flatnonzero(np.diff(np.pad(mask, 1)))
+    return [(float(values[a]), float(values[b - 1])) for a, b in edges.reshape(-1, 2)]
 
 
 # --- diagrams over a parameter --------------------------------------------------------------------------------------
